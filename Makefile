@@ -48,7 +48,7 @@ system:
 	@.ci/openvdb
 
 kernels: $(INSTALLED)
-	@"$(BIN)/python" -m svv.job.ahead
+	@"$(BIN)/python" -m svv.job.compile_ahead
 
 test-slow: paraview browser
 	$(PYTEST) -m "slow or hypothesis" --hypothesis-profile thorough
@@ -107,7 +107,7 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@.ci/offscreen
 	@rm -f "$(VENV)"/installed* "$(VENV)"/tools* "$(VENV)"/docs*
 	@echo 'Installing into $(VENV): a few minutes, once.'
-	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
+	@"$(BIN)/python" -m svv.pv.launch.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
 	@$(PIP) --no-build-isolation -e '.[standalone,bench,figure,cinema]'
 	@touch "$@"

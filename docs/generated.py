@@ -29,9 +29,9 @@ def write(folder: Path) -> None:
 
 def commands() -> Iterator[str]:
     """Yield every command with its arguments, options and examples."""
-    from svv.cli import paraview
     from svv.cli.app import COMMANDS, command_of
     from svv.cli.bench import COMMANDS as BENCH
+    from svv.cli.commands import paraview
 
     yield "# Commands\n"
     yield OPEN
@@ -173,7 +173,7 @@ def _decorated() -> list[Any]:
 
 def presets() -> Iterator[str]:
     """Yield every setting of every stage with its value in each preset."""
-    from svv.fields import networks
+    from svv.fields.radiance import networks
     from svv.options.described import described
     from svv.train import config
 

@@ -19,14 +19,14 @@ from PIL import Image, ImageDraw, ImageFont
 
 from docs import volumes
 from svv.bench.styles.exhibits import Exhibit, paint_figures
-from svv.core.cameras import Camera
-from svv.core.colour_vision import COLOUR_VISIONS, simulated
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views, render_views
-from svv.dvr.volumes import read_volume
-from svv.fields.scene import Scene
-from svv.io.output import to_bytes
-from svv.io.viewset import ViewSet
+from svv.core.colour.colour_vision import COLOUR_VISIONS, simulated
+from svv.core.geometry.cameras import Camera
+from svv.dvr.draw.views import make_views, render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.volumes import read_volume
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import to_bytes
+from svv.io.views.viewset import ViewSet
 from svv.options.making import PaintOptions
 from svv.render.distinct import distinct
 from svv.render.figures.figure import Panel, figure
@@ -34,7 +34,7 @@ from svv.render.figures.files import pixels_of
 from svv.render.frames import orbit
 from svv.render.pictures import sheet
 from svv.styles.gallery import gallery_picture
-from svv.train.ink import Ink, StyleInput
+from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
 
 IMAGES = Path(__file__).resolve().parent / "images"

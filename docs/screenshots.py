@@ -16,7 +16,7 @@ from pathlib import Path
 from PIL import Image
 
 from svv.job.demo import generate
-from svv.pv import start
+from svv.pv.launch import programs
 from tests.paraview.conftest import GUI_MAIN, Gui
 
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -127,10 +127,10 @@ def window(folder: Path) -> Iterator[Window]:
     (folder / "listener.py").write_text(LISTENER)
     main = folder / "main.py"
     main.write_text(GUI_MAIN.format(source=str(folder / "listener.py")))
-    paraview = start.find()
-    server, display = start.start_display()
+    paraview = programs.find()
+    server, display = programs.start_display()
     environ = {
-        **start.environ_for(paraview),
+        **programs.environ_for(paraview),
         "DISPLAY": display,
         "GUI_MARKER": str(folder / "marker"),
         "SVV_CACHE": str(folder / "cache"),

@@ -12,8 +12,8 @@ from scipy.ndimage import map_coordinates
 from scipy.special import ellipe, ellipk, genlaguerre
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.grids import from_array
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]

@@ -39,15 +39,15 @@ def main() -> None:
 def paint(chosen) -> None:
     """Paint one style after another; each is a stage, which is not repeated once it is finished."""
     from svv.cli.options import parse_mapping
-    from svv.fields.scene import Scene
-    from svv.io.images import read_style
-    from svv.io.output import write_png
+    from svv.fields.scene.scene import Scene
+    from svv.io.pictures.output import write_png
+    from svv.io.pictures.style_picture import read_style
     from svv.io.scene_file import checkpoint_of
     from svv.job.stages import Stages, fingerprint
     from svv.progress import shown
     from svv.render.frames import orbit
     from svv.render.pictures import fitted, over_white, read_png, sheet
-    from svv.train.ink import StyleInput
+    from svv.train.paint.ink import StyleInput
     from svv.train.pipeline import stylize_scene
 
     if not 0 <= chosen.frame <= 180:

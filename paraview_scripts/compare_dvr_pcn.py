@@ -142,8 +142,8 @@ def source_of(chosen, progress):
     from svv.bricks.pyramid import with_pyramid
     from svv.bricks.source import ArraySource
     from svv.cli.options import parse_dims, parse_numbers
-    from svv.dvr.grids import level_of_image, to_array
-    from svv.dvr.volumes import read_volume
+    from svv.dvr.read.grids import level_of_image, to_array
+    from svv.dvr.read.volumes import read_volume
 
     if chosen.volume is None:
         return GeneratedSource(chosen.volumes[0])
@@ -161,10 +161,10 @@ def source_of(chosen, progress):
 def generate(chosen) -> None:
     """Write the volume at one size, and the transfer function, whose unit distance is the same at all sizes."""
     from svv.bricks.written import write_meta
-    from svv.dvr.histogram import default_transfer_function
-    from svv.dvr.large import LargeVolume
-    from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
-    from svv.io.atomic import write_json
+    from svv.dvr.draw.large import LargeVolume
+    from svv.dvr.functions.histogram import default_transfer_function
+    from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+    from svv.io.files.atomic import write_json
     from svv.progress import shown
 
     with shown("Volume") as progress:
@@ -184,14 +184,14 @@ def generate(chosen) -> None:
 
 def function_of(chosen):
     """Return the transfer function."""
-    from svv.dvr.transfer_functions import TransferFunction
+    from svv.dvr.functions.transfer_functions import TransferFunction
 
     return TransferFunction.read(chosen.out / "tf.json")
 
 
 def train(chosen) -> None:
     """Draw the views and train the scene."""
-    from svv.dvr.views import make_views
+    from svv.dvr.draw.views import make_views
     from svv.errors import part
     from svv.progress import shown
     from svv.train.pipeline import train_scene
@@ -208,11 +208,11 @@ def train(chosen) -> None:
 def dvr(chosen) -> None:
     """Render the volume from unseen cameras with VTK's ray caster, if it fits into memory."""
     from svv.bricks.opened import open_bricks
-    from svv.dvr.large import memory_allowed, vtk_bytes
-    from svv.dvr.mappers import choose_mapper
+    from svv.dvr.draw.casters import choose_mapper
+    from svv.dvr.draw.large import memory_allowed, vtk_bytes
 
     if vtk_bytes(open_bricks(chosen.out / "volume.mha")) > memory_allowed(None):
-        from svv.io.atomic import write_json
+        from svv.io.files.atomic import write_json
 
         write_json(chosen.out / "dvr.json", [])
         return
@@ -226,11 +226,11 @@ def bricks(chosen) -> None:
 
 def cast(chosen, side: str, mapper: str) -> None:
     """Render the volume from unseen cameras with one ray caster."""
-    from svv.core.shading import Shading
-    from svv.dvr.large import Opened, open_volume
-    from svv.dvr.stage import set_stage
-    from svv.dvr.views import open_caster
-    from svv.io.atomic import write_json
+    from svv.core.colour.shading import Shading
+    from svv.dvr.draw.frame import set_stage
+    from svv.dvr.draw.large import Opened, open_volume
+    from svv.dvr.draw.views import open_caster
+    from svv.io.files.atomic import write_json
     from svv.measure import measured
 
     file, function = chosen.out / "volume.mha", function_of(chosen)
@@ -251,10 +251,10 @@ def cast(chosen, side: str, mapper: str) -> None:
 
 def pcn(chosen) -> None:
     """Render the scene from the same cameras, and compare the images."""
-    from svv.core.colour import over
-    from svv.core.metrics import WHITE, Likeness
-    from svv.fields.scene import Scene
-    from svv.io.atomic import write_json
+    from svv.core.colour.colour import over
+    from svv.core.images.metrics import WHITE, Likeness
+    from svv.fields.scene.scene import Scene
+    from svv.io.files.atomic import write_json
     from svv.measure import measured
     from svv.train.lpips import load_lpips, lpips
 
@@ -282,7 +282,7 @@ STEPS = {"generate": generate, "train": train, "dvr": dvr, "bricks": bricks, "pc
 
 def unseen(chosen, size: int) -> list:
     """Return cameras on the orbit, none of which is a training view's."""
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.render.frames import orbit
 
     path = orbit(Scene.load(chosen.out / "scene.svv"), 181, size, size)
@@ -326,8 +326,8 @@ def gpu_bytes() -> int | None:
 
 def write_results(out: Path, rows: list[dict]) -> None:
     """Write all rows as CSV, as a table and as a chart."""
-    from svv.io.atomic import atomic_path
-    from svv.job.compared import draw_chart, table
+    from svv.io.files.atomic import atomic_path
+    from svv.job.comparison import draw_chart, table
 
     with atomic_path(out / "compare.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="")

@@ -41,7 +41,7 @@ def edit(chosen) -> None:
     """Build the pipeline scene - edit - image, and write the requested files."""
     from paraview import simple
 
-    from svv.io.atomic import check_writable
+    from svv.io.files.atomic import check_writable
 
     for path in (chosen.out, chosen.picture, chosen.state):
         if path is not None:

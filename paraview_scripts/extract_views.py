@@ -144,7 +144,7 @@ def main() -> None:
 def extract(chosen) -> None:
     """Draw the views into a folder beside the database's, which gets its name when it is complete."""
     from svv.errors import BadInput
-    from svv.io.atomic import make_folder
+    from svv.io.files.atomic import make_folder
     from svv.pv import scripts
 
     if not (1 <= chosen.phi <= 360 and LEAST_THETA <= chosen.theta <= 360 and 16 <= chosen.size <= 4096):
@@ -238,8 +238,8 @@ def with_exact_alpha(rows: list[dict[str, str]], folder: Path) -> list[dict[str,
     """
     import numpy as np
 
-    from svv.dvr.mappers import straight_alpha
-    from svv.io.output import write_png
+    from svv.dvr.draw.casters import straight_alpha
+    from svv.io.pictures.output import write_png
     from svv.render.pictures import read_png
 
     by_direction: dict[tuple[str, str], dict[str, Path]] = {}

@@ -37,9 +37,9 @@ def main() -> None:
 
 def render(chosen) -> None:
     """Render the orbit frame by frame."""
-    from svv.fields.scene import Scene
-    from svv.io.atomic import check_writable, make_folder
-    from svv.io.output import write_mp4, write_png
+    from svv.fields.scene.scene import Scene
+    from svv.io.files.atomic import check_writable, make_folder
+    from svv.io.pictures.output import write_mp4, write_png
     from svv.progress import shown
     from svv.render.frames import orbit
     from svv.render.pictures import over_white, sheet

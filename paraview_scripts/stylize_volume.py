@@ -36,7 +36,7 @@ def main() -> None:
 
 def stylize(chosen) -> None:
     """Do the job, then render the scene from the camera of the view."""
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.job.run import run_job
     from svv.job.steps import JobSettings
     from svv.progress import shown

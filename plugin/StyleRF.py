@@ -16,11 +16,11 @@ if importlib.util.find_spec("svv") is None:  # loaded by hand: the package is in
     sys.path += [str(folder) for folder in (_here, _here.parent) if (folder / "svv").is_dir()]
 
 try:
-    from svv.pv.capture import watch_new_filters
-    from svv.pv.edit_filters import *  # noqa: F403  (ParaView looks for the filters in this module)
-    from svv.pv.proxies import *  # noqa: F403
-    from svv.pv.readers import *  # noqa: F403
-    from svv.pv.scene_filters import *  # noqa: F403
+    from svv.pv.display.capture import watch_new_filters
+    from svv.pv.filters.edit_filters import *  # noqa: F403  (ParaView looks for the filters in this module)
+    from svv.pv.filters.readers import *  # noqa: F403
+    from svv.pv.filters.scene_filters import *  # noqa: F403
+    from svv.pv.filters.volume_filters import *  # noqa: F403
 
     watch_new_filters()
 except ImportError as _error:

@@ -14,17 +14,17 @@ from svv.environment import share_cores, use_huge_pages
 from svv.own_symbols import TRITON, prefer_own_symbols
 
 if TYPE_CHECKING:
-    from svv.core.cameras import Camera as Camera
-    from svv.core.correction import Correction as Correction
+    from svv.core.colour.correction import Correction as Correction
+    from svv.core.geometry.cameras import Camera as Camera
     from svv.errors import BadInput as BadInput
     from svv.errors import Cancelled as Cancelled
-    from svv.fields.region import Region as Region
-    from svv.fields.scene import Rendering as Rendering
-    from svv.fields.scene import Scene as Scene
-    from svv.io.camera_file import read_camera as read_camera
-    from svv.io.images import read_style as read_style
-    from svv.io.output import write_png as write_png
-    from svv.io.viewset import ViewSet as ViewSet
+    from svv.fields.scene.region import Region as Region
+    from svv.fields.scene.scene import Rendering as Rendering
+    from svv.fields.scene.scene import Scene as Scene
+    from svv.io.pictures.output import write_png as write_png
+    from svv.io.pictures.style_picture import read_style as read_style
+    from svv.io.views.camera_file import read_camera as read_camera
+    from svv.io.views.viewset import ViewSet as ViewSet
     from svv.options.figures import FigureOptions as FigureOptions
     from svv.options.making import PaintOptions as PaintOptions
     from svv.options.making import PaletteOptions as PaletteOptions
@@ -37,41 +37,41 @@ if TYPE_CHECKING:
     from svv.render.show import show as show
     from svv.render.show import widget as widget
     from svv.train.correct import correct_palette as correct_palette
-    from svv.train.ink import Ink as Ink
-    from svv.train.ink import StyleInput as StyleInput
+    from svv.train.paint.ink import Ink as Ink
+    from svv.train.paint.ink import StyleInput as StyleInput
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
     from svv.train.pipeline import train_scene as train_scene
 
 PUBLIC = {
     "BadInput": "svv.errors",
-    "Camera": "svv.core.cameras",
+    "Camera": "svv.core.geometry.cameras",
     "Cancelled": "svv.errors",
-    "Correction": "svv.core.correction",
-    "Ink": "svv.train.ink",
+    "Correction": "svv.core.colour.correction",
+    "Ink": "svv.train.paint.ink",
     "FigureOptions": "svv.options.figures",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",
     "Panel": "svv.render.figures.figure",
-    "Region": "svv.fields.region",
-    "Rendering": "svv.fields.scene",
-    "Scene": "svv.fields.scene",
-    "StyleInput": "svv.train.ink",
+    "Region": "svv.fields.scene.region",
+    "Rendering": "svv.fields.scene.scene",
+    "Scene": "svv.fields.scene.scene",
+    "StyleInput": "svv.train.paint.ink",
     "TrainOptions": "svv.options.making",
     "ViewOptions": "svv.options.making",
-    "ViewSet": "svv.io.viewset",
+    "ViewSet": "svv.io.views.viewset",
     "correct_palette": "svv.train.correct",
     "evaluate_scene": "svv.train.pipeline",
     "figure": "svv.render.figures.figure",
     "image_data": "svv.render.show",
     "orbit": "svv.render.frames",
-    "read_camera": "svv.io.camera_file",
-    "read_style": "svv.io.images",
+    "read_camera": "svv.io.views.camera_file",
+    "read_style": "svv.io.pictures.style_picture",
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",
     "widget": "svv.render.show",
-    "write_png": "svv.io.output",
+    "write_png": "svv.io.pictures.output",
 }
 """Public name -> the module that defines it, imported on first access (PEP 562)."""
 

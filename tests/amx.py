@@ -11,7 +11,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from svv.kernels import bfloat16
+from svv.kernels.numba import bfloat16
 
 
 def linear(x: Tensor, weight: Tensor, bias: None, activation: str, *_: object) -> Tensor:

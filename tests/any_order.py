@@ -17,8 +17,8 @@ import torch
 from torch import Tensor, nn
 
 from svv.core.rounding import ROUNDOFF, sums_apart
-from svv.fields.encodings import HashGrid, SparseLattice
-from svv.fields.networks import Layers, PaletteColours
+from svv.fields.radiance.encodings import HashGrid, SparseLattice
+from svv.fields.radiance.networks import Layers, PaletteColours
 from tests import ranked
 
 U = ROUNDOFF[torch.float32]

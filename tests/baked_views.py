@@ -9,17 +9,17 @@ from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkMultiThreader
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.core.cameras import Camera
-from svv.core.opacity_code import opacity_points
-from svv.core.shading import Shading
-from svv.dvr import mappers
-from svv.dvr.appearance import Appearance
-from svv.dvr.stage import Stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.render.baked_volume import BakedVolume
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera
+from svv.core.volumes.opacity_code import opacity_points
+from svv.dvr.draw import casters
+from svv.dvr.draw.appearance import Appearance
+from svv.dvr.draw.frame import Stage
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.render.baking.baked_volume import BakedVolume
 
 
-class BakedCaster(mappers.CpuMapper):
+class BakedCaster(casters.CpuMapper):
     """The ray caster with which views of volumes are drawn, on a baked volume; ``step`` in voxels."""
 
     def __init__(self, volume: BakedVolume, step: float = 0.5) -> None:
@@ -34,7 +34,7 @@ class BakedCaster(mappers.CpuMapper):
         size = grid.spacing * (np.array(grid.shape) - 1)
         self._codes = volume.rgba[..., 3]
         stage = Stage(image, tf, grid.unit_distance, np.eye(3), np.zeros(3), 1.0, size, 1.0, 0.0, Appearance())
-        with patch.object(mappers, "_visible_blocks", self._visible_blocks):  # theirs is for scalars
+        with patch.object(casters, "_visible_blocks", self._visible_blocks):  # theirs is for scalars
             super().__init__(stage, Shading(on=False), step * grid.spacing)
         self._volume.GetProperty().IndependentComponentsOff()
 
@@ -51,7 +51,7 @@ class BakedCaster(mappers.CpuMapper):
             vtkMultiThreader.SetGlobalMaximumNumberOfThreads(limit)
 
     def _visible_blocks(self, stage: Stage) -> tuple[np.ndarray, float]:
-        side = mappers.BLOCK
+        side = casters.BLOCK
         padded = np.pad(self._codes > 0, [(0, -size % side) for size in self._codes.shape])
         z, y, x = (size // side for size in padded.shape)
         blocks = np.argwhere(padded.reshape(z, side, y, side, x, side).any(axis=(1, 3, 5)))[:, ::-1]

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from svv.core.cameras import Camera, sphere_cameras
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.core.geometry.cameras import Camera, sphere_cameras
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, MatchSettings, StylizeSettings
 from svv.train.pipeline import train_scene
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from svv.core.cameras import Camera
-from svv.core.colour import over
-from svv.fields.scene import Scene
+from svv.core.colour.colour import over
+from svv.core.geometry.cameras import Camera
+from svv.fields.scene.scene import Scene
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 """Programs that are Chromium."""

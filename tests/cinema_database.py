@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from svv.core.cameras import Camera
-from svv.core.phi_theta import paraview_rotations
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.phi_theta import paraview_rotations
 
 BALLS = ((0.9, 0.3, -0.2, 0.5), (-0.8, 0.7, 0.4, 0.4), (-0.1, -0.9, 0.6, 0.6))
 """Centre and radius, about the focal point, of balls with unlike silhouettes from all sides."""

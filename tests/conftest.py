@@ -12,7 +12,7 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.styles.weight_files import State
     from tests.browser import Opened
 
@@ -56,7 +56,7 @@ def all_threads() -> Iterator[None]:
 def every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Training tells and saves every step, so that it can be stopped at any, however fast the machine is."""
     for name in ("SHOW_EVERY", "SAVE_EVERY"):
-        monkeypatch.setattr(f"svv.train.loop.{name}", 0.0)
+        monkeypatch.setattr(f"svv.train.run.loop.{name}", 0.0)
 
 
 @pytest.fixture(scope="session")
@@ -114,7 +114,7 @@ def published(of_the_user: Mapping[str, str | None]) -> Callable[[str], State]:
 @pytest.fixture
 def off_screen() -> None:
     """VTK can draw without a screen."""
-    from svv.dvr.mappers import off_screen_window
+    from svv.dvr.draw.casters import off_screen_window
     from svv.errors import BadInput
 
     try:

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from svv.core.box import Box
-from svv.core.cameras import Camera, CameraRig
-from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
-from svv.fields.occupancy import Occupancy
-from svv.fields.region import Region
-from svv.fields.rendering import Marching
-from svv.fields.scene import Scene
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera, CameraRig
+from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
 
 
 def cube_scene(seed: int = 0) -> Scene:

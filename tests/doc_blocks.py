@@ -19,8 +19,8 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
 from svv.bench.stability.scenes import EASY
 from svv.cli.app import app
-from svv.dvr.views import make_views
-from svv.fields.scene import Scene
+from svv.dvr.draw.views import make_views
+from svv.fields.scene.scene import Scene
 from svv.styles.offered import GALLERY
 from tests.cinema_database import write as write_database
 from tests.cinema_database import write_over

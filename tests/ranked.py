@@ -19,24 +19,24 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from svv.core.box import Box
-from svv.core.cameras import Camera, sphere_cameras
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.ending import end_with
 from svv.errors import Cancelled, Progress, silent
-from svv.fields.encodings import LatticeAdam
-from svv.fields.networks import FieldSettings, PaletteField
-from svv.fields.occupancy import Occupancy
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
-from svv.kernels import bfloat16
-from svv.train import loop, ranks
-from svv.train.batches import RayPool
-from svv.train.beginning import Beginning, largest_extinction, log_extinction
+from svv.fields.radiance.encodings import LatticeAdam
+from svv.fields.radiance.networks import FieldSettings, PaletteField
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
+from svv.kernels.numba import bfloat16
+from svv.train.base.first_extinction import Beginning, largest_extinction, log_extinction
+from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import Preset, RecolourSettings, ReconstructSettings, StylizeSettings
+from svv.train.palette.recolour import Recolouring
+from svv.train.palette.unmix import Unmixing
 from svv.train.pipeline import train_scene
-from svv.train.recolour import Recolouring
-from svv.train.reconstruct import Reconstruction
-from svv.train.unmix import Unmixing
+from svv.train.run import loop, ranks
+from svv.train.run.batches import RayPool
 
 CPU = torch.device("cpu")
 STEPS = {"base": (0, 15, 16, 29), "palette": (0, 11)}

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pydicom.dataset import FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, ImplicitVRLittleEndian, generate_uid
 
-from svv.bricks.meta_image import META_TYPES
+from svv.bricks.formats.meta_image import META_TYPES
 
 Values = NDArray[Any]
 

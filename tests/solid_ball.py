@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from svv.core.box import Box
-from svv.core.cameras import CameraRig
-from svv.core.extinction import LEAST_LOG_EXTINCTION
-from svv.fields.networks import BaseField, FieldSettings, PaletteField
-from svv.fields.occupancy import Occupancy
-from svv.fields.region import Region
-from svv.fields.rendering import Marching
-from svv.fields.scene import Scene
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import CameraRig
+from svv.core.rays.extinction import LEAST_LOG_EXTINCTION
+from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
 
 CELLS, RADIUS = 32, 0.4
 

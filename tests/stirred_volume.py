@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, zoom
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.grids import from_array
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]

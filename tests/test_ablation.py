@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from svv.bench.ablation.palette import offset_size
-from svv.core import palette_shading
-from svv.core.cameras import sphere_cameras
-from svv.io.viewset import ViewSet
+from svv.core.colour import palette_shading
+from svv.core.geometry.cameras import sphere_cameras
+from svv.io.views.viewset import ViewSet
 from tests.cube import cube_scene
 
 CAMERAS = sphere_cameras(4, (0.0, 0.0, 0.0), 3.0, 0.5, 24)

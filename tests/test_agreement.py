@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from vtkmodules.vtkImagingCore import vtkRTAnalyticSource
 
-from svv.core.camera_mistakes import mistakes
-from svv.core.cameras import Camera, sphere_cameras
-from svv.core.shading import Shading
-from svv.dvr.grids import as_volume
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera, sphere_cameras
+from svv.core.view_checks.camera_mistakes import mistakes
+from svv.dvr.draw.views import make_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import as_volume
 from svv.errors import BadInput
-from svv.io.agreement import Agreement, check_agreement
-from svv.io.on_screen import ignoring_fixed
-from svv.io.viewset import ViewSet
+from svv.io.views.agreement import Agreement, check_agreement
+from svv.io.views.on_screen import ignoring_fixed
+from svv.io.views.viewset import ViewSet
 from svv.train.pipeline import train_scene
 from tests.cinema_database import BALLS, picture
 

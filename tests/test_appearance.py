@@ -14,15 +14,15 @@ from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPiecewiseFunction, vt
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
-from svv.core.cameras import CameraRig
-from svv.core.shading import Shading
-from svv.dvr.appearance import Appearance, put
-from svv.dvr.classify import classified_as
-from svv.dvr.grids import as_volume, from_array, index_to_world, set_geometry, to_array
-from svv.dvr.stage import set_stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views, render_views
-from svv.dvr.volumes import read_volume
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import CameraRig
+from svv.dvr.draw.appearance import Appearance, put
+from svv.dvr.draw.classify import classified_as
+from svv.dvr.draw.frame import set_stage
+from svv.dvr.draw.views import make_views, render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import as_volume, from_array, index_to_world, set_geometry, to_array
+from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput
 
 SHAPE = (18, 20, 16)

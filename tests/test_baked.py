@@ -16,8 +16,8 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.cli.app import app
-from svv.core.cameras import Camera, look_at
-from svv.core.opacity_code import (
+from svv.core.geometry.cameras import Camera, look_at
+from svv.core.volumes.opacity_code import (
     CODES,
     LEAST_LOG_DEPTH,
     MOST_LOG_DEPTH,
@@ -27,15 +27,15 @@ from svv.core.opacity_code import (
     most_with,
     opacity_points,
 )
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields.scene import Scene
-from svv.io.output import write_volume
-from svv.kernels.numba_baking import extend_colours
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import write_volume
 from svv.options.baking import BakeOptions
-from svv.render.baked import Baker, bake, baked
-from svv.render.baked_volume import OPACITY, UNIT_DISTANCE, BakedVolume, halved, write_baked
-from svv.render.voxels import Grid
+from svv.render.baking.baked import Baker, bake, baked
+from svv.render.baking.baked_volume import OPACITY, UNIT_DISTANCE, BakedVolume, halved, write_baked
+from svv.render.baking.baking_kernels import extend_colours
+from svv.render.baking.voxels import Grid
 from tests.baked_views import BakedCaster
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
 from tests.solid_ball import solid_ball
@@ -304,7 +304,7 @@ def read(path: Path):  # type: ignore[no-untyped-def]
 
 
 def test_vtk_reads_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("svv.io.output.VTK_BLOCK", 10_000)  # several blocks, the last one smaller
+    monkeypatch.setattr("svv.io.pictures.output.VTK_BLOCK", 10_000)  # several blocks, the last one smaller
     volume = bake(solid_ball())
     preset = write_baked(tmp_path / "ball.vti", volume)
     image = read(tmp_path / "ball.vti")
@@ -323,7 +323,7 @@ def test_vtk_reads_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.parametrize("content", [5, 10, 11])
 def test_blocks_of_any_size_are_read(content: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("svv.io.output.VTK_BLOCK", 10)
+    monkeypatch.setattr("svv.io.pictures.output.VTK_BLOCK", 10)
     numbers = np.arange(content, dtype=np.uint8).reshape(1, 1, content)
     write_volume(tmp_path / "a.vti", {'<a> & "b"': numbers}, (1, 2, 3), (0.1, 0.2, 0.3), {"x": np.array([[1 / 3]])})
     image = read(tmp_path / "a.vti")

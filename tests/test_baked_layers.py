@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.box import Box
-from svv.core.cameras import Camera, look_at
-from svv.core.opacity_code import depths
-from svv.fields.joined import joined
-from svv.fields.scene import Scene
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera, look_at
+from svv.core.volumes.opacity_code import depths
+from svv.fields.scene.joined import joined
+from svv.fields.scene.scene import Scene
 from svv.options.baking import BakeOptions
-from svv.render.baked import Baker, bake, grid_for
-from svv.render.baked_volume import BakedVolume, summed
-from svv.render.voxels import Grid, grid_around
+from svv.render.baking.baked import Baker, bake, grid_for
+from svv.render.baking.baked_volume import BakedVolume, summed
+from svv.render.baking.voxels import Grid, grid_around
 from tests.baked_views import BakedCaster
 from tests.cube import cube_scene
 from tests.loose_balls import LEFT, RIGHT, TOP, loose_balls

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from svv.options.baking import BakeOptions
-from svv.render.baked import Baker
+from svv.render.baking.baked import Baker
 from tests.loose_balls import RIGHT, in_world, loose_balls
 
 

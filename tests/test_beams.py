@@ -10,15 +10,15 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.box import Box
-from svv.core.cameras import Camera, look_at
-from svv.fields.encodings import SparseLattice
-from svv.fields.networks import BaseField, FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Marching, RayCaster, march
-from svv.fields.scene import Scene
-from svv.kernels import numba_kernels
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera, look_at
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import BaseField, FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching, RayCaster, march
+from svv.fields.scene.scene import Scene
 from svv.kernels.dispatch import CPU
+from svv.kernels.numba import kernels as numba_kernels
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 

@@ -10,13 +10,13 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from svv.core.box import Box
+from svv.core.geometry.box import Box
 from svv.core.rounding import NETWORKS
-from svv.fields.networks import BaseField, FieldSettings, Layers, mlp
-from svv.fields.occupancy import Occupancy
-from svv.kernels import bfloat16
-from svv.kernels.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
-from svv.kernels.numba_networks import Network
+from svv.fields.radiance.networks import BaseField, FieldSettings, Layers, mlp
+from svv.fields.radiance.occupancy import Occupancy
+from svv.kernels.numba import bfloat16
+from svv.kernels.numba.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
+from svv.kernels.numba.networks import Network
 
 HALF = pytest.mark.skipif(not cpu_has_bfloat16(), reason="this CPU multiplies no bfloat16 matrices")
 DIGITS = NETWORKS[torch.bfloat16]
@@ -100,7 +100,7 @@ def test_a_processor_that_is_held_back_takes_float32() -> None:
     """The processor has the units, but torch's library is told to use none newer than SSE 4.1."""
     ask = (
         "import torch; torch.cpu.get_capabilities = lambda: {'amx_bf16': True}; "
-        "from svv.kernels.bfloat16 import cpu_has_bfloat16; print(cpu_has_bfloat16())"
+        "from svv.kernels.numba.bfloat16 import cpu_has_bfloat16; print(cpu_has_bfloat16())"
     )
     environment = os.environ | {"ONEDNN_MAX_CPU_ISA": "SSE41"}
     found = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, check=True)

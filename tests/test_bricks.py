@@ -19,8 +19,8 @@ from svv.bricks.caster import BrickCaster, Look
 from svv.bricks.generated import GeneratedSource
 from svv.bricks.pyramid import halved, with_pyramid
 from svv.bricks.source import ArraySource, Source
-from svv.core.cameras import Camera, sphere_cameras
-from svv.core.shading import Shading
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, silent
 
 TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")
@@ -223,9 +223,9 @@ def test_a_volume_of_half_a_trillion_voxels(level: int) -> None:
 LIMITED = """
 import resource, sys
 import numpy as np
-from svv.dvr.large import open_volume
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.dvr.draw.large import open_volume
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.draw.views import make_views
 tf = TransferFunction.from_bumps([{"centre": 200, "width": 100, "opacity": 0.5}])
 def views(file):
     return make_views(open_volume(file, mapper="auto", memory=0.3), tf, n=3, test=0, size=64, rescale=False)[0]

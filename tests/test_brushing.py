@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 from skimage.color import rgb2lab
 
-from svv.core.strokes import Brush, straight_stroke
+from svv.core.strokes.strokes import Brush, straight_stroke
 from svv.errors import BadInput, silent
-from svv.fields.brushed import NOBODY, Brushed
-from svv.fields.encodings import places_of
-from svv.fields.scene import Scene
-from svv.kernels import numba_tracing
+from svv.fields.radiance.encodings import places_of
+from svv.fields.scene.scene import Scene
+from svv.fields.strokes.kept_strokes import NOBODY, Brushed
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
-from svv.train.brushwork import NARROWEST, WIDEST, Painter
-from svv.train.ink import Ink, StyleInput
-from svv.train.painting import _owners, _owners_at
-from svv.train.picture_map import PictureMap
+from svv.train.paint import tracing_kernels as numba_tracing
+from svv.train.paint.brushwork import NARROWEST, WIDEST, Painter
+from svv.train.paint.ink import Ink, StyleInput
+from svv.train.paint.painting import _owners, _owners_at
+from svv.train.paint.picture_map import PictureMap
+from svv.train.paint.stroke_painting import alike, stroke_width
+from svv.train.paint.toning import retoned
+from svv.train.paint.visible_surface import BENT, VisibleSurface, surface_of
 from svv.train.pipeline import stylize_scene
-from svv.train.stroke_painting import alike, stroke_width
-from svv.train.toning import retoned
-from svv.train.visible_surface import BENT, VisibleSurface, surface_of
 from tests.balls import SHORT
 
 UP = np.array([0.0, 1.0, 0.0])

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from svv.errors import BadInput
-from svv.io.cache import LEFT_BEHIND, Cache, bytes_in, cache_folder
-from svv.io.made import digest
-from svv.pv.identity import name_of
+from svv.io.files.cache import LEFT_BEHIND, Cache, bytes_in, cache_folder
+from svv.io.files.keyed_results import digest
+from svv.pv.filters.keys import name_of
 
 
 def name(number: int, kind: str = "scene") -> str:
@@ -125,8 +125,8 @@ def test_a_place_that_cannot_be_written_is_said_and_raises_nothing(tmp_path: Pat
 def test_several_processes_keep_within_the_bound(tmp_path: Path) -> None:
     script = (
         "import sys\nfrom pathlib import Path\n"
-        "from svv.io.cache import Cache\nfrom svv.io.made import digest\n"
-        "from svv.pv.identity import name_of\n"
+        "from svv.io.files.cache import Cache\nfrom svv.io.files.keyed_results import digest\n"
+        "from svv.pv.filters.keys import name_of\n"
         "cache = Cache(Path(sys.argv[1]), 500)\n"
         "for number in range(60):\n"
         "    name = name_of('scene', digest(number % 9), digest('settings'))\n"

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.cameras import (
+from svv.core.geometry.cameras import (
     Camera,
     CameraRig,
     look_at,
     orbit_cameras,
     sphere_cameras,
 )
-from svv.core.directions import geodesic_class, geodesic_directions
+from svv.core.geometry.directions import geodesic_class, geodesic_directions
 from svv.errors import BadInput
 from tests.any_json import any_json
 

@@ -26,10 +26,10 @@ from svv.bench.chart.table import COLUMNS
 from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.cli import app as cli
 from svv.cli.options import parse_choices, parse_limits, parse_whole
-from svv.core.cameras import sphere_cameras
+from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput, Cancelled, Progress, silent
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.options.making import LIGHTINGS, PRESET_NAMES
 from svv.train.config import PRESETS, preset
 
@@ -357,7 +357,7 @@ class Sources(HTMLParser):
 
 @pytest.mark.slow
 def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from svv.io.atomic import write_json
+    from svv.io.files.atomic import write_json
     from svv.job.demo import _write_volume
     from tests.stirred_volume import stirred_transfer_function, stirred_volume
 

@@ -14,25 +14,25 @@ import pytest
 import torch
 
 from svv.bench.stability.scenes import NESTED, SCENES, Array, KnownScene, Range, shells
-from svv.core.box import Box
-from svv.core.cameras import sphere_cameras
-from svv.core.shading import Shading
-from svv.dvr.views import make_views
+from svv.core.colour.shading import Shading
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import sphere_cameras
+from svv.dvr.draw.views import make_views
 from svv.errors import silent
-from svv.fields.encodings import SparseLattice
-from svv.fields.networks import BaseField, FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Marching
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import BaseField, FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.styles.textures import style_picture
-from svv.train.beginning import first_occupancy
+from svv.train.base.feature_levels import with_fewest_levels, without_finer
+from svv.train.base.first_extinction import first_occupancy
+from svv.train.base.resolutions import fitted_field, paint_pixel
 from svv.train.config import PRESETS
-from svv.train.levels import with_fewest_levels, without_finer
-from svv.train.loop import Loop
-from svv.train.painting import paint_cells
+from svv.train.paint.painting import paint_cells
 from svv.train.pipeline import stylize_scene, train_scene
-from svv.train.resolutions import fitted_field, paint_pixel
+from svv.train.run.loop import Loop
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(

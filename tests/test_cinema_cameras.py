@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from vtkmodules.vtkRenderingCore import vtkCamera
 
-from svv.core.cameras import Camera
-from svv.core.phi_theta import ascent_rotations, paraview_rotations
-from svv.core.silhouettes import Silhouettes, best_fov, disagreement
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.phi_theta import ascent_rotations, paraview_rotations
+from svv.core.view_checks.silhouettes import Silhouettes, best_fov, disagreement
 from svv.errors import BadInput
 from svv.io.cinema.placing import first_of_each
 from svv.io.cinema.shot import Shot, camera_of, read_shot

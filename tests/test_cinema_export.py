@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 from svv.cli.app import app
 from svv.errors import BadInput
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.io.cinema.views import read_database
-from svv.io.output import to_bytes
+from svv.io.pictures.output import to_bytes
 from svv.options.cinema import DatabaseOptions, ExportOptions
 from svv.render.cinema import write_database
 from tests.cube import cube_scene

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv.core.cameras import Camera
-from svv.core.phi_theta import ascent_rotations
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.phi_theta import ascent_rotations
 from svv.errors import BadInput
 from svv.io.cinema.views import read_database, read_views
-from svv.io.viewset import ViewSet
+from svv.io.views.viewset import ViewSet
 from svv.job.source import imported_views
 from svv.options.cinema import DatabaseOptions
 from tests.cinema_database import BALLS, DISTANCE, cameras, picture, save_rows, turns, write, write_over

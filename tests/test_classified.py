@@ -15,26 +15,26 @@ from hypothesis import strategies as st
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.cli import app as cli
-from svv.core.box import Box
-from svv.core.classified import ClassifiedVolume, ValueRange
-from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
-from svv.dvr.classify import classified
-from svv.dvr.grids import from_array, set_geometry
-from svv.dvr.stage import set_stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.core.geometry.box import Box
+from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
+from svv.core.volumes.classified import ClassifiedVolume, ValueRange
+from svv.dvr.draw.classify import classified
+from svv.dvr.draw.frame import set_stage
+from svv.dvr.draw.views import make_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array, set_geometry
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields.encodings import SparseLattice
-from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Marching, RayCaster, composite, march
-from svv.io.viewset import CLASSIFIED, ViewSet, read_classified
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching, RayCaster, composite, march
+from svv.io.views.viewset import CLASSIFIED, ViewSet, read_classified
 from svv.kernels.dispatch import CPU
-from svv.train import loop
-from svv.train.beginning import begin, first_occupancy
+from svv.train.base.first_extinction import begin, first_occupancy
+from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
-from svv.train.reconstruct import Reconstruction
+from svv.train.run import loop
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 

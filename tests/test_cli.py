@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from svv.cli import app as cli
 from svv.cli import bench
 from svv.cli.options import parse_colour, parse_mapping, parse_numbers, parse_size
-from svv.core.cameras import look_at
+from svv.core.geometry.cameras import look_at
 from svv.errors import BadInput, Cancelled
-from svv.io.camera_file import read_camera
+from svv.io.views.camera_file import read_camera
 
 COMMANDS = [
     "demo", "run", "views", "train", "edit", "palette", "stylize", "styles", "style-mask", "render", "evaluate", "info",
@@ -145,7 +145,7 @@ def test_the_help_says_of_each_command_what_the_command_says_of_itself() -> None
 def test_a_command_is_imported_when_it_is_called() -> None:
     commands = {f"svv.cli.{module}" for module, _ in cli.COMMANDS.values()}
     assert not commands & imported_for("--help")
-    assert commands & imported_for("train", "--help") == {"svv.cli.scene"}
+    assert commands & imported_for("train", "--help") == {"svv.cli.commands.scene"}
 
 
 def is_one_sentence(text: str) -> bool:
@@ -228,7 +228,7 @@ def test_what_goes_wrong_inside_a_command_ends_as_promised(
     def fail(path: Path) -> None:
         raise raised
 
-    monkeypatch.setattr("svv.cli.scene.load", fail)
+    monkeypatch.setattr("svv.cli.commands.scene.load", fail)
     ended, error = call("info", "x.svv", monkeypatch=monkeypatch, capsys=capsys)
     assert ended == code
     assert said is None or error == said
@@ -238,7 +238,7 @@ def test_a_defect_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(path: Path) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("svv.cli.scene.load", fail)
+    monkeypatch.setattr("svv.cli.commands.scene.load", fail)
     monkeypatch.setattr(sys, "argv", ["svv", "info", "x.svv"])
     with pytest.raises(ZeroDivisionError):
         cli.main()

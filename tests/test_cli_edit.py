@@ -13,7 +13,7 @@ from PIL import Image
 
 from svv.cli import app as cli
 from svv.errors import BadInput
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from tests.cube import cube_paint
 from tests.loose_balls import from_front, loose_balls
 

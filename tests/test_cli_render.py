@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 from svv.cli import app as cli
-from svv.core.cameras import Camera, CameraRig, look_at, orbit_cameras
+from svv.core.geometry.cameras import Camera, CameraRig, look_at, orbit_cameras
 from svv.errors import BadInput, Progress, silent
-from svv.io.output import EMPTY_REGION, to_bytes
+from svv.io.pictures.output import EMPTY_REGION, to_bytes
 from tests.movies import frames_of
 
 
@@ -65,7 +65,7 @@ class Ball:
 def svv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Run `svv render` on the ball in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("svv.cli.render.load", lambda path, device=None: Ball())
+    monkeypatch.setattr("svv.cli.commands.render.load", lambda path, device=None: Ball())
 
     def run(*arguments: str) -> None:
         cli.app(["render", "ball.svv", *arguments], prog_name="svv", standalone_mode=False)

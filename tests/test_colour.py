@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from skimage.color import rgb2lab
 
 from svv.cli.options import parse_colour
-from svv.core.colour import (
+from svv.core.colour.colour import (
     colour_differences,
     hsb_array,
     hsb_to_rgb,

@@ -13,8 +13,8 @@ import torch
 from PIL import Image
 
 from svv.cli import app as cli
-from svv.core.colour import colour_differences
-from svv.core.colour_vision import (
+from svv.core.colour.colour import colour_differences
+from svv.core.colour.colour_vision import (
     COLOUR_VISIONS,
     LEAST_DIFFERENCE,
     VISIONS,
@@ -24,11 +24,11 @@ from svv.core.colour_vision import (
     simulated,
     smallest_differences,
 )
-from svv.core.distinct import distinct_palette
-from svv.core.oklab import rgb_to_oklab, shift_in_oklab
+from svv.core.colour.distinct import distinct_palette
+from svv.core.colour.oklab import rgb_to_oklab, shift_in_oklab
 from svv.errors import BadInput
-from svv.fields.scene import Scene
-from svv.io.output import write_png
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import write_png
 from svv.render.colour_check import Seen, report_on, seen_in, seen_in_picture, simulation_sheet, told_of
 from svv.render.distinct import distinct
 from tests.cube import cube_paint

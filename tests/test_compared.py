@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("vtkmodules")
 
-from svv.job.compared import Row, crossing, table
+from svv.job.comparison import Row, crossing, table
 
 
 def row(side: str, volume: int, seconds: float) -> Row:

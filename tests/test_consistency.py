@@ -23,16 +23,16 @@ from svv.bench.styles.rival_frames import frame_alone
 from svv.bench.styles.rivals import arf_like
 from svv.bench.styles.table import averaged, victories
 from svv.cli import app as cli
-from svv.core.cameras import sphere_cameras
-from svv.core.palette import PaletteSettings, extract_palette
+from svv.core.colour.palette import PaletteSettings, extract_palette
+from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields.scene import Scene
-from svv.io.output import to_bytes
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import to_bytes
+from svv.io.views.viewset import ViewSet
 from svv.styles.features import load_features
 from svv.train.config import PRESETS, MatchSettings, Preset, StylizeSettings
+from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from svv.train.pipeline import train_scene
-from svv.train.style_loss import StyleLossSettings, StyleTarget
 from tests.solid_ball import solid_ball
 from tests.two_balls import Balls, two_balls
 

@@ -11,15 +11,15 @@ import torch
 
 from svv.bench.stability.measures import matched, overlaps
 from svv.bench.stability.scenes import BLUE, GREEN, ORANGE, RED, SCENES, KnownScene, Range, ring_and_balls, shells
-from svv.core.correction import Correction
-from svv.dvr.views import make_views
+from svv.core.colour.correction import Correction
+from svv.dvr.draw.views import make_views
 from svv.errors import BadInput, Cancelled
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.correct import correct_palette
+from svv.train.palette.ranges import region_overlaps
 from svv.train.pipeline import train_scene
-from svv.train.ranges import region_overlaps
 from tests.cube import cube_paint
 
 LIKE_ORANGE = (0.95, 0.64, 0.1)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.classified import ValueRange
-from svv.core.correction import Correction, Entry, corrected
+from svv.core.colour.correction import Correction, Entry, corrected
+from svv.core.volumes.classified import ValueRange
 from svv.errors import BadInput
 
 RED, GREEN, BLUE, GOLD = (0.9, 0.1, 0.1), (0.2, 0.8, 0.2), (0.1, 0.2, 0.9), (0.9, 0.7, 0.1)

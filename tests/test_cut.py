@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from svv.core.opacity_code import depths
-from svv.render.baked import bake
-from svv.render.baked_volume import BakedVolume
-from svv.render.cut import cut
-from svv.render.voxels import Grid
+from svv.core.volumes.opacity_code import depths
+from svv.render.baking.baked import bake
+from svv.render.baking.baked_volume import BakedVolume
+from svv.render.baking.cut import cut
+from svv.render.baking.voxels import Grid
 from tests.cube import cube_scene
 
 SIZE, SPACING = 24, 0.25

@@ -12,7 +12,7 @@ import pytest
 pyvista = pytest.importorskip("pyvista", minversion="0.48")
 
 from svv.errors import BadInput  # noqa: E402
-from svv.fields.scene import Scene  # noqa: E402
+from svv.fields.scene.scene import Scene  # noqa: E402
 from svv.render.dataset import dataset_of, read_dataset  # noqa: E402
 from tests.balls import SHORT  # noqa: E402
 from tests.cube import cube_camera, cube_scene  # noqa: E402

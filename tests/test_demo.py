@@ -16,8 +16,8 @@ from PIL import Image
 
 from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled, Progress
-from svv.io.made import key_of
-from svv.io.output import write_mp4, write_png
+from svv.io.files.keyed_results import key_of
+from svv.io.pictures.output import write_mp4, write_png
 from svv.job.demo import run_demo
 from svv.job.page import Page, Picture, Table, cost_table, write_page
 from svv.job.run import run_job

@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 
 from svv.dvr import demo_volume as module
 from svv.dvr.demo_volume import PHASE, SIZE, demo_transfer_function, demo_volume
-from svv.dvr.grids import to_array
+from svv.dvr.read.grids import to_array
 from svv.errors import BadInput
 
 VOXELS = 96

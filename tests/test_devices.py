@@ -12,14 +12,14 @@ import pytest
 import torch
 
 from svv.cli import app as cli
-from svv.core.box import Box
-from svv.core.cameras import sphere_cameras
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput
-from svv.fields.networks import BaseField, FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Marching
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.networks import BaseField, FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch, gpu
 from svv.kernels.dispatch import CPU, device_named, device_report, kernels_of
 from svv.train.pipeline import evaluate_scene, train_scene
@@ -67,7 +67,7 @@ def test_cuda_where_there_is_none_is_one_sentence(
     command: str, no_gpu: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("svv.io.images.read_style", lambda path: None)
+    monkeypatch.setattr("svv.io.pictures.style_picture.read_style", lambda path: None)
     small_scene().save("s.svv")
     Path("views").mkdir()
     Path("views/transforms_train.json").write_text("{}")
@@ -95,10 +95,10 @@ def test_report_of_the_processor() -> None:
 def test_a_gpu_without_triton_says_so_once(
     fresh_choice: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delitem(sys.modules, "svv.kernels.triton_kernels", raising=False)
+    monkeypatch.delitem(sys.modules, "svv.kernels.triton.kernels", raising=False)
     monkeypatch.setitem(sys.modules, "triton", None)  # an import of it fails from here on
-    monkeypatch.delitem(sys.modules, "svv.kernels.triton_rays", raising=False)
-    monkeypatch.delitem(sys.modules, "svv.kernels.triton_tables", raising=False)
+    monkeypatch.delitem(sys.modules, "svv.kernels.triton.rays", raising=False)
+    monkeypatch.delitem(sys.modules, "svv.kernels.triton.tables", raising=False)
     assert [kernels_of("cuda").NAME, kernels_of("cuda").NAME] == ["reference", "reference"]
     assert capsys.readouterr().err.count("\n") == 1
     assert kernels_of("cpu").NAME == "numba"

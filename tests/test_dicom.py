@@ -20,8 +20,8 @@ from pydicom.sequence import Sequence  # noqa: E402
 from pydicom.uid import RLELossless  # noqa: E402
 
 from svv.bricks.opened import open_bricks  # noqa: E402
-from svv.dvr.grids import to_array  # noqa: E402
-from svv.dvr.volumes import read_here  # noqa: E402
+from svv.dvr.read.grids import to_array  # noqa: E402
+from svv.dvr.read.volumes import read_here  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 from tests.reference_files import dicom_slice  # noqa: E402
 

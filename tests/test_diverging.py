@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from svv.errors import BadInput, silent
-from svv.train.loop import CHECK_EVERY, KEEP_EVERY, Loop
 from svv.train.pipeline import train_scene
+from svv.train.run.loop import CHECK_EVERY, KEEP_EVERY, Loop
 from tests.balls import SHORT, balls_views
 
 

@@ -12,11 +12,11 @@ import pytest
 
 pytest.importorskip("vtkmodules")
 
-from svv.dvr.mappers import CpuMapper
+from svv.dvr.draw.casters import CpuMapper
 from svv.errors import BadInput, Cancelled, Progress, silent
-from svv.io.drawn_views import RECORD
-from svv.io.made import key_of
-from svv.io.viewset import ViewSet
+from svv.io.files.keyed_results import key_of
+from svv.io.views.drawn_views import RECORD
+from svv.io.views.viewset import ViewSet
 from svv.job.source import VolumeSource
 from svv.job.stages import fingerprint
 from svv.options.making import ViewOptions
@@ -105,7 +105,7 @@ def test_a_full_disk_is_one_sentence_and_what_was_drawn_stays(
         save(file, array)
 
     with monkeypatch.context() as patched:
-        patched.setattr("svv.io.drawn_views.np.save", full)
+        patched.setattr("svv.io.views.drawn_views.np.save", full)
         with pytest.raises(BadInput, match="disk is full"):
             source.make_views(tmp_path / "out", OPTIONS, silent)
     cast.clear()

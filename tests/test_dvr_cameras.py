@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.cameras import Camera, look_at, sphere_cameras
-from svv.core.directions import geodesic_directions
-from svv.core.shading import Shading
-from svv.dvr import mappers
-from svv.dvr.grids import from_array
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views, render_views
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera, look_at, sphere_cameras
+from svv.core.geometry.directions import geodesic_directions
+from svv.dvr.draw import casters
+from svv.dvr.draw.views import make_views, render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
@@ -83,7 +83,7 @@ def test_leaving_out_what_is_empty_changes_next_to_nothing(monkeypatch: pytest.M
     cameras += [replace(c, centre=(20.0, 40.0)) for c in cameras[:3]]
     tf = stirred_transfer_function()
     fast = render_views(volume, tf, cameras, "cpu", step=0.5)
-    monkeypatch.setattr(mappers.CpuMapper, "_skip_empty_rays", lambda *_: None)
+    monkeypatch.setattr(casters.CpuMapper, "_skip_empty_rays", lambda *_: None)
     whole = render_views(volume, tf, cameras, "cpu", step=0.5)
     assert ((fast[..., 3] > 0) == (whole[..., 3] > 0)).mean() > 0.9999
     assert np.abs(fast.astype(int) - whole).mean() < 0.05

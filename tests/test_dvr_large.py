@@ -15,16 +15,16 @@ from svv.bricks.generated import GeneratedSource
 from svv.bricks.opened import open_bricks
 from svv.bricks.source import ArraySource
 from svv.bricks.written import write_meta
-from svv.core.cameras import CameraRig
-from svv.core.shading import Shading
-from svv.dvr.grids import from_array, index_to_world, level_of_image, set_geometry, to_array
-from svv.dvr.large import LargeVolume, memory_allowed, open_volume, straight
-from svv.dvr.stage import set_stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views, render_views
-from svv.dvr.volumes import read_volume
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import CameraRig
+from svv.dvr.draw.frame import set_stage
+from svv.dvr.draw.large import LargeVolume, memory_allowed, open_volume, straight
+from svv.dvr.draw.views import make_views, render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array, index_to_world, level_of_image, set_geometry, to_array
+from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput, silent
-from svv.io.viewset import ViewSet
+from svv.io.views.viewset import ViewSet
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SHADINGS = {"ParaView's": Shading(), "glossy": Shading(ambient=0.2, diffuse=0.6, specular=0.5, specular_power=8.0)}

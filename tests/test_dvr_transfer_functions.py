@@ -15,9 +15,9 @@ pytest.importorskip("vtkmodules")
 from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
-from svv.dvr.grids import from_array, level_of_image
-from svv.dvr.histogram import default_transfer_function
-from svv.dvr.transfer_functions import COLOUR_SPACES, TransferFunction, unit_distance_for
+from svv.dvr.functions.histogram import default_transfer_function
+from svv.dvr.functions.transfer_functions import COLOUR_SPACES, TransferFunction, unit_distance_for
+from svv.dvr.read.grids import from_array, level_of_image
 from svv.errors import BadInput
 
 PRESET = {

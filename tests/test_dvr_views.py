@@ -15,16 +15,16 @@ pytest.importorskip("vtkmodules")
 
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.core.cameras import Camera, look_at, orbit_cameras, sphere_cameras
-from svv.core.directions import geodesic_directions
-from svv.core.shading import Shading
-from svv.dvr import mappers
-from svv.dvr.grids import from_array, index_to_world, to_array
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views, render_views
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera, look_at, orbit_cameras, sphere_cameras
+from svv.core.geometry.directions import geodesic_directions
+from svv.dvr.draw import casters
+from svv.dvr.draw.views import make_views, render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array, index_to_world, to_array
 from svv.errors import BadInput, Cancelled
-from svv.io.view_meta import known
-from svv.io.viewset import read_meta
+from svv.io.views.view_meta import known
+from svv.io.views.viewset import read_meta
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 FLAT = Shading(on=False)
@@ -177,7 +177,7 @@ def test_leaving_out_what_is_empty_changes_next_to_nothing(
     cameras = sphere_cameras(12, (0.3, 0, 0), 4.5, 0.5, 64)
     tf = stirred_transfer_function()
     fast, fine = render_views(stirred, tf, cameras, "cpu"), render_views(stirred, tf, cameras, "cpu", step=0.125)
-    monkeypatch.setattr(mappers.CpuMapper, "_skip_empty_rays", lambda *_: None)
+    monkeypatch.setattr(casters.CpuMapper, "_skip_empty_rays", lambda *_: None)
     whole = render_views(stirred, tf, cameras, "cpu")
     assert ((fast[..., 3] > 0) == (whole[..., 3] > 0)).mean() > 0.9999  # no outline is cut
     error, price = (np.square(on_white(fast) - on_white(other)).mean() for other in (whole, fine))
@@ -368,8 +368,8 @@ def test_cameras_of_two_sizes_are_refused() -> None:
 
 def test_without_opengl_the_gpu_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr("svv.dvr.mappers.sys.platform", "linux")
-    monkeypatch.setattr("svv.dvr.mappers.ctypes.util.find_library", lambda name: None)
+    monkeypatch.setattr("svv.dvr.draw.casters.sys.platform", "linux")
+    monkeypatch.setattr("svv.dvr.draw.casters.ctypes.util.find_library", lambda name: None)
     with pytest.raises(BadInput, match="libegl1 libosmesa6"):
         render_views(from_array(blob()), ramp(), sphere_cameras(3, (0, 0, 0), 60, 0.6, 8), "gpu")
 

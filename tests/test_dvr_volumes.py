@@ -22,8 +22,8 @@ from vtkmodules.vtkIOImage import vtkMetaImageWriter, vtkNIFTIImageWriter  # noq
 from vtkmodules.vtkIOLegacy import vtkStructuredPointsWriter  # noqa: E402
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter  # noqa: E402
 
-from svv.dvr.grids import as_volume, from_array, index_to_world, to_array  # noqa: E402
-from svv.dvr.volumes import read_volume  # noqa: E402
+from svv.dvr.read.grids import as_volume, from_array, index_to_world, to_array  # noqa: E402
+from svv.dvr.read.volumes import read_volume  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 
 TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")

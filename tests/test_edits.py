@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
-from svv.fields.history import IDENTITY, MOST_UNDO_STEPS, edits_of, with_edits
-from svv.fields.region import Region
-from svv.fields.scene import Scene
+from svv.fields.scene.history import IDENTITY, MOST_UNDO_STEPS, edits_of, with_edits
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
 from svv.io import scene_file
 from tests.cube import cube_camera
 
@@ -69,7 +69,7 @@ def test_haze_of_hidden_regions_goes_with_them(cube: Scene) -> None:
 def test_plain_and_fused_images_of_hidden_regions_agree(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = cube.edited(0, opacity=2.0).hidden(1)
     fused = scene.render(cube_camera())
-    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     plain = scene.render(cube_camera())
     np.testing.assert_allclose(fused.rgba, plain.rgba, atol=2e-5)
 

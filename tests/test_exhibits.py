@@ -12,9 +12,9 @@ from PIL import Image
 
 from svv.bench.styles.exhibits import Exhibit, paint_figures, paint_sheet
 from svv.errors import BadInput
-from svv.fields.networks import PaletteField
-from svv.fields.scene import Scene
-from svv.io.output import write_png
+from svv.fields.radiance.networks import PaletteField
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import write_png
 from svv.train.config import PRESETS, StylizeSettings
 
 HOW = Exhibit("draft", 48)

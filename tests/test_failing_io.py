@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from svv.errors import BadInput
-from svv.fields.scene import Scene
-from svv.io.atomic import atomic_path, make_folder
-from svv.io.cache import Cache
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import atomic_path, make_folder
+from svv.io.files.cache import Cache
+from svv.io.views.viewset import ViewSet
 from svv.job.demo import generate
 from svv.options.cinema import ExportOptions
 from svv.render.cinema import write_database

@@ -10,11 +10,11 @@ import torch
 from safetensors.torch import save_file
 from torch import nn
 
-from svv.core.nnfm import luminance
+from svv.core.images.nnfm import luminance
 from svv.core.rounding import sums_apart
 from svv.errors import BadInput
 from svv.styles.features import PatchFeatures, VggFeatures, load_features, read_features
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, solid
+from svv.train.match.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, solid
 from tests.untrained import vgg16_state
 
 SMALL = StyleLossSettings(style_size=64)
@@ -143,7 +143,7 @@ def test_a_small_region_is_matched_in_a_crop_with_the_same_loss(
         return StyleTarget(network, stripes(0), SMALL).loss(picture, mask)
 
     small, pixels = loss(), max(seen)
-    monkeypatch.setattr("svv.train.style_loss.cropped", lambda picture, cover: (picture, cover))
+    monkeypatch.setattr("svv.train.match.style_loss.cropped", lambda picture, cover: (picture, cover))
     torch.testing.assert_close(small, loss(), rtol=sums_apart(160 * 144), atol=0)
     assert pixels < 0.4 * max(seen)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from svv.errors import BadInput, Cancelled
-from svv.io import fetch
+from svv.io.files import fetch
 
 
 class Sender(http.server.BaseHTTPRequestHandler):

@@ -15,10 +15,10 @@ from PIL import Image
 
 import svv
 from svv.cli import app as cli
-from svv.core.cameras import Camera, look_at
-from svv.core.light import Lamp
+from svv.core.colour.light import Lamp
+from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.options.figures import JOURNALS, FigureOptions
 from svv.render.figures.annotations import bar_of, length_said
 from svv.render.figures.files import KINDS, pixels_of, write_figure

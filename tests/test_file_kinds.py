@@ -20,10 +20,10 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataWriter  # noqa: E402
 
 from svv.bricks.opened import data_files, open_bricks  # noqa: E402
 from svv.core.json_values import parsed  # noqa: E402
-from svv.dvr.grids import index_to_world, to_array  # noqa: E402
-from svv.dvr.large import LargeVolume, open_volume  # noqa: E402
-from svv.dvr.transfer_functions import TransferFunction  # noqa: E402
-from svv.dvr.volumes import read_here, read_volume  # noqa: E402
+from svv.dvr.draw.large import LargeVolume, open_volume  # noqa: E402
+from svv.dvr.functions.transfer_functions import TransferFunction  # noqa: E402
+from svv.dvr.read.grids import index_to_world, to_array  # noqa: E402
+from svv.dvr.read.volumes import read_here, read_volume  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 from svv.io.series_file import read_series  # noqa: E402
 from tests.reference_files import write_nan_nifti  # noqa: E402

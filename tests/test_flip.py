@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from svv.core.flip import error_map
+from svv.core.images.flip import error_map
 
 Pair = tuple[np.ndarray, np.ndarray]
 

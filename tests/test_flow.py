@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.cameras import Camera, look_at, orbit_cameras
-from svv.core.flow import camera_flow, estimated_flow, is_consistent, is_motion_boundary, sampled, splatted
+from svv.core.geometry.cameras import Camera, look_at, orbit_cameras
+from svv.core.images.flow import camera_flow, estimated_flow, is_consistent, is_motion_boundary, sampled, splatted
 from svv.errors import BadInput
 
 SIZE = 24

@@ -13,25 +13,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.core.classified import ValueGrid
-from svv.core.correction import Correction
-from svv.core.extinction import EMPTY_LOG_EXTINCTION
-from svv.dvr.classify import classified_as
-from svv.dvr.grids import from_array
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.core.colour.correction import Correction
+from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
+from svv.core.volumes.classified import ValueGrid
+from svv.dvr.draw.classify import classified_as
+from svv.dvr.draw.views import make_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 from svv.errors import BadInput, Cancelled
-from svv.fields.encodings import SparseLattice
-from svv.fields.following import at_volume
-from svv.fields.networks import UnrestrictedField
-from svv.fields.of_values import Places, features_of
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.scene.scene import Scene
+from svv.fields.values.followed_scene import at_volume
+from svv.fields.values.of_values import Places, features_of
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
+from svv.train.base.extinction_table import ExtinctionTable
 from svv.train.config import PRESETS, Preset, ReconstructSettings, preset
 from svv.train.correct import correct_palette
 from svv.train.evaluate import evaluate_scene
-from svv.train.extinction_table import ExtinctionTable
 from svv.train.pipeline import train_scene
 from tests.test_ranges import BLUE, RED, ball, bumps, volume_of
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from svv.errors import BadInput
-from svv.io.images import read_style
+from svv.io.pictures.style_picture import read_style
 from svv.render.gallery import style_file, write_gallery
 from svv.styles import gallery
 from svv.styles.gallery import gallery_picture, open_style

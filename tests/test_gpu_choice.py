@@ -213,7 +213,7 @@ def test_a_training_that_loses_its_gpu_goes_on_from_its_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The failure comes out as one sentence, and what was saved resumes on another device to the same scene."""
-    from svv.job.ahead import ball_views
+    from svv.job.compile_ahead import ball_views
     from svv.train import pipeline
     from svv.train.config import changed, preset
 

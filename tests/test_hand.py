@@ -8,12 +8,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from svv.core.structure_tensor import structure_tensor
+from svv.core.images.structure_tensor import structure_tensor
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import PROFILE, TONES, Hand, measure_hand
-from svv.train import order
-from svv.train.manner import manner_of
+from svv.train.paint import plan
+from svv.train.paint.manner import manner_of
 
 
 @lru_cache
@@ -201,13 +201,13 @@ def test_a_picture_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
         seen.append(1)
         return measure_hand(*picture)
 
-    monkeypatch.setattr(order, "measure_hand", measured)
-    monkeypatch.setattr(order, "_hands", OrderedDict())
+    monkeypatch.setattr(plan, "measure_hand", measured)
+    monkeypatch.setattr(plan, "_hands", OrderedDict())
     picture = np.random.default_rng(3).random((64, 48, 3), np.float32)
     mask = np.arange(64 * 48).reshape(64, 48) % 3 > 0
-    first, again, other = (order._hand_of(p, m) for p, m in ((picture, None), (picture.copy(), None), (picture, mask)))
+    first, again, other = (plan._hand_of(p, m) for p, m in ((picture, None), (picture.copy(), None), (picture, mask)))
     assert again is first and other is not first and len(seen) == 2
-    for _ in range(order.HANDS):
+    for _ in range(plan.HANDS):
         picture = picture + np.float32(1e-3)
-        order._hand_of(picture.clip(0.0, 1.0), None)
-    assert len(order._hands) == order.HANDS
+        plan._hand_of(picture.clip(0.0, 1.0), None)
+    assert len(plan._hands) == plan.HANDS

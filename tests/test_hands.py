@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from skimage.color import rgb2lab
 
-from svv.core.stroke_reference import paint_at
-from svv.core.strokes import Brush, Strokes, joined, straight_stroke
+from svv.core.strokes.stroke_reference import paint_at
+from svv.core.strokes.strokes import Brush, Strokes, joined, straight_stroke
 from svv.errors import BadInput, silent
-from svv.fields.scene import Scene
-from svv.fields.stroke_paint import StrokePaint
+from svv.fields.scene.scene import Scene
+from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.options.making import AskedHandName, HandName
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
-from svv.train.brushwork import Brushwork, Painter
-from svv.train.ink import StyleInput
-from svv.train.manner import manner_of, technique_of
+from svv.train.paint.brushwork import Brushwork, Painter
+from svv.train.paint.ink import StyleInput
+from svv.train.paint.manner import manner_of, technique_of
+from svv.train.paint.techniques import TECHNIQUES
 from svv.train.pipeline import stylize_scene
-from svv.train.techniques import TECHNIQUES
 from tests.balls import SHORT
 from tests.test_brushing import EMPTY, WIDTH, ball
 from tests.test_strokes import curved

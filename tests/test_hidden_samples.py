@@ -8,10 +8,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.box import Box
-from svv.fields.networks import BaseField, FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Marching, composite, not_hidden
+from svv.core.geometry.box import Box
+from svv.fields.radiance.networks import BaseField, FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching, composite, not_hidden
 from tests.test_representatives import RAYS, STEP, samples_of
 
 STOP = 7.0

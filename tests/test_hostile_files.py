@@ -21,21 +21,21 @@ import pytest
 from hypothesis import given, settings
 from PIL import Image
 
-from svv.bricks.mapped import open_npy, open_vti
-from svv.bricks.meta_image import open_meta
-from svv.core.cameras import Camera, CameraRig
+from svv.bricks.formats.mapped import open_npy, open_vti
+from svv.bricks.formats.meta_image import open_meta
+from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.json_values import parsed
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
-from svv.io.camera_file import read_camera
 from svv.io.cinema.shot import read_shot
 from svv.io.cinema.table import read_table
-from svv.io.images import read_style
-from svv.io.mask_file import picture_size, read_mask, read_selection
+from svv.io.pictures.mask_file import picture_size, read_mask, read_selection
+from svv.io.pictures.style_picture import read_style
 from svv.io.series_file import read_series
-from svv.io.transforms import camera_in, file_in
-from svv.io.view_images import decode
-from svv.io.viewset import CLASSIFIED, ViewSet, read_classified
+from svv.io.views.camera_file import read_camera
+from svv.io.views.transforms import camera_in, file_in
+from svv.io.views.view_images import decode
+from svv.io.views.viewset import CLASSIFIED, ViewSet, read_classified
 from svv.job.stages import Stages
 from tests.any_json import any_json
 from tests.campaign.of_tables import LAUGHS, META, PRESET, SCRIPT, STATE, VTI
@@ -333,8 +333,8 @@ def volume(path: Path) -> Path:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_crash_of_a_reader_is_a_sentence_and_the_next_volume_is_read(tmp_path: Path) -> None:
-    from svv.dvr.apart import apart
-    from svv.dvr.volumes import read_volume
+    from svv.dvr.read.reader_process import apart
+    from svv.dvr.read.volumes import read_volume
 
     good = volume(tmp_path / "a.vti")
     assert read_volume(good).GetDimensions() == (2, 2, 2)
@@ -349,8 +349,8 @@ def test_a_crash_of_a_reader_is_a_sentence_and_the_next_volume_is_read(tmp_path:
 
 
 def test_what_is_read_apart_is_what_is_read_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from svv.dvr.grids import index_to_world, to_array
-    from svv.dvr.volumes import read_here, read_volume
+    from svv.dvr.read.grids import index_to_world, to_array
+    from svv.dvr.read.volumes import read_here, read_volume
 
     volume(tmp_path / "a.vti")
     monkeypatch.chdir(tmp_path)
@@ -362,7 +362,7 @@ def test_what_is_read_apart_is_what_is_read_here(tmp_path: Path, monkeypatch: py
 
 
 def test_an_nrrd_header_without_its_fields_is_not_given_to_vtk(tmp_path: Path) -> None:
-    from svv.dvr.volumes import read_volume
+    from svv.dvr.read.volumes import read_volume
 
     for text in ("NRRD0004\ntype: short\ndimension: 3\ns\0izes: 5 4 3\nencoding: raw\n\n", "NRRD0004\ntype: short\n\n"):
         (tmp_path / "a.nrrd").write_bytes(text.encode() + bytes(120))
@@ -371,7 +371,7 @@ def test_an_nrrd_header_without_its_fields_is_not_given_to_vtk(tmp_path: Path) -
 
 
 def test_a_numpy_file_with_a_damaged_header_is_a_sentence(tmp_path: Path) -> None:
-    from svv.dvr.volumes import read_volume
+    from svv.dvr.read.volumes import read_volume
 
     (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00\x05\x00(((((")
     with pytest.raises(BadInput, match="damaged"):
@@ -384,7 +384,7 @@ def test_a_fork_reads_from_a_process_of_its_own(tmp_path: Path) -> None:
     script = """
 import os, sys, warnings
 warnings.simplefilter("ignore")
-from svv.dvr.volumes import read_volume
+from svv.dvr.read.volumes import read_volume
 read_volume(sys.argv[1])
 forked = os.fork()
 sides = read_volume(sys.argv[1]).GetDimensions()

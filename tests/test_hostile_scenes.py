@@ -15,13 +15,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.light import Lamp
+from svv.core.colour.light import Lamp
 from svv.errors import BadInput
-from svv.fields.encodings import LatticeAdam
-from svv.fields.networks import BaseField
-from svv.fields.scene import Scene
+from svv.fields.radiance.encodings import LatticeAdam
+from svv.fields.radiance.networks import BaseField
+from svv.fields.scene.scene import Scene
 from svv.io.scene_file import parse_scene, scene_bytes
-from svv.train.checkpoint import Checkpoint
+from svv.train.run.checkpoint import Checkpoint
 from tests.campaign.of_scenes import put_together, scenes, small, taken_apart
 from tests.cube import cube_camera, cube_scene
 

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from svv.core import palette_shading
-from svv.core.compositing import LEAST_ALPHA, composite_samples
-from svv.core.encodings import lattice_features
-from svv.core.light import blinn_phong, normals_of
+from svv.core.colour import palette_shading
+from svv.core.colour.light import blinn_phong, normals_of
+from svv.core.rays.compositing import LEAST_ALPHA, composite_samples
+from svv.core.rays.encodings import lattice_features
 from svv.core.rounding import KERNELS
-from svv.fields.encodings import SparseLattice
-from svv.fields.stroke_opacity import brightness
-from svv.kernels import numba_kernels
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.strokes.stroke_opacity import brightness
+from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
 
 pytestmark = pytest.mark.usefixtures("all_threads")

@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from svv.errors import BadInput, silent
-from svv.kernels.numba_inking import flat_distance
 from svv.styles.gallery import open_style
 from svv.styles.offered import INKS
-from svv.train.form import form_of_opacity
-from svv.train.ink import (
+from svv.train.paint.ink import (
     BLANK,
     NEAREST,
     SQUEEZED,
@@ -33,8 +31,10 @@ from svv.train.ink import (
     picture_of,
     style_named,
 )
-from svv.train.quilt import LIGHT
-from svv.train.style_choice import checked_masks, mean_colour
+from svv.train.paint.ink_kernels import flat_distance
+from svv.train.paint.style_choice import checked_masks, mean_colour
+from svv.train.paint.surface_form import form_of_opacity
+from svv.train.quilt.quilt import LIGHT
 from tests.test_painting import CELLS, GRID, UP, on_tube, tube
 
 HATCHING = INKS["hatching"]

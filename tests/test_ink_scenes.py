@@ -13,13 +13,13 @@ import torch
 
 from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled
-from svv.fields.paint_light import lights_of
-from svv.fields.scene import Scene
+from svv.fields.radiance.paint_light import lights_of
+from svv.fields.scene.scene import Scene
 from svv.options.editing import PAINT_LIGHT
 from svv.train.config import PRESETS
-from svv.train.ink import PAPER, Ink, ink_colour
+from svv.train.match.stylize import stylization_cameras, visible_from
+from svv.train.paint.ink import PAPER, Ink, ink_colour
 from svv.train.pipeline import stylize_scene
-from svv.train.stylize import stylization_cameras, visible_from
 from tests.balls import SHORT
 from tests.test_styling import SMALL
 
@@ -80,7 +80,7 @@ def test_a_checkpoint_and_a_preview_know_ink(balls: Scene, drawn: tuple[Scene, d
     first = draw(balls, [HATCHED, DOTTED], checkpoint=tmp_path / "c", preview=shown.append)[0]
     assert len(shown) >= 3 and [r.style for r in shown[0].regions] == ["ink:hatching", "ink:stippling"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("svv.train.laying.painted_start", None)
+        patch.setattr("svv.train.paint.laying.painted_start", None)
         again = draw(balls, [HATCHED, DOTTED], checkpoint=tmp_path / "c")[0]
         with pytest.raises(TypeError):  # another ink is another painting
             draw(balls, [DOTTED, DOTTED], checkpoint=tmp_path / "c")

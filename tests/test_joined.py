@@ -12,12 +12,12 @@ import pyvista as pv
 import torch
 
 from svv.cli import app
-from svv.core.box import Box
-from svv.core.cameras import Camera
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput
-from svv.fields.joined import joined, members
-from svv.fields.scene import Scene
-from svv.io.atomic import write_json
+from svv.fields.scene.joined import joined, members
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import write_json
 from svv.train.correct import correct_palette
 from tests.cube import cube_camera, cube_paint, cube_scene, faint, lit_cube_scene
 from tests.test_from_values import moved_ball

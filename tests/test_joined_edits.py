@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
-from svv.fields.joined import joined, members, with_members
-from svv.fields.scene import Scene
+from svv.fields.scene.joined import joined, members, with_members
+from svv.fields.scene.scene import Scene
 from svv.io.scene_file import checkpoint_of, checkpoint_of_layer, remove_checkpoints
-from svv.train.ink import Ink
+from svv.train.paint.ink import Ink
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
 from tests.cube import cube_camera, cube_paint, cube_scene

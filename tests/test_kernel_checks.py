@@ -10,9 +10,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from svv.fields.gpu_check import run_checks
-from svv.fields.kernel_checks import CPU, checks
-from svv.kernels import numba_kernels, reference
+from svv.fields.radiance.gpu_check import run_checks
+from svv.fields.radiance.kernel_checks import CPU, checks
+from svv.kernels import reference
+from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import Kernels, Samples
 
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from svv.errors import Cancelled
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.job.stages import Stages
 from svv.options.cinema import ExportOptions
 from svv.render import cinema
@@ -84,7 +84,7 @@ def test_views_that_cannot_be_written_leave_the_old_ones(tmp_path: Path, monkeyp
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch, pytest.raises(ValueError, match="disk is full"):
-        patch.setattr("svv.io.viewset.sync", full)
+        patch.setattr("svv.io.views.viewset.sync", full)
         replace(old, images=255 - old.images).write(tmp_path)
     assert np.array_equal(ViewSet.read(tmp_path).images, old.images)
 

@@ -10,16 +10,16 @@ pytest.importorskip("vtkmodules")
 from svv.bricks.numbers import Numbers
 from svv.core.differences import above
 from svv.core.interval_text import interval_text
-from svv.dvr.classify import classified
-from svv.dvr.grids import from_array
-from svv.dvr.histogram import default_transfer_function
-from svv.dvr.series import values_over
-from svv.dvr.stage import set_stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.dvr.draw.classify import classified
+from svv.dvr.draw.frame import set_stage
+from svv.dvr.draw.views import make_views
+from svv.dvr.functions.histogram import default_transfer_function
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
+from svv.dvr.read.time_series import values_over
 from svv.errors import BadInput
-from svv.fields.region import Region
-from svv.train.ranges import membership
+from svv.fields.scene.region import Region
+from svv.train.palette.ranges import membership
 
 
 def field(voxels: int = 14) -> np.ndarray:

@@ -7,9 +7,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.encodings import VERTICES_A_WORD, stored_rows
-from svv.fields.encodings import SparseLattice
-from svv.kernels.numba_trilinear import cell_at
+from svv.core.rays.encodings import VERTICES_A_WORD, stored_rows
+from svv.fields.radiance.encodings import SparseLattice
+from svv.kernels.numba.trilinear import cell_at
 
 
 def lattice_of(seed: int, length: int, share: float) -> tuple[SparseLattice, np.ndarray]:

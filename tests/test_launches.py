@@ -15,21 +15,21 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from svv.core.box import Box
-from svv.core.cameras import sphere_cameras
-from svv.fields.networks import FieldSettings, PaletteField
-from svv.fields.occupancy import Occupancy
-from svv.fields.region import Region
-from svv.fields.rendering import Marching
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.radiance.networks import FieldSettings, PaletteField
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
-from svv.train.batches import RayPool
-from svv.train.beginning import Beginning
+from svv.train.base.first_extinction import Beginning
+from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import RecolourSettings, ReconstructSettings
-from svv.train.network_adam import NetworkAdam
-from svv.train.recolour import Recolouring
-from svv.train.reconstruct import Reconstruction
+from svv.train.palette.recolour import Recolouring
+from svv.train.run.batches import RayPool
+from svv.train.run.network_adam import NetworkAdam
 from tests.interpreted import GPU, triton_kernels
 
 pytestmark = pytest.mark.skipif(GPU, reason="counted in the interpreter; on a GPU a profiler counts better")

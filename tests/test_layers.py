@@ -48,19 +48,19 @@ ALLOWED = {
 }
 """Packages that only some layers may import: core touches no file, torch never meets VTK."""
 
-EXCEPTED = {"svv.dvr.other_formats": {"pyvista"}}
+EXCEPTED = {"svv.dvr.read.other_formats": {"pyvista"}}
 """Modules that may import more than their layer: the reader of the standalone installation."""
 
 
 def layer_of(module: str) -> str:
-    """The layer of a dotted module name: 'svv.core.colour' is in 'core'."""
+    """The layer of a dotted module name: 'svv.core.colour.colour' is in 'core'."""
     return "svv" if module == "svv" else module.split(".")[1]
 
 
 def imported(path: Path, source: str) -> set[str]:
     """Dotted names that a module imports, relative ones made absolute, lazy ones included.
 
-    'from svv.core import colour' is both 'svv.core' and 'svv.core.colour': what it names may be a module.
+    'from svv.core.colour import colour' is both 'svv.core' and 'svv.core.colour.colour': what it names may be a module.
     """
     package = [*path.with_suffix("").parts[:-1]]
     names = set()
@@ -103,7 +103,7 @@ def violations(path: Path, source: str) -> list[str]:
 
 
 def named(path: Path) -> str:
-    """The dotted name of a module: 'svv/core/colour.py' is 'svv.core.colour'."""
+    """The dotted name of a module: 'svv/core/colour/colour.py' is 'svv.core.colour.colour'."""
     return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
 
 
@@ -159,13 +159,13 @@ def test_a_circle_is_found(back: str) -> None:
     files = {Path(f"svv/fields/{name}.py"): source for name, source in sources.items()}
     assert set(circle(files)) == {f"svv.fields.{name}" for name in ("ac" if "c import" in back else "abc")}
     del files[Path("svv/fields/a.py")]
-    assert circle({**files, Path("svv/fields/a.py"): "import svv.core.colour"}) == []
+    assert circle({**files, Path("svv/fields/a.py"): "import svv.core.colour.colour"}) == []
 
 
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("svv/core/x.py", "from svv.io.atomic import atomic_path"),
+        ("svv/core/x.py", "from svv.io.files.atomic import atomic_path"),
         ("svv/core/x.py", "from ..fields import scene"),
         ("svv/core/x.py", "def f():\n    import svv.train.pipeline"),
         ("svv/core/x.py", "from svv import dvr"),
@@ -176,17 +176,17 @@ def test_a_circle_is_found(back: str) -> None:
         ("svv/dvr/x.py", "import vtk"),
         ("svv/dvr/x.py", "import pyvista"),
         ("svv/train/x.py", "import pyvista"),
-        ("svv/train/x.py", "from svv.dvr.views import draw"),
+        ("svv/train/x.py", "from svv.dvr.draw.views import draw"),
         ("svv/train/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
         ("svv/job/x.py", "from paraview import simple"),
         ("svv/job/x.py", "from svv.cli.app import main"),
         ("svv/pv/x.py", "from svv.bench.chart import job"),
         ("svv/train/x.py", "from svv import __version__"),
-        ("svv/errors.py", "from svv.core import colour"),
+        ("svv/errors.py", "from svv.core.colour import colour"),
         ("svv/elsewhere.py", ""),
-        ("svv/__init__.py", "from svv.fields.scene import Scene"),
-        ("svv/__init__.py", "def f():\n    import svv.core.colour"),
-        ("svv/core/x.py", "if TYPE_CHECKING:\n    from svv.fields.scene import Scene"),
+        ("svv/__init__.py", "from svv.fields.scene.scene import Scene"),
+        ("svv/__init__.py", "def f():\n    import svv.core.colour.colour"),
+        ("svv/core/x.py", "if TYPE_CHECKING:\n    from svv.fields.scene.scene import Scene"),
     ],
 )
 def test_an_upward_import_is_found(path: str, source: str) -> None:
@@ -200,7 +200,7 @@ def test_an_upward_import_is_found(path: str, source: str) -> None:
         ("svv/dvr/__init__.py", "from .views import draw\nfrom ..core import cameras"),
         ("svv/dvr/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
         ("svv/pv/x.py", "from paraview import simple"),
-        ("svv/__init__.py", "if TYPE_CHECKING:\n    from svv.fields.scene import Scene as Scene"),
+        ("svv/__init__.py", "if TYPE_CHECKING:\n    from svv.fields.scene.scene import Scene as Scene"),
     ],
 )
 def test_a_downward_import_is_not(path: str, source: str) -> None:

@@ -17,26 +17,26 @@ from typer.testing import CliRunner
 
 from svv.bench.stability.scenes import KnownScene, Range
 from svv.cli.app import app
-from svv.core.cameras import Camera, look_at
-from svv.core.light import RIM_COSINE, Lamp, blinn_phong
-from svv.core.shading import Shading
-from svv.dvr.views import make_views
+from svv.core.colour.light import RIM_COSINE, Lamp, blinn_phong
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera, look_at
+from svv.dvr.draw.views import make_views
 from svv.errors import BadInput, Cancelled, Progress, silent
-from svv.fields.phong import Beams
-from svv.fields.rendering import march
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.phong import Beams
+from svv.fields.radiance.rendering import march
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.job.run import run_job
 from svv.job.source import ViewSource
 from svv.job.stages import Stages
 from svv.job.steps import Job, JobSettings
 from svv.options.making import TrainOptions
-from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS
-from svv.train.lighting import headlight_of, light_by_trial, light_for
-from svv.train.loop import Running
+from svv.train.palette.lighting import headlight_of, light_by_trial, light_for
+from svv.train.palette.recolour import recolour
 from svv.train.pipeline import train_scene
-from svv.train.recolour import recolour
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.loop import Running
 from tests.cube import cube_camera, lit_cube_scene
 
 DRAFT = PRESETS["draft"]
@@ -139,7 +139,7 @@ EDITS = [
 def test_kernels_light_as_torch_does(lit_cube: Scene, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = EDITS[number](lit_cube)
     quick = scene.render(cube_camera()).rgba
-    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     np.testing.assert_allclose(quick, scene.render(cube_camera()).rgba, atol=1e-5)
     if number:
         assert np.abs(quick - lit_cube.render(cube_camera()).rgba).max() > 0.02
@@ -340,8 +340,8 @@ def test_same_seed_same_light_also_after_a_stop(
 ) -> None:
     whole = recoloured(ball[0], views)
     # A clock that goes on by a second whenever somebody looks: every step is told and saved.
-    monkeypatch.setattr("svv.train.loop.time", SimpleNamespace(monotonic=itertools.count().__next__))
-    monkeypatch.setattr("svv.train.loop.SAVE_EVERY", 0.0)
+    monkeypatch.setattr("svv.train.run.loop.time", SimpleNamespace(monotonic=itertools.count().__next__))
+    monkeypatch.setattr("svv.train.run.loop.SAVE_EVERY", 0.0)
 
     def stop(fraction: float, _: str) -> None:
         if fraction > 0.5:
@@ -360,9 +360,9 @@ def test_held_out_views_choose(
     views: ViewSet, ball: tuple[Scene, dict[str, object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = replace(ball[0], palette_network=None, regions=())
-    monkeypatch.setattr("svv.train.lighting.FEW_VIEWS", 24)
+    monkeypatch.setattr("svv.train.palette.lighting.FEW_VIEWS", 24)
     for margin in (-100.0, 100.0):  # the network is taken, whatever the views say; and the explicit light
-        monkeypatch.setattr("svv.train.lighting.MARGIN", margin)
+        monkeypatch.setattr("svv.train.palette.lighting.MARGIN", margin)
         chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, Running(0))
         assert chosen.settings.lighting == ("phong" if margin > 0 else "network")
         assert "3 held-out views" in said and ("explicit light is chosen" in said) == (margin > 0)

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from svv.core.shading import Shading
-from svv.dvr.views import make_views
+from svv.core.colour.shading import Shading
+from svv.dvr.draw.views import make_views
 from svv.errors import Cancelled
-from svv.fields.rendering import composite, ended, march
-from svv.fields.scene import Scene
-from svv.io.view_meta import ViewMeta
-from svv.io.viewset import ViewSet
-from svv.job.ahead import ball_views
+from svv.fields.radiance.rendering import composite, ended, march
+from svv.fields.scene.scene import Scene
+from svv.io.views.view_meta import ViewMeta
+from svv.io.views.viewset import ViewSet
+from svv.job.compile_ahead import ball_views
 from svv.styles.textures import style_picture
 from svv.train.config import PRESETS, RecolourSettings
-from svv.train.lighting import LEAST, change_aside, light_by_trial, shows_light
-from svv.train.loop import Running
+from svv.train.palette.lighting import LEAST, change_aside, light_by_trial, shows_light
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.run.loop import Running
 from tests.cube import cube_scene
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
@@ -103,7 +103,7 @@ def test_a_trial_on_few_views_is_short(few: int, steps: int, monkeypatch: pytest
         assert settings.iterations == steps
         raise Cancelled
 
-    monkeypatch.setattr("svv.train.lighting.FEW_VIEWS", few)
-    monkeypatch.setattr("svv.train.lighting.recolour", stop)
+    monkeypatch.setattr("svv.train.palette.lighting.FEW_VIEWS", few)
+    monkeypatch.setattr("svv.train.palette.lighting.recolour", stop)
     with pytest.raises(Cancelled):  # six views
         light_by_trial(cube_scene(), ball_views(), np.zeros((1, 3)), RecolourSettings(iterations=1000), Running(0))

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from svv.ending import NO_ADDRESSES, NO_MEMORY
-from svv.io.memory import LEAST, memory_there
+from svv.io.files.memory import LEAST, memory_there
 from tests.cube import cube_scene
 
 GB = 1_000_000_000

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from svv.bench.styles.statistics import StyleJudge
-from svv.core.lines import LEAST_PIXELS, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
+from svv.core.images.lines import LEAST_PIXELS, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
 from svv.styles.textures import style_picture

@@ -12,15 +12,15 @@ import pytest
 
 from svv.cli.app import app
 from svv.errors import BadInput
-from svv.io.atomic import atomic_path, partial_folder, write_json
-from svv.io.locks import alone
+from svv.io.files.atomic import atomic_path, partial_folder, write_json
+from svv.io.files.locks import alone
 from tests.cube import cube_scene
 
 DIES = """
 import os, signal, sys
 from pathlib import Path
-from svv.io.atomic import atomic_path, partial_folder
-from svv.io.locks import alone
+from svv.io.files.atomic import atomic_path, partial_folder
+from svv.io.files.locks import alone
 target = Path(sys.argv[1])
 with alone(target), atomic_path(target) as temporary, partial_folder(target) as folder:
     temporary.write_bytes(b"half")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.train.config import PRESETS
-from svv.train.loop import falling
+from svv.train.run.loop import falling
 
 FRACTIONS = st.floats(0.0, 1.0)
 

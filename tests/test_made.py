@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from svv.errors import BadInput
-from svv.io.made import code, digest, digest_of_file, kept, key_of, read_record, write_record
+from svv.io.files.keyed_results import code, digest, digest_of_file, kept, key_of, read_record, write_record
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(-1e300, 1e300) | st.text(),
@@ -63,14 +63,14 @@ def test_a_file_counts_by_its_content(tmp_path: Path) -> None:
 
 
 def test_keys_are_the_same_in_every_process() -> None:
-    script = "from svv.io.made import code, key_of; print(key_of({'b': 1, 'a': [0.1]}), code())"
+    script = "from svv.io.files.keyed_results import code, key_of; print(key_of({'b': 1, 'a': [0.1]}), code())"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split() == [key_of({"a": [0.1], "b": 1}), code()]
 
 
 def test_a_key_depends_on_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
     before = key_of("a")
-    monkeypatch.setattr("svv.io.made.__version__", "9.9.9")
+    monkeypatch.setattr("svv.io.files.keyed_results.__version__", "9.9.9")
     assert key_of("a") != before
 
 

@@ -13,8 +13,16 @@ from PIL import Image
 from svv.cli import app as cli
 from svv.cli.options import parse_mapping, parse_points, parse_style_masks
 from svv.errors import BadInput
-from svv.io.mask_file import Selection, overlay_file, picture_size, points_file, read_mask, read_selection, write_mask
-from svv.io.mask_pictures import mask_overlay, region_map_overlay, regions_overlay, with_rulers
+from svv.io.pictures.mask_file import (
+    Selection,
+    overlay_file,
+    picture_size,
+    points_file,
+    read_mask,
+    read_selection,
+    write_mask,
+)
+from svv.io.pictures.mask_pictures import mask_overlay, region_map_overlay, regions_overlay, with_rulers
 
 H, W = 60, 80
 

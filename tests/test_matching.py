@@ -8,11 +8,11 @@ import numpy as np
 import torch
 
 from svv.errors import silent
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.styles.features import load_features
-from svv.train.distil import Distillation
-from svv.train.style_loss import PAPER_LOSS, StyleTarget
-from svv.train.stylize import Stylization
+from svv.train.match.distil import Distillation
+from svv.train.match.style_loss import PAPER_LOSS, StyleTarget
+from svv.train.match.stylize import Stylization
 from tests.balls import STEPS
 
 STYLE = 100

@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 
 from svv.bench.stability.measures import palette_error
 from svv.bench.stability.scenes import SCENES
-from svv.core.gap import gap_of
-from svv.core.shading import Shading
-from svv.core.surfaces import surface_normals
-from svv.dvr.views import make_views
-from svv.fields.encodings import SparseLattice
-from svv.fields.rendering import composite, march
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
-from svv.train.batches import RayPool
+from svv.core.colour.shading import Shading
+from svv.core.geometry.surfaces import surface_normals
+from svv.core.two_groups import gap_of
+from svv.dvr.draw.views import make_views
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.rendering import composite, march
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, Preset, ReconstructSettings
-from svv.train.material import Labels, owners_of, regions_in
+from svv.train.palette.ranges import KnownRegions, Owners
+from svv.train.palette.recolour import palette_of
+from svv.train.palette.regions_from_views import Labels, owners_of, regions_in
 from svv.train.pipeline import train_scene
-from svv.train.ranges import KnownRegions, Owners
-from svv.train.recolour import palette_of
+from svv.train.run.batches import RayPool
 
 SHORT = replace(
     PRESETS["draft"], reconstruct=ReconstructSettings(iterations=200, rays=2048),

@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import correlate
 
-from svv.core.metrics import Likeness, flip, on_white, psnr, psnr_foreground, ssim
+from svv.core.images.metrics import Likeness, flip, on_white, psnr, psnr_foreground, ssim
 from svv.errors import BadInput
 from svv.train.lpips import CHANNELS, MIN_SIZE, Lpips, load_lpips, lpips
 

@@ -11,7 +11,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.train.network_adam import NetworkAdam
+from svv.train.run.network_adam import NetworkAdam
 
 HOW: dict[str, Any] = {"lr": 0.01, "betas": (0.9, 0.99), "eps": 1e-12}
 SHAPES = ((5, 3), (4,), (2, 2))
@@ -66,7 +66,7 @@ def test_it_continues_from_the_state_of_torch() -> None:
 def test_training_does_not_load_the_compiler_of_torch() -> None:
     """It would take 150 MB and 1.5 s, and it loads triton, beside which some of ParaView's drivers do not run."""
     code = (
-        "import sys, svv.job.ahead as ahead; from dataclasses import replace\n"
+        "import sys, svv.job.compile_ahead as ahead; from dataclasses import replace\n"
         "from svv.train.config import preset; from svv.train.pipeline import train_scene\n"
         "draft = preset('draft')\n"
         "few = replace(draft, reconstruct=replace(draft.reconstruct, iterations=2, cells=16),\n"

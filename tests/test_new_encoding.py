@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from svv.core.cameras import sphere_cameras
-from svv.fields.encodings import Encoding
-from svv.fields.networks import ENCODINGS
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.radiance.encodings import Encoding
+from svv.fields.radiance.networks import ENCODINGS
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.train.config import preset
 from svv.train.pipeline import train_scene
 from tests.balls import SHORT, two_balls

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.nnfm import (
+from svv.core.images.nnfm import (
     cell_weights,
     colour_statistics,
     colour_transfer,

@@ -13,15 +13,15 @@ import pytest
 from PIL import Image
 
 from svv.errors import BadInput
-from svv.io import fetch
+from svv.io.files import fetch
 from svv.job.page import Page, Picture, Table, write_page
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted(path for folder in ("svv", "plugin", "paraview_scripts") for path in (ROOT / folder).rglob("*.py"))
 
 PICKLES = {
-    "svv/dvr/ranks.py": "between processes of one run, which trust each other",
-    "svv/train/ranks.py": "between processes of one run, which trust each other",
+    "svv/dvr/parallel/ranks.py": "between processes of one run, which trust each other",
+    "svv/train/run/ranks.py": "between processes of one run, which trust each other",
     "svv/styles/weight_files.py": "an unpickler that knows nothing but arrays, of files with a pinned hash",
 }
 """Modules that may import pickle, and for what; none is given a user's file."""

@@ -14,18 +14,20 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.box import Box
-from svv.core.compositing import ray_weights
-from svv.core.encodings import hash_features, lattice_features, spherical_harmonics
+from svv.core.geometry.box import Box
+from svv.core.rays.compositing import ray_weights
+from svv.core.rays.encodings import hash_features, lattice_features, spherical_harmonics
 from svv.core.rounding import KERNELS
 from svv.errors import BadInput
-from svv.fields.encodings import HashGrid, LatticeAdam, SparseLattice
-from svv.fields.networks import BaseField, FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.phong import gradient_of
-from svv.fields.rendering import Extinction, Marching, Rays, composite, march
-from svv.kernels import numba_kernels, numba_lattice, reference
-from svv.train.beginning import largest_extinction, log_extinction
+from svv.fields.radiance.encodings import HashGrid, LatticeAdam, SparseLattice
+from svv.fields.radiance.networks import BaseField, FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.phong import gradient_of
+from svv.fields.radiance.rendering import Extinction, Marching, Rays, composite, march
+from svv.kernels import reference
+from svv.kernels.numba import kernels as numba_kernels
+from svv.kernels.numba import lattice as numba_lattice
+from svv.train.base.first_extinction import largest_extinction, log_extinction
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from svv.core.networks import relu_layers
+from svv.core.rays.networks import relu_layers
 from svv.core.rounding import sums_apart
-from svv.kernels.numba_networks import BLOCK, SUMS, Network
+from svv.kernels.numba.networks import BLOCK, SUMS, Network
 
 WIDTHS = st.lists(st.integers(1, 40), min_size=2, max_size=4)
 """Inputs, hidden layers and outputs of networks of one to three layers."""

@@ -12,12 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 from svv.cli.app import app
-from svv.core.opacity_code import depths
+from svv.core.volumes.opacity_code import depths
 from svv.errors import BadInput, Cancelled
 from svv.options.baking import BakeOptions
-from svv.render.baked import bake
-from svv.render.baked_volume import BakedVolume
-from svv.render.openvdb import PYTHON, python_with_openvdb, write_vdb
+from svv.render.baking.baked import bake
+from svv.render.baking.baked_volume import BakedVolume
+from svv.render.baking.openvdb import PYTHON, python_with_openvdb, write_vdb
 from tests.cube import cube_scene
 from tests.solid_ball import solid_ball
 

@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 
 from svv.cli.option_group import SYNTAX, flag_of, spread
 from svv.errors import BadInput
-from svv.fields.networks import ENCODINGS, FieldSettings
+from svv.fields.radiance.networks import ENCODINGS, FieldSettings
 from svv.options import editing, making
 from svv.options.arguments import add_arguments, options_of
 from svv.options.described import Setting, chosen, described
-from svv.pv.option_panel import options_in, properties_of
+from svv.pv.panel.option_panel import options_in, properties_of
 from svv.train import config
 
 OPTIONS = [

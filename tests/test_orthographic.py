@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.cameras import Camera, CameraRig, look_at
+from svv.core.geometry.cameras import Camera, CameraRig, look_at
 from svv.errors import BadInput
 
 POSE = look_at((3.0, 1.0, 2.0), (0.5, 0.0, 0.0))

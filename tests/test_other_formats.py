@@ -13,9 +13,9 @@ import pytest
 
 pyvista = pytest.importorskip("pyvista")
 
-from svv.dvr.grids import as_volume, index_to_world, to_array  # noqa: E402
-from svv.dvr.views import make_views  # noqa: E402
-from svv.dvr.volumes import read_volume  # noqa: E402
+from svv.dvr.draw.views import make_views  # noqa: E402
+from svv.dvr.read.grids import as_volume, index_to_world, to_array  # noqa: E402
+from svv.dvr.read.volumes import read_volume  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 
 SHAPE = (4, 5, 6)

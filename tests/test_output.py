@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from svv.errors import BadInput, Cancelled
-from svv.io.output import (
+from svv.io.pictures.output import (
     EMPTY_REGION,
     depth_picture,
     region_picture,

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.cameras import Camera
-from svv.core.colour import WHITE, over
-from svv.core.pace import AIM, SMALLEST, STEADY, Pace
-from svv.fields.joined import joined
-from svv.fields.scene import MOVING_JOINED, Scene
+from svv.core.colour.colour import WHITE, over
+from svv.core.frame_rate import AIM, SMALLEST, STEADY, Pace
+from svv.core.geometry.cameras import Camera
+from svv.fields.scene.joined import joined
+from svv.fields.scene.scene import MOVING_JOINED, Scene
 from svv.render.frames import orbit
 from tests.cube import cube_scene, faint, lit_cube_scene
 

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hn
 
-from svv.core.box import Box
-from svv.core.classified import COARSE, LARGEST
-from svv.core.matter import came_from, small
-from svv.core.packing import packed, unpacked
+from svv.core.geometry.box import Box
+from svv.core.geometry.displacement import came_from, small
+from svv.core.volumes.classified import COARSE, LARGEST
+from svv.core.volumes.packing import packed, unpacked
 from svv.errors import BadInput
-from svv.fields.time_steps import TimeSteps, packed_codes
+from svv.fields.values.time_steps import TimeSteps, packed_codes
 
 GRIDS = hn.arrays(np.uint16, hn.array_shapes(min_dims=1, max_dims=4, max_side=5))
 

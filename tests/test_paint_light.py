@@ -11,10 +11,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.cameras import sphere_cameras
+from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput
-from svv.fields.paint_light import lights_of, mean_lights
-from svv.fields.scene import Scene
+from svv.fields.radiance.paint_light import lights_of, mean_lights
+from svv.fields.scene.scene import Scene
 from svv.io import scene_file
 from svv.options.editing import PAINT_LIGHT
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
@@ -56,7 +56,7 @@ def painted(request: pytest.FixtureRequest) -> Scene:
 def image(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
     """Render the cube from the front, with the kernels or without."""
     if not request.param:
-        monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+        monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     return lambda scene, network=None: scene.render(cube_camera(), network).rgba
 
 
@@ -130,7 +130,7 @@ def test_strength_goes_from_the_palette_s_light_to_the_paint_s(painted: Scene, i
 def test_kernels_and_torch_agree(painted: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = painted.with_paint_light(0.8, 0, 2).with_strength(0.7, 1)
     quick = scene.render(cube_camera()).rgba
-    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     np.testing.assert_allclose(quick, scene.render(cube_camera()).rgba, atol=2e-5)
 
 

@@ -8,18 +8,18 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.box import Box
+from svv.core.geometry.box import Box
 from svv.errors import silent
-from svv.fields.encodings import SparseLattice
-from svv.fields.occupancy import Occupancy
-from svv.fields.scene import Scene
-from svv.kernels.numba_quilting import mirrored, misfits, places
-from svv.train.form import Form, form_of_opacity, tangents
-from svv.train.painting import MOST_CELLS, MOST_VERTICES, Start, paint_cells, painted_start
-from svv.train.pieces import PieceSettings, PieceStyle, piece_style
-from svv.train.quilt import Guides, Manner, Quilt, spread
-from svv.train.resolutions import paint_pixel
-from svv.train.stylize import stylization_cameras, visible_from
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.scene import Scene
+from svv.train.base.resolutions import paint_pixel
+from svv.train.match.stylize import stylization_cameras, visible_from
+from svv.train.paint.painting import MOST_CELLS, MOST_VERTICES, Start, paint_cells, painted_start
+from svv.train.paint.surface_form import Form, form_of_opacity, tangents
+from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_style
+from svv.train.quilt.quilt import Guides, Manner, Quilt, spread
+from svv.train.quilt.quilt_kernels import mirrored, misfits, places
 from tests.balls import SHORT
 
 CELLS = 64

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from svv.core.colour import hsb_array, hue_distance, rgb_array
-from svv.core.palette import Array, Palette, PaletteSettings, extract_palette
+from svv.core.colour.colour import hsb_array, hue_distance, rgb_array
+from svv.core.colour.palette import Array, Palette, PaletteSettings, extract_palette
 from svv.errors import BadInput
 
 RED, GREEN, BLUE = (0.9, 0.15, 0.1), (0.15, 0.85, 0.3), (0.1, 0.3, 1.0)

@@ -11,15 +11,15 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.box import Box
-from svv.core.cameras import Camera, look_at
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput
-from svv.fields.networks import BaseField, FieldSettings, PaletteField
-from svv.fields.occupancy import Occupancy
-from svv.fields.parts import Parts, table_of
-from svv.fields.rendering import Marching, Rays, march
-from svv.fields.scene import Rendering, Scene
-from svv.train.ink import PAPER, Ink
+from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching, Rays, march
+from svv.fields.scene.parts import Parts, table_of
+from svv.fields.scene.scene import Rendering, Scene
+from svv.train.paint.ink import PAPER, Ink
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
 from tests.cube import cube_camera, cube_paint, lit_cube_scene
@@ -227,7 +227,7 @@ def test_plain_and_fused_images_of_parts_agree(cube: Scene, monkeypatch: pytest.
     paint = in_parts(cube).painted(cube_paint(cube, 1), {3: "oil", 2: "oil"}, {}).with_strength(0.5, 3)
     strokes = paint.with_stroke_opacity(0.7, 2)
     fused = [scene.render(cube_camera()) for scene in (lit, plain, paint, strokes)]
-    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     for scene, drawn in zip((lit, plain, paint, strokes), fused, strict=True):
         expected = scene.render(cube_camera())
         np.testing.assert_allclose(drawn.rgba, expected.rgba, atol=2e-5)

@@ -8,9 +8,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from svv.core.cameras import sphere_cameras
-from svv.io.viewset import ViewSet
-from svv.train.pixels import MARGIN, Pixels, contrast, pixels_of
+from svv.core.geometry.cameras import sphere_cameras
+from svv.io.views.viewset import ViewSet
+from svv.train.run.pixels import MARGIN, Pixels, contrast, pixels_of
 
 SIZE = 40
 

@@ -11,7 +11,7 @@ import pytest
 from svv.bricks.pyramid import with_pyramid
 from svv.bricks.source import ArraySource
 from svv.errors import BadInput, silent
-from svv.io.atomic import atomic_path, make_folder
+from svv.io.files.atomic import atomic_path, make_folder
 from tests.campaign.calls import watched
 from tests.campaign.power_loss import Disk
 from tests.test_kills import campaign

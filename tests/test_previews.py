@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from svv.errors import BadInput
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.render.frames import SHOWN_SIZE, orbit, previews_in
-from svv.train import previews
 from svv.train.config import MatchSettings, Preset
 from svv.train.pipeline import stylize_scene
+from svv.train.run import previews
 from tests.balls import MATCHED, SHORT
 from tests.cube import cube_paint, cube_scene
 

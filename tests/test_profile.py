@@ -16,11 +16,11 @@ from svv.bench.profile.table import STAGES, Profile, as_text, profile_of
 from svv.bench.profile.watch import NETWORKS, Watch
 from svv.bench.profile.work import Watched, Work, watched
 from svv.cli.app import app
-from svv.dvr.views import make_views
+from svv.dvr.draw.views import make_views
 from svv.errors import BadInput, silent
-from svv.fields.encodings import SparseLattice
-from svv.fields.networks import mlp
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import mlp
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import kernels_of
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from svv.core.cameras import Camera, CameraRig, look_at, sphere_cameras
-from svv.fields.networks import FieldSettings
-from svv.fields.occupancy import Occupancy, carve
-from svv.io.viewset import ViewSet
+from svv.core.geometry.cameras import Camera, CameraRig, look_at, sphere_cameras
+from svv.fields.radiance.networks import FieldSettings
+from svv.fields.radiance.occupancy import Occupancy, carve
+from svv.io.views.viewset import ViewSet
+from svv.train.base.resolutions import fitted_field
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
-from svv.train.resolutions import fitted_field
 from tests.balls import SHORT, two_balls
 from tests.solid_ball import solid_ball
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv.core.cameras import sphere_cameras
+from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput
-from svv.fields.scene import Scene
-from svv.io.cache import NAME
-from svv.io.made import digest, digest_of_file
-from svv.io.view_meta import ViewMeta
-from svv.io.viewset import ViewSet
-from svv.pv.identity import (
+from svv.fields.scene.scene import Scene
+from svv.io.files.cache import NAME
+from svv.io.files.keyed_results import digest, digest_of_file
+from svv.io.views.view_meta import ViewMeta
+from svv.io.views.viewset import ViewSet
+from svv.pv.filters.keys import (
     digest_of_edits,
     digest_of_mask,
     digest_of_scene,
@@ -30,7 +30,7 @@ from svv.pv.identity import (
     settings_in,
     source_of,
 )
-from svv.pv.steps import Moment
+from svv.pv.filters.time_steps import Moment
 from tests.cube import cube_paint, cube_scene
 
 NOW = Moment(digest("settings"), "look", "data")
@@ -49,7 +49,7 @@ def test_a_name_says_what_it_is_of_and_is_one_that_a_cache_takes() -> None:
 def test_a_digest_is_the_same_in_another_process_and_for_values_that_went_through_a_file() -> None:
     parts = ["text", 0.1, (1, 2.5, None), {"b": 1, "a": [True, "x"]}]
     same = [*parts[:2], [1, 2.5, None], {"a": [True, "x"], "b": 1}]
-    script = f"from svv.io.made import digest; print(digest(*{parts!r}))"
+    script = f"from svv.io.files.keyed_results import digest; print(digest(*{parts!r}))"
     command, environ = [sys.executable, "-c", script], {**os.environ, "PYTHONHASHSEED": "7"}
     said = subprocess.run(command, capture_output=True, text=True, env=environ, check=True)
     assert said.stdout.strip() == digest(*parts) == digest(*same)

@@ -12,10 +12,10 @@ pytest.importorskip("vtkmodules")
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.appearance import Appearance
-from svv.dvr.grids import from_array, index_to_world, set_geometry, to_array
+from svv.dvr.draw.appearance import Appearance
+from svv.dvr.read.grids import from_array, index_to_world, set_geometry, to_array
 from svv.errors import BadInput
-from svv.pv.shown import PLAIN, chosen_of, scale_of, volume_shown
+from svv.pv.display.shown import PLAIN, chosen_of, scale_of, volume_shown
 
 VALUES: dict[str, Any] = {"Scalars": "scalars", "ScalarsOnCells": False}
 

@@ -12,19 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.bench.stability.scenes import SCENES
-from svv.core.classified import ClassifiedVolume, ValueRange
-from svv.dvr.classify import MOST_RANGES, classified
-from svv.dvr.grids import from_array
-from svv.dvr.stage import set_stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.core.volumes.classified import ClassifiedVolume, ValueRange
+from svv.dvr.draw.classify import MOST_RANGES, classified
+from svv.dvr.draw.frame import set_stage
+from svv.dvr.draw.views import make_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
-from svv.fields.rendering import march
-from svv.io.viewset import ViewSet
-from svv.train.batches import RayPool
+from svv.fields.radiance.rendering import march
+from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, Preset, ReconstructSettings
+from svv.train.palette.ranges import Owners, region_overlaps, shares_of
 from svv.train.pipeline import train_scene
-from svv.train.ranges import Owners, region_overlaps, shares_of
+from svv.train.run.batches import RayPool
 
 BLUE, RED = (0.1, 0.3, 1.0), (1.0, 0.2, 0.1)
 SHORT = replace(

@@ -19,9 +19,11 @@ from hypothesis import strategies as st
 
 from svv.core.rounding import KERNELS, sums_apart
 from svv.errors import BadInput, Cancelled, Elsewhere
-from svv.fields.scene import Scene
-from svv.kernels import bfloat16, numba_kernels, reference
-from svv.train import ranks
+from svv.fields.scene.scene import Scene
+from svv.kernels import reference
+from svv.kernels.numba import bfloat16
+from svv.kernels.numba import kernels as numba_kernels
+from svv.train.run import ranks
 from tests import ranked
 from tests.any_order import bounds, magnitudes
 from tests.cube import cube_scene

@@ -13,10 +13,10 @@ pytest.importorskip("vtkmodules")
 for package in ("h5py", "nibabel", "nrrd", "pydicom", "SimpleITK", "zarr"):
     pytest.importorskip(package)
 
-from svv.bricks.axes import Choice  # noqa: E402
+from svv.bricks.formats.axes import Choice  # noqa: E402
 from svv.bricks.opened import open_bricks  # noqa: E402
-from svv.dvr.grids import index_to_world, to_array  # noqa: E402
-from svv.dvr.volumes import read_here  # noqa: E402
+from svv.dvr.read.grids import index_to_world, to_array  # noqa: E402
+from svv.dvr.read.volumes import read_here  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 from tests.reference_files import MAKERS, Case  # noqa: E402
 

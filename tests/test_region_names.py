@@ -10,8 +10,8 @@ import pytest
 from svv.cli import app as cli
 from svv.cli.options import parse_names
 from svv.errors import BadInput
-from svv.fields.region import LONGEST_NAME, Region, label_of
-from svv.fields.scene import Scene
+from svv.fields.scene.region import LONGEST_NAME, Region, label_of
+from svv.fields.scene.scene import Scene
 from svv.options.editing import RegionEdit, SceneEdit
 from svv.render.web.page import _regions
 

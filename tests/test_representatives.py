@@ -7,8 +7,9 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from svv.fields.rendering import composite, representatives
-from svv.kernels import numba_kernels, reference
+from svv.fields.radiance.rendering import composite, representatives
+from svv.kernels import reference
+from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import Samples
 
 STEP = 0.1

@@ -21,10 +21,10 @@ from svv.bench.styles.rival_frames import (
     statistics_of,
     with_style_colours,
 )
-from svv.core.cameras import sphere_cameras
-from svv.core.flow import camera_flow, is_consistent, splatted
+from svv.core.geometry.cameras import sphere_cameras
+from svv.core.images.flow import camera_flow, is_consistent, splatted
 from svv.styles.features import PatchFeatures
-from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from tests.untrained import untrained
 
 SIZE, STEPS = 64, 12

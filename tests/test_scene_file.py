@@ -16,7 +16,7 @@ from safetensors.numpy import save_file
 
 from svv.errors import BadInput, Cancelled
 from svv.io import scene_file
-from svv.io.atomic import atomic_path, check_writable, make_folder, write_json
+from svv.io.files.atomic import atomic_path, check_writable, make_folder, write_json
 from svv.io.scene_file import read_scene_file, write_scene_file
 
 DTYPES = st.sampled_from([np.float16, np.float32, np.float64, np.uint8, np.int16, np.int32, np.int64, np.bool_])

@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.cli.app import app
-from svv.core.cameras import sphere_cameras
-from svv.core.metrics import Likeness
+from svv.core.geometry.cameras import sphere_cameras
+from svv.core.images.metrics import Likeness
 from svv.errors import BadInput
-from svv.io.atomic import write_json
-from svv.io.viewset import ViewSet
+from svv.io.files.atomic import write_json
+from svv.io.views.viewset import ViewSet
 from svv.job.result import _scores
 from svv.styles import weights
 from svv.train.evaluate import Scores, evaluate_scene

@@ -29,7 +29,7 @@ print(json.dumps([report["threads"], evaluate_scene(scene, views, "pcn").psnr]))
 
 COMPILED = """
 import hashlib, numpy
-from svv.kernels.numba_lattice import encode, encode_backward
+from svv.kernels.numba.lattice import encode, encode_backward
 random = numpy.random.default_rng(0)
 x, g = random.random((3000, 3), numpy.float32), random.standard_normal((3000, 1)).astype(numpy.float32)
 whole = numpy.arange(8 * 8, dtype=numpy.int64) * 8 << 32 | 0xFF  # all vertices of a lattice of 8 x 8 x 8 are stored
@@ -43,7 +43,7 @@ print(hashlib.sha256(out.tobytes() + table.tobytes()).hexdigest(), sum(encode.st
 PLACED = f"""
 {THREADS}
 import hashlib, numpy, sys
-from svv.core.cameras import sphere_cameras
+from svv.core.geometry.cameras import sphere_cameras
 from svv.train.pipeline import train_scene
 from tests.test_training import SIZE, TINY, views_of
 from_numpy = torch.from_numpy

@@ -13,8 +13,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.filling import filled
-from svv.core.segmentation import neighbours, regions, selection, superpixels
+from svv.core.images.filling import filled
+from svv.core.images.segmentation import neighbours, regions, selection, superpixels
 from svv.errors import BadInput
 from svv.styles.segmenters import SAM_VARIABLE, SAM_WEIGHTS, SegmentAnything, Superpixels, segmenter, style_regions
 

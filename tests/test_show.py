@@ -15,10 +15,10 @@ from PIL import Image
 pyvista = pytest.importorskip("pyvista")
 
 import svv  # noqa: E402
-from svv.core.cameras import Camera, look_at  # noqa: E402
-from svv.core.pace import AIM  # noqa: E402
-from svv.fields.scene import Scene  # noqa: E402
-from svv.io.output import write_vti  # noqa: E402
+from svv.core.frame_rate import AIM  # noqa: E402
+from svv.core.geometry.cameras import Camera, look_at  # noqa: E402
+from svv.fields.scene.scene import Scene  # noqa: E402
+from svv.io.pictures.output import write_vti  # noqa: E402
 from svv.render.show import SceneFollower  # noqa: E402
 
 SIZE = (64, 48)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from svv.core.sort_last import front_to_back, over
+from svv.core.rays.sort_last import front_to_back, over
 from svv.errors import BadInput
 
 FULL = 32767

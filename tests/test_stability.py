@@ -27,9 +27,9 @@ from svv.bench.stability.runs import Matrix, run_stability
 from svv.bench.stability.scenes import NESTED, SCENES, TRANSPARENT, Range
 from svv.bench.stability.table import FILES, summary, write_summary
 from svv.cli import app as cli
-from svv.core.cameras import orbit_cameras
-from svv.core.colour import colour_differences
-from svv.dvr.grids import index_to_world, to_array
+from svv.core.colour.colour import colour_differences
+from svv.core.geometry.cameras import orbit_cameras
+from svv.dvr.read.grids import index_to_world, to_array
 from svv.errors import BadInput, Cancelled
 from svv.train.config import Preset, preset
 

@@ -13,23 +13,23 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from svv.cli import app as cli
-from svv.core.strokes import Brush, joined, straight_stroke
+from svv.core.strokes.strokes import Brush, joined, straight_stroke
 from svv.errors import BadInput
-from svv.fields.edits import EditedModel
-from svv.fields.history import edits_of
-from svv.fields.joined import joined as together
-from svv.fields.region import Region
-from svv.fields.requested import with_edit
-from svv.fields.scene import Scene
-from svv.fields.stroke_edits import PALETTE_SIZE, as_laid, checked_edits, edited_strokes, luminance, recoloured
-from svv.fields.stroke_opacity import strokes_of
+from svv.fields.scene.edit_request import with_edit
+from svv.fields.scene.edits import EditedModel
+from svv.fields.scene.history import edits_of
+from svv.fields.scene.joined import joined as together
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
+from svv.fields.strokes.stroke_edits import PALETTE_SIZE, as_laid, checked_edits, edited_strokes, luminance, recoloured
+from svv.fields.strokes.stroke_opacity import strokes_of
 from svv.options.baking import BakeOptions
 from svv.options.editing import PaintEdit, SceneEdit
-from svv.render.voxels import grid_of, matter_of
-from svv.render.voxels import paint_at as paint_at_points
+from svv.render.baking.voxels import grid_of, matter_of
+from svv.render.baking.voxels import paint_at as paint_at_points
 from svv.styles.gallery import gallery_picture
 from svv.styles.stroke_palette import mixed, palette_named, palette_of
-from svv.train.ink import Ink, StyleInput
+from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
 from tests.cube import cube_scene

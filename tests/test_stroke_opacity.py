@@ -11,13 +11,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.cameras import sphere_cameras
+from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput
-from svv.fields.networks import UnrestrictedField
-from svv.fields.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
-from svv.fields.rendering import RayCaster, composite, march
-from svv.fields.scene import Scene
-from svv.fields.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, brightness, fade_of, strokes_of
+from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
+from svv.fields.radiance.rendering import RayCaster, composite, march
+from svv.fields.scene.scene import Scene
+from svv.fields.strokes.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, brightness, fade_of, strokes_of
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint, cube_scene
 
@@ -45,7 +45,7 @@ def strong_paint(scene: Scene) -> UnrestrictedField:
 def image(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
     """Render the cube from the front, with the kernels or without."""
     if not request.param:
-        monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+        monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     return lambda scene, network=None: scene.render(cube_camera(), network).rgba
 
 
@@ -166,7 +166,7 @@ def test_what_has_no_strokes_stays(painted: Scene, image) -> None:  # type: igno
 def test_kernels_and_torch_agree(painted: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = painted.with_stroke_opacity(0.8).with_stroke_opacity(-0.5, 2).edited(1, opacity=0.4).with_strength(0.7, 0)
     quick = scene.render(cube_camera())
-    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     plain = scene.render(cube_camera())
     np.testing.assert_allclose(quick.rgba, plain.rgba, atol=2e-5)
     np.testing.assert_allclose(quick.depth, plain.depth, atol=2e-4)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from svv.core.stroke_reference import noise, paint_at
-from svv.core.strokes import Brush, Strokes, joined, straight_stroke
-from svv.fields.stroke_paint import GROUND, StrokePaint
+from svv.core.strokes.stroke_reference import noise, paint_at
+from svv.core.strokes.strokes import Brush, Strokes, joined, straight_stroke
+from svv.fields.strokes.stroke_paint import GROUND, StrokePaint
 
 PLAIN = Brush(relief=0.0, dry=0.0, mixed=0.0)
 

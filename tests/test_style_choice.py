@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.colour import colour_differences
+from svv.core.colour.colour import colour_differences
 from svv.errors import BadInput
-from svv.fields.region import Region
-from svv.train.ink import StyleInput
-from svv.train.style_choice import checked_masks, leftovers, mean_colour, pairs_by_colour
+from svv.fields.scene.region import Region
+from svv.train.paint.ink import StyleInput
+from svv.train.paint.style_choice import checked_masks, leftovers, mean_colour, pairs_by_colour
 
 COLOURS = st.tuples(*[st.floats(0, 1, width=32)] * 3)
 

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image, ImageCms
 
 from svv.errors import BadInput
-from svv.io.images import LARGEST, read_style
+from svv.io.pictures.style_picture import LARGEST, read_style
 
 RED = (220, 30, 10)
 

@@ -14,21 +14,21 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.nnfm import luminance
+from svv.core.images.nnfm import luminance
 from svv.errors import BadInput, Cancelled
-from svv.fields.networks import FieldSettings
-from svv.fields.scene import Scene
+from svv.fields.radiance.networks import FieldSettings
+from svv.fields.scene.scene import Scene
 from svv.options.making import MannerName, PaintOptions
 from svv.styles import weights
 from svv.styles.features import load_features
 from svv.train import config, pipeline
+from svv.train.base.resolutions import paint_resolutions
 from svv.train.config import Preset
-from svv.train.ink import StyleInput
-from svv.train.pieces import PieceSettings, PieceStyle, piece_style
+from svv.train.match.style_loss import StyleLossSettings, StyleTarget
+from svv.train.match.stylize import stylization_cameras, visible_from
+from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene
-from svv.train.resolutions import paint_resolutions
-from svv.train.style_loss import StyleLossSettings, StyleTarget
-from svv.train.stylize import stylization_cameras, visible_from
+from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_style
 from tests.balls import MATCHED, SHORT
 from tests.cube import hash_cube_scene
 
@@ -308,7 +308,7 @@ def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.
         sides.append(max(made.picture.shape[1:]))
         return made
 
-    monkeypatch.setattr("svv.train.pieces.piece_style", watched)
+    monkeypatch.setattr("svv.train.quilt.pieces.piece_style", watched)
     for stroke_size in (0.5, 2.0):
         style(scene, [picture], mapping={0: 0}, stroke_size=stroke_size)
     assert sides == [48, 192]

@@ -16,11 +16,11 @@ for package in ("h5py", "nibabel", "nrrd", "pydicom", "SimpleITK", "zarr"):
 
 from PIL import Image  # noqa: E402
 
-from svv.bricks.axes import Choice  # noqa: E402
+from svv.bricks.formats.axes import Choice  # noqa: E402
+from svv.bricks.formats.tiff import open_tiff  # noqa: E402
 from svv.bricks.opened import open_bricks  # noqa: E402
-from svv.bricks.tiff import open_tiff  # noqa: E402
-from svv.dvr.grids import to_array  # noqa: E402
-from svv.dvr.volumes import read_here, read_volume  # noqa: E402
+from svv.dvr.read.grids import to_array  # noqa: E402
+from svv.dvr.read.volumes import read_here, read_volume  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 
 V = (np.arange(40 * 32 * 24) % 200).reshape(40, 32, 24).astype(np.int16)

@@ -14,14 +14,14 @@ import torch
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.cli import app
-from svv.dvr.grids import from_array
-from svv.dvr.views import make_views
+from svv.dvr.draw.views import make_views
+from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
-from svv.fields.encodings import SparseLattice
-from svv.fields.following import at_step, at_time
-from svv.fields.joined import joined
-from svv.fields.networks import UnrestrictedField
-from svv.fields.scene import Scene
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.scene.joined import joined
+from svv.fields.scene.scene import Scene
+from svv.fields.values.followed_scene import at_step, at_time
 from svv.io.series_file import read_series
 from svv.job.series import Step, with_time_steps
 from svv.render.pictures import read_png

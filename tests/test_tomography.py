@@ -14,23 +14,23 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.box import Box
-from svv.core.cameras import Camera, look_at, sphere_cameras
-from svv.core.classified import grid_shape
-from svv.core.extinction import EMPTY_LOG_EXTINCTION
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera, look_at, sphere_cameras
+from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
+from svv.core.volumes.classified import grid_shape
 from svv.errors import Cancelled, silent
-from svv.fields.encodings import SparseLattice
-from svv.fields.networks import FieldSettings
-from svv.fields.occupancy import Occupancy, carve
-from svv.fields.rendering import RayCaster
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import FieldSettings
+from svv.fields.radiance.occupancy import Occupancy, carve
+from svv.fields.radiance.rendering import RayCaster
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
-from svv.kernels.numba_tomography import back_project, optical_depths
-from svv.train.beginning import begin
+from svv.train.base.first_extinction import begin
+from svv.train.base.tomography import Tomography, opaque_part, pixels_a_cell, reduced, smaller
+from svv.train.base.tomography_kernels import back_project, optical_depths
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
-from svv.train.tomography import Tomography, opaque_part, pixels_a_cell, reduced, smaller
 
 BOX = Box.of_bounds((-1, -1, -1), (1, 1, 1))
 SIZE = 64

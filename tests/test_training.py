@@ -12,22 +12,22 @@ import pytest
 import torch
 from torch import Tensor
 
-from svv.core.cameras import Camera, sphere_cameras
+from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields.image import image_kernels_of
-from svv.fields.model import JOINED_WEIGHT
-from svv.fields.networks import FieldSettings, PaletteField, UnrestrictedField
-from svv.fields.occupancy import carve
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.image import image_kernels_of
+from svv.fields.radiance.networks import FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.radiance.occupancy import carve
+from svv.fields.scene.model import JOINED_WEIGHT
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.train import pipeline
-from svv.train.checkpoint import Checkpoint
+from svv.train.base.resolutions import fitted_field
+from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings
-from svv.train.loop import Loop
+from svv.train.match.stylize import visible_from
 from svv.train.pipeline import stylize_scene, train_scene
-from svv.train.resolutions import fitted_field
-from svv.train.sampling import with_fewest_samples
-from svv.train.stylize import visible_from
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.loop import Loop
 
 SIZE = 64
 RED, BLUE = np.array([0.9, 0.1, 0.1]), np.array([0.1, 0.2, 0.9])
@@ -215,7 +215,7 @@ def test_images_of_the_kernels_are_those_of_plain_torch(
         scene = replace(scene, styled=styled, regions=regions)
     assert image_kernels_of(scene) is not None
     one = scene.render(front(), network)
-    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
     other = scene.render(front(), network)
     np.testing.assert_allclose(one.rgba, other.rgba, atol=2e-5)
     np.testing.assert_allclose(one.depth, other.depth, rtol=1e-5)
@@ -295,7 +295,7 @@ def test_time_limit_ends_a_training_and_still_gives_a_scene(views: ViewSet) -> N
 
 def test_a_loop_spends_its_limit_and_its_schedule_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = itertools.count()  # each look at it is a tenth of a second later
-    monkeypatch.setattr("svv.train.loop.time.monotonic", lambda: 0.1 * next(clock))
+    monkeypatch.setattr("svv.train.run.loop.time.monotonic", lambda: 0.1 * next(clock))
     fractions: list[float] = []
 
     def step(number: int, fraction: float) -> Tensor:

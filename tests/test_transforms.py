@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from svv.core.cameras import Camera, look_at, sphere_cameras
+from svv.core.geometry.cameras import Camera, look_at, sphere_cameras
 from svv.errors import BadInput
-from svv.io.camera_file import read_camera
-from svv.io.lenses import Lens, rectify
-from svv.io.transforms import transforms_file
-from svv.io.viewset import ViewSet, files_of
+from svv.io.views.camera_file import read_camera
+from svv.io.views.lenses import Lens, rectify
+from svv.io.views.transforms import transforms_file
+from svv.io.views.viewset import ViewSet, files_of
 from svv.job.source import ViewSource
 from tests.balls import two_balls
 

@@ -15,12 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import binary_dilation
 
-from svv.core.box import Box
-from svv.core.cells import leaps, widened
-from svv.fields import kernel_checks
-from svv.fields.encodings import SparseLattice
-from svv.fields.occupancy import Occupancy
-from svv.kernels import numba_kernels, reference
+from svv.core.geometry.box import Box
+from svv.core.rays.cells import leaps, widened
+from svv.fields.radiance import kernel_checks
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.occupancy import Occupancy
+from svv.kernels import reference
+from svv.kernels.numba import kernels as numba_kernels
 from tests.interpreted import GPU, triton_kernels
 
 CPU = torch.device("cpu")

@@ -59,7 +59,9 @@ def compile_all() -> None:
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
-    from svv.kernels import triton_networks, triton_rays, triton_tables
+    from svv.kernels.triton import networks as triton_networks
+    from svv.kernels.triton import rays as triton_rays
+    from svv.kernels.triton import tables as triton_tables
 
     blocks = {"network": triton_networks.FORWARD.block, "network_backward": triton_networks.BACKWARD.block}
     for name, values in [*KERNELS, *NETWORKS]:

@@ -15,26 +15,27 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.box import Box
-from svv.core.cameras import Camera
-from svv.core.marching import uniform as reference_uniform
-from svv.fields import kernel_checks
-from svv.fields.kernel_checks import march_rays, random_lattice, rays_through
-from svv.fields.networks import FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.region import Region
-from svv.fields.rendering import Marching, RayCaster
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
-from svv.kernels import dispatch, numba_kernels, reference
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera
+from svv.core.rays.marching import uniform as reference_uniform
+from svv.fields.radiance import kernel_checks
+from svv.fields.radiance.kernel_checks import march_rays, random_lattice, rays_through
+from svv.fields.radiance.networks import FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching, RayCaster
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
+from svv.kernels import dispatch, reference
 from svv.kernels.dispatch import CPU
-from svv.kernels.numba_marching import uniform as numba_uniform
+from svv.kernels.numba import kernels as numba_kernels
+from svv.kernels.numba.marching import uniform as numba_uniform
 from svv.kernels.types import Kernels, Limits
-from svv.train.beginning import Beginning
+from svv.train.base.first_extinction import Beginning
+from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import RecolourSettings, ReconstructSettings
-from svv.train.loop import Running
-from svv.train.recolour import recolour
-from svv.train.reconstruct import Reconstruction
+from svv.train.palette.recolour import recolour
+from svv.train.run.loop import Running
 from tests.interpreted import GPU, triton_kernels, triton_rays
 
 pytestmark = pytest.mark.usefixtures("all_threads")
@@ -206,7 +207,7 @@ def ball(camera: Camera) -> np.ndarray:
 
 
 def views_of_a_ball() -> ViewSet:
-    from svv.core.cameras import sphere_cameras
+    from svv.core.geometry.cameras import sphere_cameras
 
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, np.radians(20), 24)
     return ViewSet(tuple(cameras), np.stack([ball(c) for c in cameras]), tuple(map(str, range(12))))

@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from svv.job.ahead import ball_views
+from svv.job.compile_ahead import ball_views
 from svv.kernels import dispatch, reference
 from svv.kernels.types import Kernels
 from svv.train.config import changed, preset

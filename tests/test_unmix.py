@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.train.unmix import Unmixing
+from svv.train.palette.unmix import Unmixing
 
 ORANGE, AMBER, BLUE = (0.95, 0.45, 0.1), (0.95, 0.64, 0.1), (0.1, 0.35, 0.95)
 PALETTE = np.array([ORANGE, AMBER, BLUE])

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from svv.core.cameras import Camera
-from svv.core.phi_theta import paraview_rotations
-from svv.core.silhouettes import Silhouettes, best_fov, disagreement_of
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.phi_theta import paraview_rotations
+from svv.core.view_checks.silhouettes import Silhouettes, best_fov, disagreement_of
 from svv.io.cinema.placing import FINEST, MUCH_WORSE, cameras_about, first_of_each
 from svv.io.cinema.shot import Shot, fov_x, view_angle
 

@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from svv.core.cameras import CameraRig, sphere_cameras
-from svv.core.shading import Shading
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import CameraRig, sphere_cameras
 from svv.errors import BadInput
-from svv.io.view_meta import ViewMeta, VolumeGrid, known
-from svv.io.viewset import ViewSet, read_meta
+from svv.io.views.view_meta import ViewMeta, VolumeGrid, known
+from svv.io.views.viewset import ViewSet, read_meta
 from tests.any_json import any_json
 
 WHOLE: dict[str, object] = {

@@ -14,11 +14,11 @@ import pytest
 
 from svv.bench.stability.scenes import SCENES
 from svv.cli import app
-from svv.core.cameras import sphere_cameras
-from svv.dvr.views import make_views
+from svv.core.geometry.cameras import sphere_cameras
+from svv.dvr.draw.views import make_views
 from svv.errors import Cancelled
-from svv.io.equal_views import equal_views
-from svv.io.viewset import ViewSet
+from svv.io.views.equal_views import equal_views
+from svv.io.views.viewset import ViewSet
 from svv.job import steps
 from svv.options.arguments import add_arguments, options_of
 from svv.options.described import described

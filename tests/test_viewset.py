@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from svv.core.cameras import Camera, sphere_cameras
+from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled
-from svv.io.view_meta import ViewMeta
-from svv.io.viewset import ViewSet, files_of
+from svv.io.views.view_meta import ViewMeta
+from svv.io.views.viewset import ViewSet, files_of
 
 META = ViewMeta(bounds=((0, 1, 2), (3, 4, 5)), other={"of": "the test"})
 

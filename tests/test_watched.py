@@ -6,7 +6,7 @@ import weakref
 
 from vtkmodules.vtkCommonCore import vtkObject
 
-from svv.pv.watched import Watched
+from svv.pv.client.observers import Watched
 
 
 class Thing:

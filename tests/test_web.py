@@ -16,13 +16,13 @@ import torch
 from typer.testing import CliRunner
 
 from svv.cli.app import app
-from svv.core.cameras import Camera
-from svv.core.encodings import spherical_harmonics
-from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
+from svv.core.geometry.cameras import Camera
+from svv.core.rays.encodings import spherical_harmonics
+from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import BadInput
-from svv.fields.networks import PaletteField, UnrestrictedField
-from svv.fields.region import Region
-from svv.fields.scene import Scene
+from svv.fields.radiance.networks import PaletteField, UnrestrictedField
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
 from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
 from svv.render.web.harmonics import geometry_at
 from svv.render.web.page import write_html

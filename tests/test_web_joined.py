@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from svv.core.box import Box
-from svv.core.cameras import Camera
-from svv.fields.joined import joined
-from svv.fields.scene import Scene
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera
+from svv.fields.scene.joined import joined
+from svv.fields.scene.scene import Scene
 from svv.render.notebook import _edited
 from svv.render.web.page import html_of, numbers_of, paintings_of, write_html
 from tests.browser import LARGEST, Opened

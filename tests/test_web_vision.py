@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from svv.core.colour_vision import simulated
-from svv.fields.scene import Scene
+from svv.core.colour.colour_vision import simulated
+from svv.fields.scene.scene import Scene
 from svv.render.web.page import write_html
 
 CLOSE = 32.0

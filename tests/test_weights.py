@@ -17,7 +17,7 @@ from safetensors.torch import load_file, save_file
 
 from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled
-from svv.io import fetch
+from svv.io.files import fetch
 from svv.styles import weight_files, weights
 from svv.styles.features import PatchFeatures, VggFeatures, load_features
 from svv.styles.weight_files import ALEXNET_LAYERS, VGG16_LAYERS, State, content_sha256, read_arrays

@@ -16,11 +16,11 @@ pytest.importorskip("anywidget", reason="the widget needs anywidget: install svv
 from IPython.core.formatters import DisplayFormatter
 
 import svv
-from svv.core.cameras import CameraRig
-from svv.core.colour import over
+from svv.core.colour.colour import over
+from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput
-from svv.fields.joined import joined
-from svv.fields.scene import Scene
+from svv.fields.scene.joined import joined
+from svv.fields.scene.scene import Scene
 from svv.render.dataset import dataset_of
 from svv.render.notebook import SceneWidget, _edited
 from tests.browser import Opened

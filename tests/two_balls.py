@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from svv.core.cameras import Camera, CameraRig
-from svv.fields.scene import Rendering
+from svv.core.geometry.cameras import Camera, CameraRig
+from svv.fields.scene.scene import Rendering
 
 
 def two_balls(camera: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 

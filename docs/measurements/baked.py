@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from svv.core.cameras import Camera
-from svv.core.colour import over
-from svv.core.shading import Shading
-from svv.dvr.grids import as_volume, to_array
-from svv.dvr.mappers import CpuMapper
-from svv.dvr.stage import set_stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.volumes import read_volume
-from svv.fields.scene import Scene
+from svv.core.colour.colour import over
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera
+from svv.dvr.draw.casters import CpuMapper
+from svv.dvr.draw.frame import set_stage
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import as_volume, to_array
+from svv.dvr.read.volumes import read_volume
+from svv.fields.scene.scene import Scene
 from svv.options.baking import BakeOptions
-from svv.render.baked import Baker
+from svv.render.baking.baked import Baker
 from svv.render.frames import orbit
 from tests.baked_views import BakedCaster
 from tests.stirred_volume import stirred_transfer_function, stirred_volume

@@ -13,7 +13,7 @@ import numpy as np
 from paraview import simple
 from PIL import Image
 
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.pv.scripts import camera_of_view, open_volume
 
 SIZE, ROUNDS = 400, 5

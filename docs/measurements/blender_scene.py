@@ -25,8 +25,8 @@ def in_svv(scene_file: str, folder: Path, compare: bool) -> None:
     from PIL import Image
 
     import svv
-    from svv.core.colour import over
-    from svv.io.atomic import write_json
+    from svv.core.colour.colour import over
+    from svv.io.files.atomic import write_json
 
     if compare:
         ours, theirs = (

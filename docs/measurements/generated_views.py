@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 
 from svv.bricks.generated import GeneratedSource
-from svv.dvr.large import LargeVolume
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.dvr.draw.large import LargeVolume
+from svv.dvr.draw.views import make_views
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.measure import measured
 
 SHELLS = (

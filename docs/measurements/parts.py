@@ -20,17 +20,17 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import distance_transform_cdt
 
-from svv.core.cameras import Camera
-from svv.core.colour import over
-from svv.core.components import large, least_opacity, nearest_piece, pieces
-from svv.core.metrics import psnr
-from svv.dvr.grids import as_volume, from_array, index_to_world, to_array
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
-from svv.dvr.volumes import read_volume
-from svv.fields.scene import Scene
-from svv.io.output import to_bytes
-from svv.io.viewset import ViewSet
+from svv.core.colour.colour import over
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.components import large, least_opacity, nearest_piece, pieces
+from svv.core.images.metrics import psnr
+from svv.dvr.draw.views import make_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import as_volume, from_array, index_to_world, to_array
+from svv.dvr.read.volumes import read_volume
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import to_bytes
+from svv.io.views.viewset import ViewSet
 from svv.options.editing import SPLIT_LEVEL
 from svv.render.frames import orbit
 

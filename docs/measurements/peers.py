@@ -104,8 +104,8 @@ def nerfacto(folder: Path, seconds: float, out: Path) -> None:
 
 def ours(folder: Path, seconds: float, out: Path) -> None:
     """Train with ``svv train``, kernels compiled, and render with the palette network."""
-    from svv.fields.scene import Scene
-    from svv.io.viewset import ViewSet
+    from svv.fields.scene.scene import Scene
+    from svv.io.views.viewset import ViewSet
 
     path, begun = out / "ours.svv", time.perf_counter()
     command = [sys.executable, "-m", "svv", "train", folder, "--out", path, "--preset", "fast"]

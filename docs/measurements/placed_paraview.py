@@ -14,7 +14,7 @@ from baked_paraview import EYES, SIZE, drawn, place
 from paraview import simple
 from PIL import Image
 
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.pv.scripts import camera_of_view
 
 ROUNDS = 15

@@ -18,12 +18,12 @@ import numpy as np
 import torch
 import torch.distributed as dist
 
-from svv.core.cameras import sphere_cameras
-from svv.io.viewset import ViewSet
-from svv.train import ranks
+from svv.core.geometry.cameras import sphere_cameras
+from svv.io.views.viewset import ViewSet
+from svv.train.base.reconstruct import Reconstruction
+from svv.train.palette.recolour import Recolouring
 from svv.train.pipeline import train_scene
-from svv.train.recolour import Recolouring
-from svv.train.reconstruct import Reconstruction
+from svv.train.run import ranks
 from tests.ranked import fog
 
 STEPS = 120

@@ -24,7 +24,7 @@ def seconds(path: Path, sizes: list[int]) -> list[float]:
     """Draw a scene's front with the threads that the environment sets; return the seconds of each size."""
     import time
 
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.render.frames import orbit
 
     scene, found = Scene.load(path), []

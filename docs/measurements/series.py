@@ -20,13 +20,13 @@ from skimage.registration import optical_flow_tvl1
 from skimage.transform import warp
 from values import flow
 
-from svv.core.colour import WHITE, over
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views, render_views
-from svv.fields.following import at_step
-from svv.fields.joined import joined
-from svv.fields.scene import Scene
-from svv.io.images import read_style
+from svv.core.colour.colour import WHITE, over
+from svv.dvr.draw.views import make_views, render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.fields.scene.joined import joined
+from svv.fields.scene.scene import Scene
+from svv.fields.values.followed_scene import at_step
+from svv.io.pictures.style_picture import read_style
 from svv.job.series import Step, with_time_steps
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import stylize_scene, train_scene

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.grids import from_array
-from svv.dvr.views import make_views
-from svv.io.viewset import ViewSet
+from svv.dvr.draw.views import make_views
+from svv.dvr.read.grids import from_array
+from svv.io.views.viewset import ViewSet
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from tests.stirred_volume import stirred_transfer_function, stirred_volume

@@ -14,12 +14,12 @@ from statistics import median
 
 import numpy as np
 
-from svv.core.cameras import Camera, sphere_cameras
-from svv.core.shading import Shading
-from svv.dvr.stage import set_stage
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import open_caster
-from svv.fields.scene import Scene
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera, sphere_cameras
+from svv.dvr.draw.frame import set_stage
+from svv.dvr.draw.views import open_caster
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.fields.scene.scene import Scene
 from svv.render.frames import orbit
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 

@@ -20,9 +20,9 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from svv.core.colour import over
-from svv.fields.scene import Scene
-from svv.io.output import to_bytes
+from svv.core.colour.colour import over
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import to_bytes
 from svv.render.web.page import write_html
 from tests.browser import LARGEST, Opened, browser
 

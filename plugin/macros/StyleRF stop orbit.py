@@ -1,5 +1,5 @@
 """Let the animation show the data's time again."""
 
-from svv.pv.orbit import stop_orbit
+from svv.pv.client.orbit import stop_orbit
 
 stop_orbit()

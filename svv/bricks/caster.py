@@ -17,8 +17,8 @@ from svv.bricks import marching
 from svv.bricks.marching import BLOCKS, BRICK, EMPTY, UNKNOWN, VOXELS
 from svv.bricks.numbers import Numbers
 from svv.bricks.source import Box, Source
-from svv.core.cameras import Camera
-from svv.core.shading import Shading
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera
 
 Array = NDArray[np.float64]
 

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
-from svv.bricks.axes import Choice
-from svv.bricks.chunked import is_zarr, open_hdf5, open_zarr
-from svv.bricks.dicom import is_dicom, open_dicom
-from svv.bricks.mapped import mapped, open_npy, open_vti, raw_layout
-from svv.bricks.meta_image import meta_header
-from svv.bricks.nifti import nifti_header
-from svv.bricks.nrrd import nrrd_header
+from svv.bricks.formats.axes import Choice
+from svv.bricks.formats.chunked import is_zarr, open_hdf5, open_zarr
+from svv.bricks.formats.dicom import is_dicom, open_dicom
+from svv.bricks.formats.mapped import mapped, open_npy, open_vti, raw_layout
+from svv.bricks.formats.meta_image import meta_header
+from svv.bricks.formats.nifti import nifti_header
+from svv.bricks.formats.nrrd import nrrd_header
+from svv.bricks.formats.stored import Stored
+from svv.bricks.formats.tiff import open_tiff
 from svv.bricks.source import Level, Source, level_of
-from svv.bricks.stored import Stored
-from svv.bricks.tiff import open_tiff
 from svv.errors import BadInput
 
 HDF5 = (".h5", ".hdf5", ".he5")

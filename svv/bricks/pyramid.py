@@ -19,12 +19,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from svv.bricks.mapped import MappedSource, mapped
+from svv.bricks.formats.mapped import MappedSource, mapped
 from svv.bricks.opened import data_files
 from svv.bricks.source import Box, Level, Source
 from svv.errors import BadInput, Progress
-from svv.io.atomic import atomic_path, cannot_write, make_folder, sync_folder
-from svv.io.cache import Cache, bytes_in, cache_folder
+from svv.io.files.atomic import atomic_path, cannot_write, make_folder, sync_folder
+from svv.io.files.cache import Cache, bytes_in, cache_folder
 
 BOUND = 50_000_000_000
 """Maximum size of all pyramids in bytes unless ``SVV_PYRAMIDS_SIZE`` is set; a pyramid has a seventh of its volume."""

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from svv.bricks.meta_image import META_TYPES
+from svv.bricks.formats.meta_image import META_TYPES
 from svv.bricks.source import Source
 from svv.errors import Progress
-from svv.io.atomic import atomic_path
+from svv.io.files.atomic import atomic_path
 
 SLAB_BYTES = 32 << 20
 """Approximate size of what is written at a time."""

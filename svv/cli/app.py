@@ -21,13 +21,13 @@ import typer
 from typer.core import TyperGroup
 
 from svv._version import __version__
-from svv.cli import paraview
+from svv.cli.commands import paraview
 from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
-from svv.io.locks import alone
-from svv.io.memory import check_address_space
-from svv.train.ranks import place
+from svv.io.files.locks import alone
+from svv.io.files.memory import check_address_space
+from svv.train.run.ranks import place
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": (

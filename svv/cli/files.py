@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 from svv.progress import duration
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
 
 
 def check_targets(*paths: Path | None) -> None:
     """Check before minutes of work that the results can be written; raises BadInput otherwise."""
-    from svv.io.atomic import check_writable
+    from svv.io.files.atomic import check_writable
 
     for path in paths:
         if path is not None:
@@ -22,7 +22,7 @@ def check_targets(*paths: Path | None) -> None:
 
 def load(path: Path, device: str = "cpu") -> Scene:
     """Read a scene onto a device; raises BadInput if either is not available."""
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.kernels.dispatch import device_named
 
     where = device_named(device)
@@ -31,7 +31,7 @@ def load(path: Path, device: str = "cpu") -> Scene:
 
 def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
     """Save a trained scene and the report of its training, then delete the checkpoint."""
-    from svv.io.atomic import write_json
+    from svv.io.files.atomic import write_json
     from svv.io.scene_file import remove_checkpoints
 
     scene.save(out)

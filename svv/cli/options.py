@@ -147,7 +147,7 @@ def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
 
 
 def parse_light(text: str) -> dict[str, object]:
-    """Return 'headlight', '40,20' or '1,0,0' as arguments of :meth:`svv.fields.edits.EditedModel.with_light`.
+    """Return 'headlight', '40,20' or '1,0,0' as arguments of :meth:`svv.fields.scene.edits.EditedModel.with_light`.
 
     Two numbers are degrees to the right of the camera and above it; three are a direction in the world.
 
@@ -178,7 +178,7 @@ def parse_stroke_light(text: str, option: str) -> tuple[float, ...]:
     Raises:
         BadInput: The text has another form.
     """
-    from svv.core.light import direction_of
+    from svv.core.colour.light import direction_of
 
     if text == "own":
         return ()

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.grids import from_array
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]

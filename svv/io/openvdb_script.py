@@ -1,8 +1,9 @@
 """A program for any Python that has OpenVDB's module: writes grids from NumPy files. It needs nothing of svv.
 
 OpenVDB comes with a system or with Blender, seldom with the Python that runs svv, whose NumPy it may not fit; so
-:mod:`svv.render.openvdb` runs this file. Arguments: a folder with ``density.npy`` float32 (X, Y, Z), ``colour.npy``
-float32 (X, Y, Z, 3) and ``told.json`` (``origin`` and ``spacing`` of the points in world units), and the file to write.
+:mod:`svv.render.baking.openvdb` runs this file. Arguments: a folder with ``density.npy`` float32 (X, Y, Z),
+``colour.npy`` float32 (X, Y, Z, 3) and ``told.json`` (``origin`` and ``spacing`` of the points in world units), and the
+file to write.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ from safetensors.numpy import load, save
 
 from svv.core.json_values import list_in, parsed, whole_in
 from svv.errors import BadInput
-from svv.io.atomic import atomic_path, to_json
-from svv.io.declared import MOST_INFLATED, check_fits
+from svv.io.files.atomic import atomic_path, to_json
+from svv.io.files.declared_sizes import MOST_INFLATED, check_fits
 
 FORMAT_VERSION = 3
 """Incremented whenever an older program can no longer read a newer file, or the other way round."""
@@ -71,7 +71,7 @@ def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str
         tensors: Arrays of bool, integer or float type (including float16) and any shape.
 
     Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
     """
     content = scene_bytes(header, tensors, deflate=True)
     with atomic_path(path) as temporary:

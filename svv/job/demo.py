@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from svv.errors import BadInput, Progress, silent
-from svv.io.atomic import atomic_path, write_json
-from svv.io.output import write_png
+from svv.io.files.atomic import atomic_path, write_json
+from svv.io.pictures.output import write_png
 from svv.job.run import check, run_job
 from svv.job.source import VolumeSource
 from svv.job.stages import Show, Stages, unseen

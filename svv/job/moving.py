@@ -10,8 +10,8 @@ from scipy.ndimage import map_coordinates
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.differences import above
-from svv.core.matter import CELLS, Field, came_from, small
-from svv.dvr.grids import index_to_world, to_array
+from svv.core.geometry.displacement import CELLS, Field, came_from, small
+from svv.dvr.read.grids import index_to_world, to_array
 
 MOST_KNOWN = 32
 """Maximum number of times whose displacements are kept."""
@@ -27,7 +27,7 @@ class Moving:
         """Begin with the time at which the volume was painted.
 
         Args:
-            image: The volume at that time (see :func:`svv.dvr.grids.as_volume`).
+            image: The volume at that time (see :func:`svv.dvr.read.grids.as_volume`).
             interval: Values between which it shows something.
             time: The time.
         """

@@ -13,7 +13,7 @@ from urllib.parse import quote
 from PIL import Image
 
 from svv._version import __version__
-from svv.io.atomic import atomic_path
+from svv.io.files.atomic import atomic_path
 from svv.progress import duration
 
 JPEG_QUALITY = 90
@@ -78,7 +78,7 @@ def write_page(path: Path, page: Page) -> None:
     """Write the page atomically.
 
     Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
     """
     body = [
         f"<header><h1>{escape(page.title)}</h1><p>{escape(page.text)}</p></header>",

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from svv.core.colour import to_hex
+from svv.core.colour.colour import to_hex
 from svv.core.interval_text import interval_text
-from svv.fields.scene import Scene
-from svv.io.view_meta import ViewMeta, known
-from svv.io.viewset import read_meta
+from svv.fields.scene.scene import Scene
+from svv.io.views.view_meta import ViewMeta, known
+from svv.io.views.viewset import read_meta
 from svv.job.page import Page, Picture, Table, cost_table, write_page
 from svv.job.source import Drawn, ViewSource
 from svv.job.steps import Job
@@ -47,7 +47,7 @@ def write_result(path: Path, job: Job) -> None:
     """Write the page of a finished job.
 
     Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
     """
     scene = Scene.load(job.variants.get("styled", ("", None))[1] or job.scene)
     training, styling = _read(job, "train", "train.json"), _read(job, "stylize", "stylize.json")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from svv.io.images import read_style
+from svv.io.pictures.style_picture import read_style
 from svv.job.result import write_result
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Show, Stages, unseen

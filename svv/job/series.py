@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.box import Box
-from svv.core.classified import COARSE, ValueGrid
+from svv.core.geometry.box import Box
+from svv.core.geometry.displacement import came_from, small
 from svv.core.interval_text import interval_text
-from svv.core.matter import came_from, small
-from svv.dvr.series import beyond, values_over, visible_bounds
-from svv.dvr.transfer_functions import TransferFunction
+from svv.core.volumes.classified import COARSE, ValueGrid
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.time_series import beyond, values_over, visible_bounds
 from svv.errors import BadInput, Progress, part, silent
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Scene
-    from svv.fields.time_steps import TimeSteps
+    from svv.fields.scene.scene import Scene
+    from svv.fields.values.time_steps import TimeSteps
 
 SAME = 0.995
 """Fraction of a grid's values that agree if a scene was trained on a volume."""
@@ -37,7 +37,7 @@ class Step:
     """Its name in messages."""
     time: float
     read: Callable[[], Any]
-    """Returns the volume, a vtkImageData as from :func:`svv.dvr.grids.as_volume`."""
+    """Returns the volume, a vtkImageData as from :func:`svv.dvr.read.grids.as_volume`."""
 
 
 def with_time_steps(
@@ -55,8 +55,8 @@ def with_time_steps(
         BadInput: The scene is not one of these, or was trained on none of the steps; a volume cannot be read; or times
             are equal.
     """
-    from svv.fields.following import at_step, check_follows
-    from svv.fields.joined import members
+    from svv.fields.scene.joined import members
+    from svv.fields.values.followed_scene import at_step, check_follows
 
     if function is not None and not function.placed:
         raise BadInput(
@@ -105,7 +105,7 @@ def _survey(
     scene: Scene, steps: Sequence[Step], functions: Sequence[TransferFunction], progress: Progress
 ) -> tuple[int, NDArray[np.float64], list[str]]:
     """Return which step the scene was trained on, the bounds of all that is visible (2, 3), and notes."""
-    from svv.fields.joined import members
+    from svv.fields.scene.joined import members
 
     known = _own(scene)
     codes, own, notes = known.grid(known.own, (0.0, 1.0)).codes.astype(np.int32), None, []
@@ -159,7 +159,7 @@ def _grids(
     steps: Sequence[Step], own: int, over: tuple[Box, int, tuple[float, float]], progress: Progress
 ) -> TimeSteps:
     """Return the values of all steps over a box, and where their matter was in the own step."""
-    from svv.fields.time_steps import TimeSteps, packed_codes
+    from svv.fields.values.time_steps import TimeSteps, packed_codes
 
     (box, cells, interval), count = over, len(steps)
     codes: list[Any] = [None] * count
@@ -186,7 +186,7 @@ def _packed_moves(moved: NDArray[np.float32], box: Box, shape: tuple[int, ...]) 
     """Return displacements in cells of their grid (3, X, Y, Z) as the scene's file keeps them."""
     from scipy.ndimage import gaussian_filter, zoom
 
-    from svv.fields.time_steps import move_shape, packed_moves
+    from svv.fields.values.time_steps import move_shape, packed_moves
 
     wanted = move_shape((shape[0], shape[1], shape[2]))
     factors = [a / b for a, b in zip(wanted, moved.shape[1:])]

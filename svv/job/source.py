@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.bricks.opened import data_files
-from svv.core.cameras import Camera
+from svv.core.geometry.cameras import Camera
 from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.cinema.table import read_table
 from svv.io.cinema.views import read_database
-from svv.io.drawn_views import DrawnViews
-from svv.io.made import key_of
-from svv.io.transforms import transforms_file
-from svv.io.view_meta import ViewMeta, known
-from svv.io.viewset import CLASSIFIED, ViewSet, files_of, read_meta
+from svv.io.files.keyed_results import key_of
+from svv.io.views.drawn_views import DrawnViews
+from svv.io.views.transforms import transforms_file
+from svv.io.views.view_meta import ViewMeta, known
+from svv.io.views.viewset import CLASSIFIED, ViewSet, files_of, read_meta
 from svv.job.stages import fingerprint
 from svv.options.described import chosen
 from svv.options.making import ViewOptions
@@ -41,14 +41,14 @@ class Drawn(ABC):
 
     @abstractmethod
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
-        """Return the volume, a ``vtkImageData``, or a large one to be drawn by bricks (:mod:`svv.dvr.large`)."""
+        """Return the volume, a ``vtkImageData``, or a large one to be drawn by bricks (:mod:`svv.dvr.draw.large`)."""
 
     @abstractmethod
     def how(self) -> dict[str, Any]:
-        """Return arguments of :func:`svv.dvr.views.make_views`: ``tf``, and any others that the source requires."""
+        """Return arguments of :func:`svv.dvr.draw.views.make_views`: ``tf``, and any others that the source requires."""
 
     def make_views(self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE) -> ViewMeta:
-        """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
+        """Draw the views into a folder; see :func:`svv.dvr.draw.views.make_views`.
 
         Views are kept in the folder while they are drawn, so an interrupted drawing goes on, and several processes can
         share it.
@@ -67,8 +67,8 @@ class Drawn(ABC):
         return train.meta
 
     def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
-        """Draw the training and test views; see :func:`svv.dvr.views.make_views`."""
-        from svv.dvr.views import make_views
+        """Draw the training and test views; see :func:`svv.dvr.draw.views.make_views`."""
+        from svv.dvr.draw.views import make_views
 
         reading, drawing = part(progress, 0.0, 0.3), part(progress, 0.3, 1.0)
         found: list[Any] = []
@@ -94,9 +94,9 @@ class Drawn(ABC):
         return self.render(read_meta(views), cameras, progress)
 
     def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
-        """Render the volume as views with these metadata were drawn; see :func:`svv.dvr.views.render_views`."""
-        from svv.dvr.transfer_functions import TransferFunction
-        from svv.dvr.views import render_views
+        """Render the volume as views with these metadata were drawn; see :func:`svv.dvr.draw.views.render_views`."""
+        from svv.dvr.draw.views import render_views
+        from svv.dvr.functions.transfer_functions import TransferFunction
 
         tf, mapper = TransferFunction.from_dict(known(meta.tf, "tf")), known(meta.mapper, "mapper")
         return render_views(self.image(mapper), tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
@@ -104,7 +104,7 @@ class Drawn(ABC):
 
 @dataclass(frozen=True)
 class VolumeSource(Drawn):
-    """A volume file and a transfer function; other fields as in :func:`svv.dvr.volumes.read_volume`."""
+    """A volume file and a transfer function; other fields as in :func:`svv.dvr.read.volumes.read_volume`."""
 
     volume: Path
     tf: Path | None = None
@@ -117,7 +117,8 @@ class VolumeSource(Drawn):
     time: int | None = None
     resample_to: int | None = None
     rescale: bool | None = None
-    """Whether to stretch the function over the data; see :meth:`svv.dvr.transfer_functions.TransferFunction.fitted`."""
+    """Whether to stretch the function over the data; see
+    :meth:`svv.dvr.functions.transfer_functions.TransferFunction.fitted`."""
 
     @property
     def name(self) -> str:
@@ -149,7 +150,7 @@ class VolumeSource(Drawn):
 
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
         """Read the volume, or open it to be drawn by bricks."""
-        from svv.dvr.large import open_volume
+        from svv.dvr.draw.large import open_volume
 
         return open_volume(
             self.volume, self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress,

@@ -14,8 +14,8 @@ from typing import Any
 
 from svv.core.json_values import parsed
 from svv.errors import Progress, silent
-from svv.io.atomic import make_folder, write_json
-from svv.io.made import key_of
+from svv.io.files.atomic import make_folder, write_json
+from svv.io.files.keyed_results import key_of
 from svv.measure import give_memory_back, measured
 
 READ_WHOLE = 1 << 30

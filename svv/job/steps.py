@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.errors import Progress, part
-from svv.io.atomic import make_folder, write_json
-from svv.io.images import read_style
-from svv.io.output import write_mp4, write_png, write_region_png
+from svv.io.files.atomic import make_folder, write_json
+from svv.io.pictures.output import write_mp4, write_png, write_region_png
+from svv.io.pictures.style_picture import read_style
 from svv.io.scene_file import checkpoint_of, remove_checkpoints
-from svv.io.transforms import transforms_file
-from svv.io.viewset import ViewSet
+from svv.io.views.transforms import transforms_file
+from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
 from svv.options.described import chosen
@@ -30,7 +30,7 @@ from svv.render.frames import orbit, region_colours, write_frames
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
 
 HUE_TURN = 0.42
 """Fraction of the hue circle by which the recoloured orbit turns each region: enough to be obvious."""
@@ -76,7 +76,7 @@ class Job:
 
     def scene_at(self, path: Path) -> Scene:
         """Load a scene onto the device given in the settings."""
-        from svv.fields.scene import Scene
+        from svv.fields.scene.scene import Scene
         from svv.kernels.dispatch import device_named
 
         return Scene.load(path).on(device_named(self.settings.train.device))
@@ -163,7 +163,7 @@ class Job:
 
     def recolour(self) -> None:
         """Shift the hue of every region."""
-        from svv.fields.scene import Scene
+        from svv.fields.scene.scene import Scene
 
         path = self.out / "recoloured.svv"
 
@@ -178,7 +178,7 @@ class Job:
 
     def stylize(self) -> None:
         """Paint the regions in the manner of the styles."""
-        from svv.train.ink import StyleInput
+        from svv.train.paint.ink import StyleInput
         from svv.train.pipeline import stylize_scene
 
         options, path = self.settings.paint, self.out / "styled.svv"

@@ -1,8 +1,8 @@
 """Whether the GPU can be used here, and why not: its driver, its memory, and a check of the kernels on its first use.
 
-The check compares every kernel with plain torch, in value and gradient (:mod:`svv.fields.gpu_check`). It takes about
-25 seconds, once: its result is kept for this card, driver, versions and code. It runs in a process of its own, because
-a fault in a kernel makes all further work of its process on the GPU fail.
+The check compares every kernel with plain torch, in value and gradient (:mod:`svv.fields.radiance.gpu_check`). It takes
+about 25 seconds, once: its result is kept for this card, driver, versions and code. It runs in a process of its own,
+because a fault in a kernel makes all further work of its process on the GPU fail.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from pathlib import Path
 import torch
 
 from svv.errors import BadInput
-from svv.io.cache import cache_folder
-from svv.io.made import digest, key_of, read_record, write_record
+from svv.io.files.cache import cache_folder
+from svv.io.files.keyed_results import digest, key_of, read_record, write_record
 
 CHECK = """import sys
 sys.path[:] = {paths!r}
-from svv.fields.gpu_check import main
+from svv.fields.radiance.gpu_check import main
 main()
 """
 """Program that checks the GPU, for python and pvpython."""

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from svv.core import cells, encodings, marching
-from svv.core.compositing import composite_samples
-from svv.core.encodings import hash_corners, hash_features, lattice_corners, lattice_features
-from svv.core.networks import relu_layers
-from svv.core.representatives import representatives as chosen
+from svv.core.rays import cells, encodings, marching
+from svv.core.rays.compositing import composite_samples
+from svv.core.rays.encodings import hash_corners, hash_features, lattice_corners, lattice_features
+from svv.core.rays.networks import relu_layers
+from svv.core.rays.representatives import representatives as chosen
 from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
 NAME = "reference"

@@ -20,12 +20,12 @@ class Lattice:
     bases: Tensor
     """First word of each level in ``index``, and the last row but one, which no look-up exceeds, int64. (L + 1,)"""
     index: Tensor
-    """Which vertices are stored, and in which rows, int64; see :func:`svv.core.encodings.stored_rows`."""
+    """Which vertices are stored, and in which rows, int64; see :func:`svv.core.rays.encodings.stored_rows`."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits that decide which samples a march keeps; see :class:`svv.fields.rendering.Marching`."""
+    """Limits that decide which samples a march keeps; see :class:`svv.fields.radiance.rendering.Marching`."""
 
     step: float
     """Sample spacing in box units."""
@@ -68,9 +68,9 @@ class Samples:
 class Surface:
     """Appearance of samples before lighting.
 
-    ``raw`` (S, 1 + 4 P): output of the palette MLP (:func:`svv.core.palette_shading.material`); ``region`` (S,) int64:
-    number of the largest palette weight, or of the part that it belongs to; ``colour`` (S, 3): diffuse colour, until
-    :meth:`ImageKernels.light` or :meth:`ImageKernels.phong` lights it.
+    ``raw`` (S, 1 + 4 P): output of the palette MLP (:func:`svv.core.colour.palette_shading.material`); ``region`` (S,)
+    int64: number of the largest palette weight, or of the part that it belongs to; ``colour`` (S, 3): diffuse colour,
+    until :meth:`ImageKernels.light` or :meth:`ImageKernels.phong` lights it.
     """
 
     raw: Tensor
@@ -81,15 +81,15 @@ class Surface:
 class ImageKernels(Protocol):
     """Everything but the networks in an image of a palette scene, without gradients.
 
-    Each function is one pass over the samples. :mod:`svv.core.palette_shading`, :mod:`svv.core.light` and
-    :mod:`svv.core.compositing` define the results in plain torch. Letters as in :class:`Kernels`, and P palette
+    Each function is one pass over the samples. :mod:`svv.core.colour.palette_shading`, :mod:`svv.core.colour.light` and
+    :mod:`svv.core.rays.compositing` define the results in plain torch. Letters as in :class:`Kernels`, and P palette
     colours, H spherical harmonics.
     """
 
     def ended(self, samples: Samples) -> tuple[Tensor, Tensor]:
         """Return extinction (S,) and ``tail`` (R,) with the depth behind each ray's last sample as part of that sample.
 
-        See :func:`svv.fields.rendering.ended`.
+        See :func:`svv.fields.radiance.rendering.ended`.
         """
 
     def features(self, samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
@@ -99,31 +99,31 @@ class ImageKernels(Protocol):
         """
 
     def material(self, raw: Tensor, colours: Tensor) -> Surface:
-        """Apply equation 4 without light (:mod:`svv.core.palette_shading`) to (S, 1 + 4 P) and palette (P, 3)."""
+        """Apply equation 4 without light (:mod:`svv.core.colour.palette_shading`) to (S, 1 + 4 P) and palette (P, 3)."""
 
     def overpaint(self, surface: Surface, paint: Tensor, share: Tensor, strokes: Tensor, sigma: Tensor) -> Tensor:
         """Blend paint (S, 3) into the surface's colour in place, and return the extinction that follows its strokes.
 
         ``share`` (regions,): weight of each region's paint in [0, 1]; ``strokes`` (regions, 4): how its extinction
-        depends on brightness (:func:`svv.fields.stroke_opacity.strokes_of`); ``sigma`` (S,): extinction before.
+        depends on brightness (:func:`svv.fields.strokes.stroke_opacity.strokes_of`); ``sigma`` (S,): extinction before.
         """
 
     def light(self, surface: Surface, raw: Tensor, lights: Tensor) -> None:
         """Light the surface's colour in place with the output of the lighting MLP, ``raw`` (S, 1 or 2).
 
-        ``lights`` (regions, 3): f, a and b of each region; see :func:`svv.core.palette_shading.lit`.
+        ``lights`` (regions, 3): f, a and b of each region; see :func:`svv.core.colour.palette_shading.lit`.
         """
 
     def phong(
         self, surface: Surface, samples: Samples, beams: tuple[Tensor, Tensor, float], lattice: Lattice, table: Tensor,
         coefficients: Tensor, lights: Tensor,
     ) -> None:  # fmt: skip
-        """Light the surface's colour in place with an explicit light (:func:`svv.core.light.blinn_phong`).
+        """Light the surface's colour in place with an explicit light (:func:`svv.core.colour.light.blinn_phong`).
 
         ``beams``: unit vectors of rays towards the viewer and the light, (R, 3) each, and the light's intensity;
-        ``table`` (V, 3): normals in the form that :func:`svv.core.light.normals_of` takes; ``coefficients``: those of
-        the palette's colours, (P, 4) or for each sample (S, P, 4), mixed by the palette weights; ``lights``: as in
-        :meth:`light`.
+        ``table`` (V, 3): normals in the form that :func:`svv.core.colour.light.normals_of` takes; ``coefficients``:
+        those of the palette's colours, (P, 4) or for each sample (S, P, 4), mixed by the palette weights; ``lights``:
+        as in :meth:`light`.
         """
 
     def composite(
@@ -132,7 +132,7 @@ class ImageKernels(Protocol):
     ) -> None:  # fmt: skip
         """Composite rays into ``images``: straight RGBA (R, 4), depth (R,) and region (R,) int16.
 
-        Pixels whose alpha does not exceed :data:`svv.core.compositing.LEAST_ALPHA` are unchanged. ``opacity``
+        Pixels whose alpha does not exceed :data:`svv.core.rays.compositing.LEAST_ALPHA` are unchanged. ``opacity``
         (regions,) scales each region's extinction. A pixel's region is the one with most of its weight. Depth is
         measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in world units.
         """
@@ -185,7 +185,7 @@ class Kernels(Protocol):
     ) -> tuple[Tensor, Tensor]:
         """Return origins and unit directions (R, 3) of rays through flat pixel indices (R,) int64.
 
-        ``cameras``: rotations (N, 3, 3), positions (N, 3) and lenses (N, 4); see :mod:`svv.kernels.numba_rays`.
+        ``cameras``: rotations (N, 3, 3), positions (N, 3) and lenses (N, 4); see :mod:`svv.kernels.numba.rays`.
         """
 
     def pixels_in_sight(
@@ -202,7 +202,7 @@ class Kernels(Protocol):
         self, origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
         lattice: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int, first_ray: int = 0,
     ) -> tuple[Samples, int]:  # fmt: skip
-        """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba_marching`).
+        """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba.marching`).
 
         ``distance`` (8, X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
         extinction; ``room``: initial buffer size in samples per ray; ``first_ray``: number of the first ray in its
@@ -212,7 +212,7 @@ class Kernels(Protocol):
     def representatives(self, samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
         """Return rows of representative samples (K,) and each sample's index in them (S,), both int64.
 
-        ``shift`` (R,) in [0, 1) shifts each ray's cuts; see :func:`svv.core.representatives.representatives`.
+        ``shift`` (R,) in [0, 1) shifts each ray's cuts; see :func:`svv.core.rays.representatives.representatives`.
         """
 
     def composite(self, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
@@ -225,7 +225,7 @@ class Kernels(Protocol):
         """Return the gradients of :meth:`composite` with respect to ``sigma`` (S,) and ``values`` (S, C)."""
 
     def leaps(self, occupied: Tensor) -> Tensor:
-        """Return how far a ray may leap: (X, Y, Z) uint8 -> (8, X, Y, Z) uint8; see :func:`svv.core.cells.leaps`."""
+        """Return how far a ray may leap: (X, Y, Z) uint8 -> (8, X, Y, Z) uint8; see :func:`svv.core.rays.cells.leaps`."""
 
     def directions_of_samples(self, directions: Tensor, ray: Tensor) -> Tensor:
         """Return spherical harmonics of degree 4 of each sample's ray: (R, 3) and (S,) -> (S, 16); no graph."""
@@ -234,5 +234,5 @@ class Kernels(Protocol):
         """Run a small network without biases, ReLU between layers: (S, I) -> (S, O), differentiable in all inputs.
 
         ``weights``: those of each layer, (to, from). ``rough``: whether half precision is enough, as for colours. See
-        :func:`svv.core.networks.relu_layers`.
+        :func:`svv.core.rays.networks.relu_layers`.
         """

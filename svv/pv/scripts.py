@@ -16,13 +16,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera
-from svv.dvr.ranks import ranks_here
+from svv.core.geometry.cameras import Camera
+from svv.dvr.parallel.ranks import ranks_here
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, silent
-from svv.io.drawn_views import DrawnViews
-from svv.io.view_meta import ViewMeta, known
-from svv.io.viewset import ViewSet
+from svv.io.views.drawn_views import DrawnViews
+from svv.io.views.view_meta import ViewMeta, known
+from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn
 from svv.options.making import ViewOptions
 
@@ -36,7 +36,7 @@ class ShownVolume(Drawn):
     data: Any
     """The volume as a VTK data object."""
     values: Mapping[str, Any]
-    """Values of :func:`svv.pv.capture.shown_as`, with the transfer function as a VTK object."""
+    """Values of :func:`svv.pv.display.capture.shown_as`, with the transfer function as a VTK object."""
     label: str
     """Name of the array."""
 
@@ -51,28 +51,28 @@ class ShownVolume(Drawn):
         Raises:
             BadInput: The data is no grid, or it is empty.
         """
-        from svv.pv.work import views_key, volume_of
+        from svv.pv.filters.engine import views_key, volume_of
 
         # Number and size of the views have their defaults here, because the job records them itself.
         return {"shown": views_key(volume_of(self.data, self.values), self.values)}
 
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
         """Return the volume after checking it; it is in memory already."""
-        from svv.pv.shown import volume_shown
-        from svv.pv.work import volume_of
+        from svv.pv.display.shown import volume_shown
+        from svv.pv.filters.engine import volume_of
 
         return volume_shown(volume_of(self.data, self.values), self.values, "The volume")
 
     def how(self) -> dict[str, Any]:
         """Return transfer function and shading as they are shown."""
-        from svv.pv.work import shading_of, transfer_function_of
+        from svv.pv.filters.engine import shading_of, transfer_function_of
 
         return {"tf": transfer_function_of(self.values), "shading": shading_of(self.values), "rescale": False}
 
     def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
-        from svv.dvr.crew_views import make_crew_views
-        from svv.pv.parallel import crew_of
+        from svv.dvr.parallel.crew_views import make_crew_views
+        from svv.pv.filters.parallel import crew_of
 
         crew, how = crew_of(self.data), self.how()
         if crew is None:
@@ -81,9 +81,9 @@ class ShownVolume(Drawn):
 
     def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
         """Render the volume as views were drawn, with all ranks that have a part of it."""
-        from svv.dvr.crew_views import render_crew_views
-        from svv.dvr.transfer_functions import TransferFunction
-        from svv.pv.parallel import crew_of
+        from svv.dvr.functions.transfer_functions import TransferFunction
+        from svv.dvr.parallel.crew_views import render_crew_views
+        from svv.pv.filters.parallel import crew_of
 
         crew = crew_of(self.data)
         if crew is None:
@@ -100,7 +100,7 @@ def shown_volume(display: Any) -> ShownVolume:
     """
     from paraview import simple
 
-    from svv.pv.capture import shown_as
+    from svv.pv.display.capture import shown_as
 
     source = display.Input
     source.UpdatePipeline(simple.GetTimeKeeper().Time)  # as the view shows it
@@ -122,12 +122,12 @@ def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
     """Do work on the volume that a representation shows; with several ranks, all of them draw it.
 
     Raises:
-        BadInput: Any reason of :func:`shown_volume` and :func:`svv.pv.parallel.on_all_ranks`.
+        BadInput: Any reason of :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
     """
     from paraview import simple
 
-    from svv.pv.parallel import on_all_ranks
-    from svv.pv.shown import DIVIDED, chosen_of
+    from svv.pv.display.shown import DIVIDED, chosen_of
+    from svv.pv.filters.parallel import on_all_ranks
 
     volume = shown_volume(display)
     if ranks_here() is None:
@@ -211,7 +211,7 @@ def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
 
 def _show_with(display: Any, tf: Path) -> None:
     """Give a display a preset's transfer function, at the preset's own values if the data contains them."""
-    from svv.dvr.transfer_functions import TransferFunction
+    from svv.dvr.functions.transfer_functions import TransferFunction
 
     kind, name = display.ColorArrayName
     source = display.Input
@@ -256,8 +256,8 @@ def table_of(filter: Any) -> list[dict[str, Any]]:
 
 def camera_of_view(view: Any, width: int, height: int) -> Camera:
     """Return the camera of a 3D view, for images of the given width and height in pixels."""
-    from svv.pv.data import camera_of
-    from svv.pv.follow import camera_numbers, parallel_scale_of
+    from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of
+    from svv.pv.filters.vtk_data import camera_of
 
     return camera_of(camera_numbers(view), width, height, parallel_scale_of(view))
 
@@ -277,9 +277,9 @@ def interpreter() -> str:
         return str(itself.resolve())
     if "paraview" not in sys.modules:
         return sys.executable
-    from svv.pv import start
+    from svv.pv.launch import programs
 
-    return str(start.find().program("pvpython"))
+    return str(programs.find().program("pvpython"))
 
 
 def run(work: Callable[[], object], script: str) -> None:

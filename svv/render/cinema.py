@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from svv.core.cameras import Camera
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.phi_theta import paraview_rotations
 from svv.core.json_values import parsed
-from svv.core.phi_theta import paraview_rotations
 from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.atomic import atomic_path, cannot_write, make_folder, sync_folder, write_json
 from svv.io.cinema.shot import BESIDE, view_angle
 from svv.io.cinema.table import TABLE
-from svv.io.output import to_bytes, write_depth_png, write_png
+from svv.io.files.atomic import atomic_path, cannot_write, make_folder, sync_folder, write_json
+from svv.io.pictures.output import to_bytes, write_depth_png, write_png
 from svv.options.cinema import ExportOptions
 from svv.options.described import chosen
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Rendering, Scene
+    from svv.fields.scene.scene import Rendering, Scene
 
 KEY = ".key.json"
 """File in an unfinished database that tells which scene and options it belongs to."""

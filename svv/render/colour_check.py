@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from svv.core.cameras import Camera
-from svv.core.colour import WHITE, over, to_hex
-from svv.core.colour_vision import LEAST_DIFFERENCE, VISIONS, VisionName, set_difference, simulated
+from svv.core.colour.colour import WHITE, over, to_hex
+from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VISIONS, VisionName, set_difference, simulated
+from svv.core.colour.palette import extract_palette
+from svv.core.geometry.cameras import Camera
 from svv.core.json_values import list_in, number_in, object_in, parsed, text_in, vector_in
-from svv.core.palette import extract_palette
 from svv.errors import BadInput, Progress, silent
-from svv.fields.region import label_of
-from svv.fields.scene import Rendering, Scene
-from svv.io.output import to_bytes
+from svv.fields.scene.region import label_of
+from svv.fields.scene.scene import Rendering, Scene
+from svv.io.pictures.output import to_bytes
 from svv.render.pictures import sheet
 
 FRAMES = (30, 60, 90, 120, 150)
@@ -76,7 +76,7 @@ class Pair:
     second: str
     vision: VisionName
     difference: float
-    """CIEDE2000 (:func:`svv.core.colour_vision.set_difference`)."""
+    """CIEDE2000 (:func:`svv.core.colour.colour_vision.set_difference`)."""
 
 
 def seen_in(
@@ -90,7 +90,7 @@ def seen_in(
 
     Args:
         scene: A scene with a palette network.
-        network: As for :meth:`svv.fields.scene.Scene.render`.
+        network: As for :meth:`svv.fields.scene.scene.Scene.render`.
         background: RGB in [0, 1].
         cameras: The views; by default five from all around.
         progress: Called before each view.

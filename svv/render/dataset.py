@@ -19,7 +19,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.render.show import show, widget
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.render.notebook import SceneWidget
 
 SCENE = "StyleRF Scene"
@@ -34,7 +34,7 @@ def read_dataset(path: str | Path, **_: Any) -> pyvista.ImageData:
     Raises:
         BadInput: The file is missing, damaged, or not a scene.
     """
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
 
     return dataset_of(Scene.load(path))
 
@@ -46,7 +46,7 @@ def dataset_of(scene: Scene) -> pyvista.ImageData:
         Cell data ``Opacity``, of a ray through the cell, with the regions' edits, in [0, 1] (the active scalars), and
         ``Region`` int16, -1 where nothing was found; the scene as field data.
     """
-    from svv.fields.splitting import regions_in_cells
+    from svv.fields.scene.splitting import regions_in_cells
 
     cells, region, opacity = regions_in_cells(scene)
     box = scene.occupancy.box
@@ -76,7 +76,7 @@ class SceneAccessor:
             BadInput: The dataset was not read from a scene.
         """
         if self._scene is None:
-            from svv.fields.scene import Scene
+            from svv.fields.scene.scene import Scene
 
             if SCENE not in self._dataset.field_data:
                 raise BadInput("This dataset holds no scene: read one with pyvista.read('scene.svv').")
@@ -116,7 +116,7 @@ class SceneAccessor:
         Raises:
             BadInput: Any reason of :func:`svv.stylize_scene`.
         """
-        from svv.train.ink import StyleInput, style_named
+        from svv.train.paint.ink import StyleInput, style_named
         from svv.train.pipeline import stylize_scene
 
         given = [StyleInput(style, name) for name, style in map(style_named, styles)]

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour import WHITE
-from svv.core.colour_vision import (
+from svv.core.colour.colour import WHITE
+from svv.core.colour.colour_vision import (
     COLOUR_VISIONS,
     LEAST_DIFFERENCE,
     VISIONS,
@@ -18,9 +18,9 @@ from svv.core.colour_vision import (
     set_difference,
     smallest_differences,
 )
-from svv.core.distinct import distinct_palette
+from svv.core.colour.distinct import distinct_palette
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.options.editing import DistinctName
 from svv.render.colour_check import Pair, Seen, pairs_of, seen_in
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera, look_at
-from svv.core.colour import WHITE, over
-from svv.core.light import direction_of
+from svv.core.colour.colour import WHITE, over
+from svv.core.colour.light import direction_of
+from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.atomic import check_writable, make_folder
-from svv.io.made import digest, key_of
-from svv.io.output import (
+from svv.io.files.atomic import check_writable, make_folder
+from svv.io.files.keyed_results import digest, key_of
+from svv.io.pictures.output import (
     depth_picture,
     made_of,
     region_picture,
@@ -29,7 +29,7 @@ from svv.io.output import (
 )
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Rendering, Scene
+    from svv.fields.scene.scene import Rendering, Scene
 
 SHOWN_SIZE = 320
 """Side in pixels of the pictures that show a painting in progress."""
@@ -47,7 +47,7 @@ class Played:
 
     def at(self, number: int) -> Scene:
         """Return the scene of a view; neighbours of the same time step share it."""
-        from svv.fields.following import at_step
+        from svv.fields.values.followed_scene import at_step
 
         step = self.steps[number]
         if step not in self._last:
@@ -99,7 +99,7 @@ def write_view(
         background: RGB in [0, 1] behind a PNG of colours; by default the PNG is transparent.
         what: Content of a PNG: ``rgba``, ``depth`` (16 bits) or ``region`` (indexed).
         progress: Called while rendering.
-        made: What a PNG says that it was made from (:func:`svv.io.output.made_of`).
+        made: What a PNG says that it was made from (:func:`svv.io.pictures.output.made_of`).
 
     Raises:
         BadInput: The scene does not have that network, or the file cannot be written.

@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image
 
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.atomic import make_folder
-from svv.io.output import to_bytes, write_png, write_small_png
+from svv.io.files.atomic import make_folder
+from svv.io.pictures.output import to_bytes, write_png, write_small_png
 from svv.options.making import DRAWN, PREFIX
 from svv.render.pictures import Picture, sheet
 from svv.styles.gallery import gallery_name, gallery_picture

@@ -14,11 +14,11 @@ import numpy as np
 import traitlets
 from IPython.display import display
 
-from svv.core.cameras import Camera
-from svv.core.colour import WHITE
-from svv.core.light import Lamp
+from svv.core.colour.colour import WHITE
+from svv.core.colour.light import Lamp
+from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, silent
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.render.web.page import html_of, numbers_of, paintings_of
 
 FRAME = (

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from svv.core.colour import over
-from svv.io.output import to_bytes
+from svv.core.colour.colour import over
+from svv.io.pictures.output import to_bytes
 
 Picture = NDArray[np.uint8]
 

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from svv.core.cameras import Camera, look_at
-from svv.core.colour import WHITE, over
-from svv.core.pace import Pace
+from svv.core.colour.colour import WHITE, over
+from svv.core.frame_rate import Pace
+from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput, Progress, silent
-from svv.io.output import to_bytes, write_png
+from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Rendering, Scene
+    from svv.fields.scene.scene import Rendering, Scene
     from svv.render.notebook import SceneWidget
 
 MOVING = 1.0

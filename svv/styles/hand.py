@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, zoom
 from scipy.spatial import cKDTree
 
-from svv.core.structure_tensor import StructureTensor, structure_tensor
+from svv.core.images.structure_tensor import StructureTensor, structure_tensor
 from svv.errors import BadInput
 from svv.options.making import HandName
 

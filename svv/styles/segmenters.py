@@ -17,8 +17,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from svv.core import segmentation
-from svv.core.segmentation import Labels, Mask, Points
+from svv.core.images import segmentation
+from svv.core.images.segmentation import Labels, Mask, Points
 from svv.errors import BadInput
 
 SEGMENTERS = ("scikit-image", "sam")
@@ -43,7 +43,7 @@ class Segmenter(Protocol):
 
 
 class Superpixels:
-    """Superpixels, joined by colour and texture or selected by a random walker (:mod:`svv.core.segmentation`)."""
+    """Superpixels, joined by colour and texture or selected by a random walker (:mod:`svv.core.images.segmentation`)."""
 
     name = "scikit-image"
 

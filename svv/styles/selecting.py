@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.segmentation import Points
+from svv.core.images.segmentation import Points
 from svv.errors import BadInput, Progress, silent
-from svv.io.atomic import check_writable, make_folder
-from svv.io.mask_file import (
+from svv.io.files.atomic import check_writable, make_folder
+from svv.io.pictures.mask_file import (
     Mask,
     Selection,
     overlay_file,
@@ -21,8 +21,8 @@ from svv.io.mask_file import (
     write_mask,
     write_selection,
 )
-from svv.io.mask_pictures import mask_overlay, regions_overlay
-from svv.io.output import write_small_png
+from svv.io.pictures.mask_pictures import mask_overlay, regions_overlay
+from svv.io.pictures.output import write_small_png
 from svv.options.making import PREFIX
 from svv.styles.gallery import open_style
 from svv.styles.segmenters import segmenter, style_regions

@@ -1,4 +1,4 @@
-"""Palettes that strokes can be given afterwards (:mod:`svv.fields.stroke_edits`), of pictures or of a few colours."""
+"""Palettes that strokes can be given afterwards (:mod:`svv.fields.strokes.stroke_edits`), of pictures or of a few colours."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour import lab_to_rgb
+from svv.core.colour.colour import lab_to_rgb
 from svv.errors import BadInput, Progress, silent
-from svv.fields.stroke_edits import PALETTE_SIZE, luminance
+from svv.fields.strokes.stroke_edits import PALETTE_SIZE, luminance
 from svv.styles.gallery import open_style
 from svv.styles.hand import measure_hand
 

@@ -21,7 +21,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from svv.errors import BadInput
-from svv.io.fetch import sha256_of
+from svv.io.files.fetch import sha256_of
 
 State = dict[str, Tensor]
 

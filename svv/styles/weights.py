@@ -18,10 +18,10 @@ import torch
 from safetensors.torch import save
 
 from svv.errors import BadInput, Progress, silent
-from svv.io import fetch
-from svv.io.atomic import atomic_path, check_writable, make_folder
-from svv.io.cache import cache_folder
-from svv.io.fetch import megabytes, sha256_of
+from svv.io.files import fetch
+from svv.io.files.atomic import atomic_path, check_writable, make_folder
+from svv.io.files.cache import cache_folder
+from svv.io.files.fetch import megabytes, sha256_of
 from svv.styles import weight_files as files
 from svv.styles.weight_files import State, content_sha256
 

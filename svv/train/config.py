@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar, get_origin
 
 from svv.errors import BadInput
-from svv.fields.networks import ENCODINGS, FieldSettings
-from svv.fields.occupancy import PRUNED
+from svv.fields.radiance.networks import ENCODINGS, FieldSettings
+from svv.fields.radiance.occupancy import PRUNED
 from svv.options.described import Described, described
 from svv.options.making import LIGHTINGS, PaintOptions, PaletteOptions, TrainOptions
 
@@ -35,7 +35,7 @@ class FitSettings:
     """Fraction of the schedule during which learning rates that fall to nothing stay as they are."""
     by_contrast: float = 0.75
     """Fraction of the rays whose pixels are drawn by how much they differ from their neighbours, not evenly; they count
-    less the more often they are drawn (:class:`svv.train.pixels.Pixels`)."""
+    less the more often they are drawn (:class:`svv.train.run.pixels.Pixels`)."""
 
 
 @dataclass(frozen=True)
@@ -168,13 +168,13 @@ class Preset:
     stylize: StylizeSettings = StylizeSettings()
     """Settings of stage 3: how paint is laid, or, if they are :class:`MatchSettings`, how features are matched."""
     lighting: str | None = None
-    """Light of a scene that shows shading: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or ``auto``:
-    ``phong`` if held-out views allow it (:func:`svv.train.lighting.light_by_trial`). None: ``network``, or ``auto`` if
-    there are few views (:func:`svv.train.lighting.light_for`)."""
+    """Light of a scene that shows shading: ``network``, ``phong`` (:class:`svv.fields.radiance.phong.PhongLight`), or
+    ``auto``: ``phong`` if held-out views allow it (:func:`svv.train.palette.lighting.light_by_trial`). None:
+    ``network``, or ``auto`` if there are few views (:func:`svv.train.palette.lighting.light_for`)."""
     values: bool = False
-    """Whether the scene is a function of the volume's values (:mod:`svv.train.from_values`)."""
+    """Whether the scene is a function of the volume's values (:mod:`svv.train.base.from_values`)."""
     fitted: bool = True
-    """Whether the lattice is fitted to the views' pixels (:func:`svv.train.resolutions.fitted_field`)."""
+    """Whether the lattice is fitted to the views' pixels (:func:`svv.train.base.resolutions.fitted_field`)."""
 
 
 PRESETS = {

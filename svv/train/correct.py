@@ -13,27 +13,27 @@ from typing import Any
 
 import numpy as np
 
-from svv.core.cameras import CameraRig
-from svv.core.classified import ClassifiedVolume, ValueGrid
-from svv.core.correction import Correction, Entry, corrected
+from svv.core.colour.correction import Correction, Entry, corrected
+from svv.core.geometry.cameras import CameraRig
+from svv.core.volumes.classified import ClassifiedVolume, ValueGrid
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.encodings import SparseLattice
-from svv.fields.history import History, edits_of, with_edits
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.scene.history import History, edits_of, with_edits
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
-from svv.train.checkpoint import Checkpoint
+from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset, given, preset
-from svv.train.loop import Running
-from svv.train.material import owners_of
+from svv.train.palette.ranges import Labelled, Owners, membership, regions_for
+from svv.train.palette.recolour import recolour
+from svv.train.palette.regions_from_views import owners_of
+from svv.train.palette.unmix import Unmixing
 from svv.train.pipeline import key_of
-from svv.train.ranges import Labelled, Owners, membership, regions_for
-from svv.train.recolour import recolour
 from svv.train.report import report_on
-from svv.train.sampling import with_fewest_samples
-from svv.train.unmix import Unmixing
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.loop import Running
 
 ELSEWHERE = 0.05
 """Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
@@ -54,7 +54,7 @@ def correct_palette(
     If the scene knows which values its regions show and the views include the classified volume, regions remain unions
     of transfer function ranges: ranges are merged and split, and those of a removed region go to their neighbours.
     Otherwise the corrected palette is taken as given, and the views decide which colour each point has
-    (:func:`svv.train.material.owners_of`).
+    (:func:`svv.train.palette.regions_from_views.owners_of`).
 
     Args:
         scene: A scene with a palette network; its device does the work.
@@ -72,7 +72,7 @@ def correct_palette(
 
     Raises:
         BadInput: There is no palette network, the views are of another scene, or the correction is impossible
-            (:func:`svv.core.correction.corrected`).
+            (:func:`svv.core.colour.correction.corrected`).
     """
     asked, chosen = given(PaletteOptions, options, changes)
     time_limit, seed = asked.time_limit, asked.seed

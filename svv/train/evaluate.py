@@ -11,12 +11,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour import WHITE
+from svv.core.colour.colour import WHITE
+from svv.core.images.metrics import Likeness, flip, on_white
 from svv.core.json_values import list_in, needed, number_in, numbers_in, object_in, text_in, whole_in
-from svv.core.metrics import Likeness, flip, on_white
 from svv.errors import Progress, silent
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import usable_cpus
 from svv.train.lpips import load_lpips, lpips
@@ -61,7 +61,7 @@ class Scores:
     """Peak GPU memory; None on a CPU."""
     region_overlap: tuple[float, ...] | None = None
     """Intersection over union of regions and ranges of values, if the volume is known
-    (:func:`svv.train.ranges.region_overlaps`)."""
+    (:func:`svv.train.palette.ranges.region_overlaps`)."""
 
     @classmethod
     def from_json(cls, content: object, name: str = "scores") -> Scores:

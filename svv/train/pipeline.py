@@ -13,27 +13,27 @@ import torch
 
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
-from svv.fields.scene import Scene
-from svv.io.on_screen import ignoring_fixed
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.views.on_screen import ignoring_fixed
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_named, forget_gpu_peak
 from svv.kernels.gpu import gpu_errors
 from svv.measure import measured
 from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
-from svv.train import ranks
-from svv.train.checkpoint import Checkpoint
 from svv.train.config import VALUES, MatchSettings, Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
-from svv.train.ink import Ink, Style, StyleInput
-from svv.train.layers import stylize_layers
-from svv.train.laying import Laying
-from svv.train.matching import Matching
-from svv.train.order import Order, ordered, with_hands
-from svv.train.pieces import PieceSettings
-from svv.train.previews import Show
+from svv.train.joined_scenes import stylize_layers
+from svv.train.match.matching import Matching
+from svv.train.match.style_loss import PAPER_LOSS
+from svv.train.paint.ink import Ink, Style, StyleInput
+from svv.train.paint.laying import Laying
+from svv.train.paint.plan import Order, ordered, with_hands
+from svv.train.quilt.pieces import PieceSettings
 from svv.train.report import report_on
-from svv.train.style_loss import PAPER_LOSS
+from svv.train.run import ranks
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.previews import Show
 from svv.train.training import Training
 
 LEAST_VIEWS = 3
@@ -119,15 +119,15 @@ def stylize_scene(
 
     Args:
         scene: A scene with a palette colour network; its device does the work.
-        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`).
-            :class:`svv.train.ink.StyleInput` gives styles names and masks.
+        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.paint.ink.Ink`).
+            :class:`svv.train.paint.ink.StyleInput` gives styles names and masks.
         options: How to paint. The name of a preset, or custom settings, mean the default options with these settings.
             ``mapping`` is the style of each region to be painted; other regions do not change. None gives every region
             that is not kept a style, in turn; ``"colour"`` gives it the style whose mean colour is nearest
-            (:func:`svv.train.style_choice.pairs_by_colour`). With ``go_on``, regions that are not named keep their
-            paint, and the preset ``paper`` refines that of the others instead of painting them anew. ``variant`` is a
-            name that no painting of the scene has yet; without one, the painting is called ``styled`` and replaces one
-            of that name, or with ``go_on`` the painting that is shown.
+            (:func:`svv.train.paint.style_choice.pairs_by_colour`). With ``go_on``, regions that are not named keep
+            their paint, and the preset ``paper`` refines that of the others instead of painting them anew. ``variant``
+            is a name that no painting of the scene has yet; without one, the painting is called ``styled`` and replaces
+            one of that name, or with ``go_on`` the painting that is shown.
         progress: Called several times a second; stops the work when it raises.
         checkpoint: File to save to regularly, and to resume from if it exists.
         preview: Called with a copy of the painted scene in its current state: when regions have one colour each, as

@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.kernels.dispatch import device_report
 from svv.measure import Cost
 from svv.train.config import Preset

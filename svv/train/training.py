@@ -9,38 +9,38 @@ from dataclasses import replace
 
 import torch
 
-from svv.core.cameras import CameraRig
-from svv.core.classified import ClassifiedVolume, ValueGrid
-from svv.core.palette import Palette
+from svv.core.colour.palette import Palette
+from svv.core.geometry.cameras import CameraRig
+from svv.core.volumes.classified import ClassifiedVolume, ValueGrid
 from svv.errors import BadInput, Progress, part
-from svv.fields.encodings import SparseLattice
-from svv.fields.networks import FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.scene import Scene
-from svv.fields.time_steps import TimeSteps
-from svv.fields.value_function import ValueFunction
-from svv.io.agreement import check_agreement
-from svv.io.equal_views import equal_views
-from svv.io.viewset import ViewSet
-from svv.train import ranks
-from svv.train.beginning import Beginning, begin, first_occupancy
-from svv.train.checkpoint import Checkpoint
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.scene import Scene
+from svv.fields.values.time_steps import TimeSteps
+from svv.fields.values.value_function import ValueFunction
+from svv.io.views.agreement import check_agreement
+from svv.io.views.equal_views import equal_views
+from svv.io.views.viewset import ViewSet
+from svv.train.base.feature_levels import with_fewest_levels
+from svv.train.base.first_extinction import Beginning, begin, first_occupancy
+from svv.train.base.from_values import ValueReconstruction, field_of
+from svv.train.base.reconstruct import Reconstruction, reconstruct
+from svv.train.base.resolutions import fitted_field
+from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset
-from svv.train.from_values import ValueReconstruction, field_of
-from svv.train.levels import with_fewest_levels
-from svv.train.lighting import headlight_of, light_by_trial, light_for, shows_light
-from svv.train.loop import Running
-from svv.train.material import regions_in
-from svv.train.ranges import KnownRegions, Labelled, regions_for, regions_of
-from svv.train.recolour import palette_of, recolour
-from svv.train.reconstruct import Reconstruction, reconstruct
-from svv.train.resolutions import fitted_field
-from svv.train.sampling import with_fewest_samples
-from svv.train.unmix import Unmixing
+from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
+from svv.train.palette.ranges import KnownRegions, Labelled, regions_for, regions_of
+from svv.train.palette.recolour import palette_of, recolour
+from svv.train.palette.regions_from_views import regions_in
+from svv.train.palette.unmix import Unmixing
+from svv.train.run import ranks
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.loop import Running
 
 INDEPENDENT = 3
 """Number of palette colours that a pixel's colour alone can tell apart: RGB has no more dimensions. With more colours
-and no volume, :class:`svv.train.unmix.Unmixing` estimates from the pixels which ones a mixture is made of."""
+and no volume, :class:`svv.train.palette.unmix.Unmixing` estimates from the pixels which ones a mixture is made of."""
 
 BEGINNING_PART = 0.2
 """Fraction of a time limit that reconstructing the extinction from views may take."""

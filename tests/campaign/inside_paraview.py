@@ -17,7 +17,7 @@ from typing import Any
 from paraview import servermanager, simple
 from paraview_gauge import Gauge  # type: ignore[import-not-found]
 
-from svv.pv import follow
+from svv.pv.client import linked_camera
 
 ROUND = ("apply", "edit", "stylize", "undo", "delete")
 """Operations on a pipeline; those between the first and the last come in any order."""
@@ -118,7 +118,7 @@ class Ours(Pipeline):
         self.filters[0].UndoEdit()
 
     def moves(self) -> list[Callable[[], None]]:
-        follow.LARGEST = 48
+        linked_camera.LARGEST = 48
         volume = shown_volume(self.view)
         self.draw()
         painted = simple.StyleRFStylizedView(Input=volume, Preset="draft", TimeLimit=2.0, ImageSize=[24, 24])
@@ -128,7 +128,7 @@ class Ours(Pipeline):
         live.UpdatePipeline()
         live.FollowCamera = 1
         self.draw()
-        assert follow.follower_of(live) is not None
+        assert linked_camera.follower_of(live) is not None
 
         def move(filter: Any) -> None:
             filter.Camera = self.place()

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageCms
 
-from svv.io.declared import FEW_PIXELS, MOST_INFLATED
-from svv.io.images import read_style
-from svv.io.mask_file import picture_size, read_mask
-from svv.io.view_images import decode
+from svv.io.files.declared_sizes import FEW_PIXELS, MOST_INFLATED
+from svv.io.pictures.mask_file import picture_size, read_mask
+from svv.io.pictures.style_picture import read_style
+from svv.io.views.view_images import decode
 from tests.campaign.mutate import TEXTS, some_bytes, text_like
 from tests.campaign.of_tables import META, VTI
 from tests.campaign.running import Parser
@@ -121,7 +121,7 @@ def volumes() -> tuple[tuple[str, bytes], ...]:
     from vtkmodules.vtkIOLegacy import vtkStructuredPointsWriter
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
-    from svv.dvr.grids import from_array
+    from svv.dvr.read.grids import from_array
 
     image = from_array(np.arange(60, dtype=np.int16).reshape(3, 4, 5))
     labelled = numpy_to_vtk(np.arange(60, dtype=np.float32), deep=True)
@@ -162,8 +162,8 @@ def volumes() -> tuple[tuple[str, bytes], ...]:
 
 def started(folder: Path) -> Callable[[], object]:
     """Return a function that starts the process of VTK's readers, if a crash has ended it."""
-    from svv.dvr.apart import apart
-    from svv.dvr.volumes import read_volume
+    from svv.dvr.read.reader_process import apart
+    from svv.dvr.read.volumes import read_volume
 
     def ready() -> None:
         if apart._process is None:
@@ -175,7 +175,7 @@ def started(folder: Path) -> Callable[[], object]:
 
 def read_apart(folder: Path) -> Parser:
     """Volumes of all formats, as ``svv`` reads them: VTK's readers run in a process apart from this one."""
-    from svv.dvr.volumes import read_volume
+    from svv.dvr.read.volumes import read_volume
 
     every = volumes()
     worded = {
@@ -204,7 +204,7 @@ def read_apart(folder: Path) -> Parser:
 
 def names(folder: Path) -> Parser:
     """Volumes whose files have odd names and headers that name other files."""
-    from svv.dvr.volumes import read_volume
+    from svv.dvr.read.volumes import read_volume
 
     (folder / "other.raw").write_bytes(b"abcdefgh")
 

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from svv.core.box import Box
-from svv.core.packing import packed, unpacked
+from svv.core.geometry.box import Box
+from svv.core.volumes.packing import packed, unpacked
 from svv.errors import BadInput
-from svv.fields.encodings import LatticeAdam
-from svv.fields.networks import BaseField, FieldSettings
-from svv.fields.occupancy import Occupancy
-from svv.fields.of_values import SLOPES, TABLES, VALUES
-from svv.fields.region import Region
-from svv.fields.rendering import Marching
-from svv.fields.scene import Scene
-from svv.fields.time_steps import TimeSteps, packed_codes, packed_moves
+from svv.fields.radiance.encodings import LatticeAdam
+from svv.fields.radiance.networks import BaseField, FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
+from svv.fields.values.of_values import SLOPES, TABLES, VALUES
+from svv.fields.values.time_steps import TimeSteps, packed_codes, packed_moves
 from svv.io.scene_file import parse_scene, scene_bytes
-from svv.train.checkpoint import Checkpoint
+from svv.train.run.checkpoint import Checkpoint
 from tests.campaign.mutate import changed, deflated, json_like, near, some_bytes, value
 from tests.campaign.running import Parser
 from tests.cube import cube_paint, cube_scene, lit_cube_scene
@@ -258,7 +258,7 @@ def whole(folder: Path) -> Parser:
 def headers(folder: Path) -> Parser:
     """Regions and history, which edits and undo read."""
     header, _ = Scene.from_bytes(scenes()[2]).edited(0, opacity=0.5).to_arrays()
-    from svv.fields.history import History
+    from svv.fields.scene.history import History
 
     seed = json.loads(json.dumps({"history": header["history"], "region": header["regions"][0]}))
     own = tuple(Region(tuple(r["colour"]), r["share"]) for r in json.loads(json.dumps(header["regions"])))

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from svv.bricks.mapped import open_npy, open_vti
-from svv.bricks.meta_image import open_meta
-from svv.dvr.transfer_functions import TransferFunction
+from svv.bricks.formats.mapped import open_npy, open_vti
+from svv.bricks.formats.meta_image import open_meta
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.io.cinema.placing import cameras_by_rows, rotations_of
 from svv.io.cinema.shot import read_shot
 from svv.io.cinema.table import check_files, read_table, select
 from svv.io.cinema.transfer import opacity_function
-from svv.io.made import read_record
-from svv.io.mask_file import read_selection
+from svv.io.files.keyed_results import read_record
+from svv.io.pictures.mask_file import read_selection
 from svv.io.series_file import read_series
 from svv.job.stages import Stages
 from tests.campaign.mutate import byte_like, json_like, npy_header, text_like

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from svv.core.box import Box
-from svv.core.cameras import CameraRig
-from svv.core.classified import ClassifiedVolume, ValueGrid, ValueRange
-from svv.io.camera_file import read_camera
-from svv.io.lenses import rectify
-from svv.io.transforms import LENGTHS, OTHERS, camera_in, file_in, mask_files, names_of, read_transforms
-from svv.io.view_meta import ViewMeta, VolumeGrid
-from svv.io.viewset import CLASSIFIED, ViewSet, read_classified
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import CameraRig
+from svv.core.volumes.classified import ClassifiedVolume, ValueGrid, ValueRange
+from svv.io.views.camera_file import read_camera
+from svv.io.views.lenses import rectify
+from svv.io.views.transforms import LENGTHS, OTHERS, camera_in, file_in, mask_files, names_of, read_transforms
+from svv.io.views.view_meta import ViewMeta, VolumeGrid
+from svv.io.views.viewset import CLASSIFIED, ViewSet, read_classified
 from tests.campaign.mutate import NUMBERS, TEXTS, archive, json_like, npy_header, some_bytes
 from tests.campaign.running import Parser
 
@@ -123,7 +123,7 @@ def sets(folder: Path) -> Parser:
             ViewSet.read(folder)
         finally:
             if content[-2:-1] == b"]":  # about half
-                from svv.io.viewset import _own_files
+                from svv.io.views.viewset import _own_files
 
                 if any(folder.resolve() not in file.resolve().parents for file in _own_files(path)):
                     raise AssertionError("a file outside of the folder would be removed")
@@ -203,7 +203,7 @@ def npz() -> list[bytes]:
     ranges = (ValueRange(0.0, 1.0, (0.1, 0.2, 0.3)),)
     grid = ValueGrid(4, np.ones(shape, np.uint16), (0.0, 1.0), (0.1, 0.9), np.linspace(0, 1, 8))
     found = []
-    from svv.io.viewset import _write_classified
+    from svv.io.views.viewset import _write_classified
 
     for values in (None, grid):
         file = io.BytesIO()

@@ -21,8 +21,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from svv.io.cache import NAME
-from svv.pv import start
+from svv.io.files.cache import NAME
+from svv.pv.launch import programs
 from tests.campaign import small
 from tests.campaign.paraview_long import ROOT, write_files
 
@@ -76,7 +76,7 @@ class Sessions:
         write_files(folder)
         script = folder / "session.py"
         script.write_text(SESSION)
-        self.command = [str(start.find().program("pvpython")), str(script), str(folder), str(seed)]
+        self.command = [str(programs.find().program("pvpython")), str(script), str(folder), str(seed)]
         self.environ = {**environ, "TMPDIR": str(folder / "tmp"), "SVV_CACHE": str(folder / "cache")}
 
     def begun(self) -> subprocess.Popen[str]:
@@ -153,9 +153,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("paraview-kills.json"))
     chosen, done = parser.parse_args(), list[Trial]()
-    at_random, paraview = random.Random(chosen.seed), start.find()
-    display, name = start.start_display()
-    environ = {**start.environ_for(paraview), "DISPLAY": name}
+    at_random, paraview = random.Random(chosen.seed), programs.find()
+    display, name = programs.start_display()
+    environ = {**programs.environ_for(paraview), "DISPLAY": name}
     try:
         for number in range(-(-chosen.times // IN_A_ROW)):
             with tempfile.TemporaryDirectory() as place, tempfile.TemporaryDirectory() as other:

@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from svv.io.cache import NAME
-from svv.io.output import write_png
-from svv.pv import start
+from svv.io.files.cache import NAME
+from svv.io.pictures.output import write_png
+from svv.pv.launch import programs
 from tests.cube import cube_scene
 
 HERE = Path(__file__).resolve().parent
@@ -80,7 +80,7 @@ def run(kind: str, counts: Mapping[str, int], environ: Mapping[str, str], folder
     }
     given |= {"out": str(folder / "samples.jsonl"), "seed": 1, "samples": SAMPLES, "seconds": 5.0}
     given |= {"minutes": math.inf, **options}
-    program = start.find().program("pvpython")
+    program = programs.find().program("pvpython")
     ours = {**environ, "TMPDIR": str(folder / "tmp"), "SVV_CACHE": str(folder / "cache")}
     subprocess.run([program, HERE / "inside_paraview.py", json.dumps(given)], env=ours, check=True)
     assert all(NAME.fullmatch(path.stem) or NAME.fullmatch(path.name) for path in (folder / "cache").iterdir())
@@ -121,11 +121,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the operations' order and values")
     parser.add_argument("--out", type=Path, default=Path("paraview-long.md"), help="file for the table")
     chosen = parser.parse_args()
-    paraview = start.find()
-    display, name = start.start_display()
+    paraview = programs.find()
+    display, name = programs.start_display()
     rows: list[dict[str, Any]] = []
     try:
-        environ = {**start.environ_for(paraview), "DISPLAY": name}
+        environ = {**programs.environ_for(paraview), "DISPLAY": name}
         for phase in COUNTS:
             for kind in KINDS:
                 count = getattr(chosen, phase)

@@ -241,9 +241,9 @@ def open_one(path: Path) -> None:
     from PIL import Image
     from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.io.scene_file import read_scene_file
-    from svv.io.viewset import ViewSet
+    from svv.io.views.viewset import ViewSet
     from tests.movies import frames_of
 
     if path.suffix == ".svv":

@@ -27,8 +27,8 @@ import numpy as np
 import pytest
 
 from svv.errors import BadInput
-from svv.io.output import write_png
-from svv.pv import start
+from svv.io.pictures.output import write_png
+from svv.pv.launch import programs
 from tests.conftest import threads_each
 from tests.cube import cube_paint, cube_scene
 from tests.paraview.panel_script import END, START
@@ -119,27 +119,27 @@ class Gui:
 
 
 @pytest.fixture(scope="session")
-def paraview() -> start.ParaView:
+def paraview() -> programs.ParaView:
     """The ParaView that is tested, prepared."""
     try:
-        found = start.find()
-        start.environ_for(found)
+        found = programs.find()
+        programs.environ_for(found)
     except BadInput as error:
         pytest.fail(str(error), pytrace=False)
     return found
 
 
 @pytest.fixture(scope="session")
-def display(paraview: start.ParaView) -> Iterator[str]:
+def display(paraview: programs.ParaView) -> Iterator[str]:
     """One display for all tests that look at no window."""
     yield from _display()
 
 
 @pytest.fixture(scope="session")
-def environ(paraview: start.ParaView, display: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def environ(paraview: programs.ParaView, display: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The variables that our launcher would set, and what measures coverage where that is asked for."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), str(threads_each()))
-    ours = {**threads, **start.environ_for(paraview), "DISPLAY": display}
+    ours = {**threads, **programs.environ_for(paraview), "DISPLAY": display}
     if "COVERAGE_PROCESS_CONFIG" in os.environ:
         folder = tmp_path_factory.mktemp("coverage")
         (folder / "coverage").symlink_to(Path(coverage.__file__).parent)
@@ -150,7 +150,7 @@ def environ(paraview: start.ParaView, display: str, tmp_path_factory: pytest.Tem
 
 @pytest.fixture(scope="session")
 def pvpython(
-    paraview: start.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+    paraview: programs.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run Python text or a script file in pvpython."""
 
@@ -163,7 +163,7 @@ def pvpython(
 
 @pytest.fixture(scope="session")
 def mpiexec(
-    paraview: start.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+    paraview: programs.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run Python text or a script file in pvbatch, on several ranks."""
 
@@ -188,7 +188,7 @@ def servers() -> Iterator[list[subprocess.Popen[str]]]:
 
 @pytest.fixture
 def start_pvserver(
-    paraview: start.ParaView,
+    paraview: programs.ParaView,
     environ: dict[str, str],
     servers: list[subprocess.Popen[str]],
     tmp_path: Path,
@@ -223,7 +223,7 @@ def pvserver(start_pvserver: Callable[..., int]) -> int:
 
 @pytest.fixture
 def gui(
-    paraview: start.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+    paraview: programs.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., Gui]]:
     """Start ParaView's user interface with Python text or a script file, and wait for its first ``done``."""
     _need("xdotool", "xdotool")
@@ -288,7 +288,7 @@ def _alone(environ: Mapping[str, str], folders: pytest.TempPathFactory) -> dict[
 
 def _display() -> Iterator[str]:
     try:
-        server, name = start.start_display()
+        server, name = programs.start_display()
     except BadInput as error:
         pytest.fail(str(error), pytrace=False)
     yield name

@@ -95,17 +95,17 @@ def main() -> None:
 def measure(chosen: argparse.Namespace, folder: Path) -> dict[str, object]:
     """All figures."""
     from svv.job.demo import generate
-    from svv.pv import start
+    from svv.pv.launch import programs
 
     generate(folder)
     if chosen.volume is None:
         chosen.volume, chosen.tf = folder / "volume.vti", folder / "tf.json"
     chosen.style = chosen.style or folder / "impasto.png"
-    paraview = start.find()
+    paraview = programs.find()
     program = str(paraview.program("pvpython"))
-    display, name = start.start_display()
+    display, name = programs.start_display()
     try:
-        environ = {**start.environ_for(paraview), "DISPLAY": name, "SVV_CACHE": str(folder / "kept")}
+        environ = {**programs.environ_for(paraview), "DISPLAY": name, "SVV_CACHE": str(folder / "kept")}
         figures: dict[str, object] = {"paraview": ".".join(map(str, paraview.version))}
         figures |= starts(program, environ, folder)
         here = folder / "outside.json"
@@ -149,9 +149,9 @@ def starts(program: str, environ: dict[str, str], folder: Path) -> dict[str, obj
 
 def outside(chosen: argparse.Namespace) -> None:
     """The work of Stylized View in this process, which has no ParaView."""
-    from svv.dvr.views import make_views
-    from svv.fields.scene import Scene
-    from svv.io.images import read_style
+    from svv.dvr.draw.views import make_views
+    from svv.fields.scene.scene import Scene
+    from svv.io.pictures.style_picture import read_style
     from svv.render.frames import orbit
     from svv.train.pipeline import stylize_scene, train_scene
 

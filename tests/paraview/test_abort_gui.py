@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv.pv import start
+from svv.pv.launch import programs
 
 SCRIPT = """
 from paraview.simple import *
@@ -60,7 +60,7 @@ def abort_button(picture: Path) -> tuple[int, int] | None:
 @pytest.mark.slow
 def test_abort_stops_a_training_where_the_version_can(gui: Callable, tmp_path: Path) -> None:
     # 6.1 is the first that handles events while a filter of its own process works.
-    alive = start.find().version >= (6, 1)
+    alive = programs.find().version >= (6, 1)
     running = gui(SCRIPT.replace("LIMIT", "200.0" if alive else "15.0"))
     assert running.first == "ready"
     assert running.wait() == "working"

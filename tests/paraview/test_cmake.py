@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from svv.pv import start
+from svv.pv.launch import programs
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,9 +17,9 @@ def run(*command: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*map(str, command)], capture_output=True, text=True)
 
 
-def test_configure_test_install(paraview: start.ParaView, tmp_path: Path) -> None:
+def test_configure_test_install(paraview: programs.ParaView, tmp_path: Path) -> None:
     build, prefix = tmp_path / "build", tmp_path / "prefix"
-    above = start.environment_folder(paraview).parent
+    above = programs.environment_folder(paraview).parent
     done = run("cmake", "-S", ROOT, "-B", build, f"-DPARAVIEW_DIR={paraview.bin}", f"-DSVV_ENVIRONMENT={above}")
     assert done.returncode == 0, done.stdout + done.stderr
     done = run("ctest", "--test-dir", build, "--output-on-failure")

@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-from svv.pv import start
-from svv.pv.display_table import COLOURS, NO_EFFECT, OPACITIES, REFUSED, REPRESENTATION, REPRODUCED
+from svv.pv.display.display_table import COLOURS, NO_EFFECT, OPACITIES, REFUSED, REPRESENTATION, REPRODUCED
+from svv.pv.launch import programs
 
 VOLUME = """
 import json, sys
 import numpy as np
 from paraview.simple import *
 from paraview import servermanager as sm
-from svv.pv.display_table import name_in
+from svv.pv.display.display_table import name_in
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkUniformGrid
 from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
@@ -83,7 +83,7 @@ def views_of(input, caster="cpu"):
 
 def difference(input, caster="cpu"):
     "Mean difference of our views from ParaView's pictures, levels of 255; the status if there are no views."
-    from svv.pv.data import views_of as in_memory
+    from svv.pv.filters.vtk_data import views_of as in_memory
     made = views_of(input, caster)
     views = in_memory(made.GetClientSideObject().GetOutputDataObject(0))
     if views is None:
@@ -183,7 +183,7 @@ def _said(pvpython: Any, folder: Any, script: str, *arguments: str, **options: A
 def test_what_a_display_does_is_in_the_views(drawn: dict[str, Any]) -> None:
     differences = {name: value for name, value in drawn.items() if name != "stderr"}
     assert len(differences) == 21
-    if start.find().version >= (5, 13):  # which crop otherwise
+    if programs.find().version >= (5, 13):  # which crop otherwise
         for name in ("cropped", "cropped cells", "all"):
             assert "cropped by its display" in differences.pop(name)
     assert {name: value for name, value in differences.items() if not (isinstance(value, float) and value <= 0.5)} == {}
@@ -220,7 +220,7 @@ def test_properties_without_effect_have_none(pvpython, tmp_path) -> None:
         pvpython,
         tmp_path,
         """
-from svv.pv.display_table import COLOURS, NO_EFFECT, OPACITIES, REPRESENTATION
+from svv.pv.display.display_table import COLOURS, NO_EFFECT, OPACITIES, REPRESENTATION
 display = show(source(image()), shade=1)
 Render(view)
 view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [35, 30, 50], [6, 8, 10], [0, 1, 0]
@@ -313,7 +313,7 @@ said["sheared"] = str(views_of(GetActiveSource() or FindSource("TrivialProducer1
 said["status"] = ""
 made = StyleRFViews(Input=input, Views=4, ViewSize=32)
 display.BlendMode = "Isosurface"
-from svv.pv.capture import capture
+from svv.pv.display.capture import capture
 from svv.errors import BadInput
 try:
     capture(made)
@@ -356,20 +356,21 @@ input = source(image())
 show(input)
 said["after the mesh"] = str(views_of(input).Status)
 
-from svv.pv import capture, work
+from svv.pv.display import capture
+from svv.pv.filters import engine
 real = capture.shown_as
 capture.shown_as = lambda display: [][0]
 said["capture failed"] = str(views_of(input).Status)
 capture.shown_as = real
 said["next filter"] = str(views_of(input).Status)
-real = work.moment_of
+real = engine.moment_of
 def broken(*_):
     raise TypeError("not what was expected")
-work.moment_of = broken
+engine.moment_of = broken
 failing = views_of(input)
 said["work failed"] = str(failing.Status)
 said["empty"] = failing.GetDataInformation().GetNumberOfPoints()
-work.moment_of = real
+engine.moment_of = real
 said["filter after it"] = str(views_of(input).Status)
 failing.Views = 5
 failing.UpdatePipeline(); failing.UpdatePropertyInformation()

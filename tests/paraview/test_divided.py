@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from svv.pv.start import ParaView
+from svv.pv.launch.programs import ParaView
 from tests.paraview.filter_script import VOLUME
 from tests.paraview.stirred_files import write_stirred
 
@@ -31,13 +31,13 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkFiltersCore import vtkPointDataToCellData
 from vtkmodules.vtkImagingCore import vtkRTAnalyticSource
-from svv.core.shading import Shading
-from svv.dvr.crew import Crew
-from svv.dvr.crew_views import make_crew_views
-from svv.dvr.grids import put_scalars
-from svv.dvr.ranks import ranks_here
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views
+from svv.core.colour.shading import Shading
+from svv.dvr.parallel.crew import Crew
+from svv.dvr.parallel.crew_views import make_crew_views
+from svv.dvr.read.grids import put_scalars
+from svv.dvr.parallel.ranks import ranks_here
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.draw.views import make_views
 from svv.errors import BadInput
 from svv.options.making import ViewOptions
 
@@ -149,8 +149,8 @@ crew = Crew(ranks, wavelet((ranks.number, ranks.count), 0, half), "RTData")
 if ranks.number:
     crew.serve()
 else:
-    from svv.core.cameras import sphere_cameras
-    from svv.dvr.crew_views import render_crew_views
+    from svv.core.geometry.cameras import sphere_cameras
+    from svv.dvr.parallel.crew_views import render_crew_views
     with crew:
         render_crew_views(crew, TF, sphere_cameras(3, (0.0, 0.0, 0.0), 300.0, 0.5, 96), Shading(), lambda *_: None)
 pieces, sent = ranks.everyones(np.array([crew.piece.values.size], float)), ranks.sent

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from svv.core.cameras import Camera
-from svv.core.shading import Shading
-from svv.dvr.views import render_views
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera
+from svv.dvr.draw.views import render_views
 from svv.render.pictures import read_png
 from tests.paraview.stirred_files import write_stirred
 from tests.stirred_volume import stirred_transfer_function, stirred_volume

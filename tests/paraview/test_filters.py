@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
-from svv.fields.scene import Scene
-from svv.io.view_meta import known
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.views.view_meta import known
+from svv.io.views.viewset import ViewSet
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +210,7 @@ def test_what_filters_kept_goes_with_them(trained: Path, pvpython) -> None:
         VOLUME
         + """
 import gc, weakref
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 def scenes():
     return [weakref.ref(o) for o in gc.get_objects() if type(o) is Scene]
 reader = StyleRFScene(FileName=sys.argv[1] + "/scene.svv")
@@ -344,7 +344,7 @@ assert len(GetRenderViews()) == 3, "a view was made though the image had one"
 move(view, 0.0, 80.0, 1.0)
 assert list(render.Camera[:3]) == list(second.Camera[:3]) == [0.0, 80.0, 1.0]
 Delete(second)
-from svv.pv.follow import follower_of, followers, stop_following, view_to_follow
+from svv.pv.client.linked_camera import follower_of, followers, stop_following, view_to_follow
 assert len(followers()) == 1 and follower_of(render) is not None
 stop_following()
 assert not render.FollowCamera and not followers()

@@ -7,8 +7,8 @@ import pytest
 from tests.paraview.test_volume import VIEW
 
 BOTH = """
-from svv.pv import follow
-follow.LARGEST = 80
+from svv.pv.client import linked_camera
+linked_camera.LARGEST = 80
 def drag(view, *places, button="Left"):
     interactor = view.GetInteractor()
     width, height = interactor.GetSize()

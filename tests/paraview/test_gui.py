@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv.io.output import write_png
+from svv.io.pictures.output import write_png
 from svv.styles.textures import style_picture
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
-from svv.fields.joined import joined, members
-from svv.fields.scene import Scene
+from svv.fields.scene.joined import joined, members
+from svv.fields.scene.scene import Scene
 from tests.cube import cube_camera, cube_scene, lit_cube_scene
 
 

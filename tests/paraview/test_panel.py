@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from svv.core.cameras import sphere_cameras
-from svv.core.light import Lamp
-from svv.fields.scene import Scene
-from svv.io.output import to_bytes
-from svv.io.viewset import ViewSet
+from svv.core.colour.light import Lamp
+from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import to_bytes
+from svv.io.views.viewset import ViewSet
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 from svv.styles.gallery import gallery_picture
-from svv.train.ink import StyleInput
+from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
 from tests.cube import cube_scene, lit_cube_scene
@@ -207,8 +207,8 @@ said["no region"] = status(palette)
 def test_a_click_makes_a_part_a_region_of_its_own(inside, tmp_path: Path) -> None:
     loose_balls().save(tmp_path / "balls.svv")
     said = inside("""
-from svv.pv.picking import pick
-from svv.pv.follow import fit, show_image
+from svv.pv.client.part_picking import pick
+from svv.pv.client.linked_camera import fit, show_image
 edit = StyleRFEdit(Input=OpenDataFile(folder + "/balls.svv"), SaveFile=folder + "/split.svv")
 image = StyleRFRender(Input=edit, ImageSize=[60, 60], Camera=[0, 0, 3, 0, 0, 0, 0, 1, 0, 23])
 sides = lambda: [int((arrays(image)["RGBA"][:, half, 3] > 200).sum()) for half in (slice(0, 30), slice(30, 60))]

@@ -12,15 +12,15 @@ import pytest
 from PIL import Image
 
 from svv.cli.options import parse_colour
-from svv.io.mask_pictures import WANTED
-from svv.io.output import write_png
-from svv.pv import start
+from svv.io.pictures.mask_pictures import WANTED
+from svv.io.pictures.output import write_png
+from svv.pv.launch import programs
 from svv.styles.gallery import gallery_picture
 from tests.cube import cube_scene
 
 SCRIPT = """
 from paraview.simple import *
-from svv.pv.follow import busy, fit, show_image
+from svv.pv.client.linked_camera import busy, fit, show_image
 
 scene, style = ARGUMENTS
 LoadPalette("WhiteBackground")
@@ -28,7 +28,7 @@ reader = OpenDataFile(scene)
 RenameSource("scene", reader)
 edit = StyleRFEdit(Input=reader, Region0Recolour=1, Region0Colour=[0.1, 0.6, 0.5], Region0Opacity=1.5)
 RenameSource("edits", edit)
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 rig = Scene.load(scene).rig
 (x, y, z), radius = rig.centre, rig.radius
 image = StyleRFRender(Input=edit, ImageSize=[400, 400], Show="numbered regions",
@@ -110,7 +110,7 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
         scene = str(tmp_path / "cube.svv")
         cube_scene().save(scene)
     write_png(tmp_path / "impasto.png", gallery_picture("impasto"))
-    *buttons, inside = ROWS[max(version for version in ROWS if version <= start.find().version)]
+    *buttons, inside = ROWS[max(version for version in ROWS if version <= programs.find().version)]
     running = gui(f"ARGUMENTS = {[str(Path(scene).resolve()), str(tmp_path / 'impasto.png')]!r}\n{SCRIPT}")
     assert running.first == "ready"
     said = running.wait()

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv.core.cameras import Camera
+from svv.core.geometry.cameras import Camera
 from tests.paraview.test_volume import VIEW, read
 
 OURS = """
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.pv.scripts import camera_of_view
 scene = Scene.load(folder + "/cube.svv")
 def ours(name, view):

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from svv.fields.scene import Scene
-from svv.io.output import write_png
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import write_png
 from svv.render.pictures import read_png
 from svv.styles.textures import style_picture
 from tests.paraview.stirred_files import write_stirred

@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
-from svv.dvr.views import make_views
+from svv.dvr.draw.views import make_views
 from svv.job.series import Step, with_time_steps
 from svv.train.pipeline import train_scene
 from tests.test_from_values import SHORT, TWO, moved_ball
@@ -23,8 +23,8 @@ def test_a_file_with_time_steps_plays_them(pvpython, tmp_path) -> None:
     pvpython(
         VOLUME
         + """
-from svv.fields.scene import Scene
-from svv.pv.follow import show_image
+from svv.fields.scene.scene import Scene
+from svv.pv.client.linked_camera import show_image
 reader = OpenDataFile(sys.argv[1] + "/series.svv")
 reader.UpdatePipeline()
 assert list(reader.TimestepValues) == [0.0, 1.0, 2.0], list(reader.TimestepValues)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from svv.errors import BadInput
-from svv.pv import prepare, shared, start, torch_build
+from svv.pv.launch import linked_packages, prepare, programs, torch_build
 from tests.wheels import make_installed, make_torch, make_wheel
 
 
@@ -41,14 +41,14 @@ def anything(package: object) -> bool:
 
 
 def test_the_links_lead_to_what_is_needed_and_nothing_else(packages: Path, tmp_path: Path) -> None:
-    fitting, missing = shared.search(NEEDED, [str(packages)], anything)
+    fitting, missing = linked_packages.search(NEEDED, [str(packages)], anything)
     assert (names(fitting), missing) == ({"numpy", "scikit-image", "lazy-loader", "torch"}, [])
     folder = tmp_path / "environment"
     folder.mkdir()
-    shared.link(fitting, folder, start.SECOND_VTK)
+    linked_packages.link(fitting, folder, programs.SECOND_VTK)
     modules = {"numpy", "scikit_image", "lazy_loader", "torch"}
     assert {name for name in os.listdir(folder) if not name.endswith("-info")} == modules
-    assert not start.holds_second_vtk(folder)
+    assert not programs.holds_second_vtk(folder)
     ask = f"import {', '.join(sorted(modules))}, importlib.metadata; print(importlib.metadata.version('lazy_loader'))"
     command = [sys.executable, "-S", "-c", ask]
     done = subprocess.run(command, env={"PYTHONPATH": str(folder)}, capture_output=True, text=True)
@@ -57,7 +57,7 @@ def test_the_links_lead_to_what_is_needed_and_nothing_else(packages: Path, tmp_p
 
 def test_what_is_missing_or_does_not_fit_is_named_and_not_linked(packages: Path) -> None:
     make_installed(packages, "numba", "0.60", ["llvmlite", "numpy>=2"])
-    fitting, missing = shared.search([*NEEDED, "numba", "scipy>=1.11", "numpy<2.3"], [str(packages)], anything)
+    fitting, missing = linked_packages.search([*NEEDED, "numba", "scipy>=1.11", "numpy<2.3"], [str(packages)], anything)
     numpy = ["numpy", "numpy<2.3", "numpy<2.4", "numpy>=1.24", "numpy>=2"]
     assert sorted(missing) == ["llvmlite", *numpy, "scipy>=1.11"]
     assert names(fitting) == {"numba", "scikit-image", "lazy-loader", "torch"}
@@ -65,7 +65,7 @@ def test_what_is_missing_or_does_not_fit_is_named_and_not_linked(packages: Path)
 
 def test_a_package_without_a_list_of_its_files_is_not_shared(packages: Path) -> None:
     (packages / "numpy-2.3.5.dist-info" / "RECORD").unlink()
-    fitting, missing = shared.search(["numpy>=1.24"], [str(packages)], anything)
+    fitting, missing = linked_packages.search(["numpy>=1.24"], [str(packages)], anything)
     assert (fitting, missing) == ([], ["numpy>=1.24"])
 
 
@@ -76,9 +76,11 @@ def test_a_namespace_of_several_folders_is_put_together(tmp_path: Path) -> None:
     make_installed(two, "nvidia-nccl", "2", more={"nvidia/nccl/lib/libnccl.so": "3"})
     folder = tmp_path / "environment"
     folder.mkdir()
-    fitting, _ = shared.search(["nvidia-cublas", "nvidia-cudnn", "nvidia-nccl"], [str(one), str(two)], anything)
-    shared.link(fitting, folder, ())
-    shared.link(fitting, folder, ())
+    fitting, _ = linked_packages.search(
+        ["nvidia-cublas", "nvidia-cudnn", "nvidia-nccl"], [str(one), str(two)], anything
+    )
+    linked_packages.link(fitting, folder, ())
+    linked_packages.link(fitting, folder, ())
     assert sorted(os.listdir(folder / "nvidia")) == ["cublas", "cudnn", "nccl"]
     assert [(folder / f"nvidia/{n}/lib/lib{n}.so").read_text() for n in ("cublas", "cudnn", "nccl")] == ["1", "2", "3"]
     assert sorted(os.listdir(one / "nvidia")) == ["cublas", "cudnn"]
@@ -91,7 +93,7 @@ def from_here(packages: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     alone.mkdir()
     if real is not None and real.origin is not None:  # else there is one on the PATH
         (alone / "pip").symlink_to(Path(real.origin).parent)
-    monkeypatch.setattr("svv.pv.prepare.sys.path", [str(packages), str(alone)])
+    monkeypatch.setattr("svv.pv.launch.prepare.sys.path", [str(packages), str(alone)])
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", (tmp_path / "wheels").as_uri())
@@ -147,7 +149,7 @@ def test_a_paraview_with_another_python_gets_the_packages_themselves(
     make_wheel(wheels, "numpy", "2.4.0")
     make_wheel(wheels, "small", "2.1")
     folder = tmp_path / "environment"
-    paraview = start.ParaView(tmp_path, (6, 1), (3, sys.version_info.minor + 1))
+    paraview = programs.ParaView(tmp_path, (6, 1), (3, sys.version_info.minor + 1))
     prepare._fill(paraview, folder, ["numpy>=1.24", "torch>=2.2", "numpy<2.4"], ["torch==2.13.0"], "auto")
     assert sorted(name for name in os.listdir(folder) if "-info" not in name) == [
         "constraints.txt",
@@ -169,4 +171,4 @@ def test_only_a_python_of_the_same_kind_takes_compiled_packages(tmp_path: Path) 
     ):
         program.write_text(f"#!/bin/sh\necho 'svv: {suffix}'\n")
         program.chmod(0o755)
-        assert prepare._takes_our_packages(start.ParaView(program.parent, (6, 0), python)) is takes
+        assert prepare._takes_our_packages(programs.ParaView(program.parent, (6, 0), python)) is takes

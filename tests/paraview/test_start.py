@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from svv.errors import BadInput
-from svv.pv import prepare, start
+from svv.pv.launch import prepare, programs
 
 ROOT = Path(__file__).resolve().parents[2]
 SVV = [sys.executable, "-m", "svv"]
@@ -43,7 +43,7 @@ def prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A ParaView that only answers, with an environment that is empty."""
     environment = tmp_path / "environment" / "python3.11"
     environment.mkdir(parents=True)
-    (environment / start.STAMP).touch()
+    (environment / programs.STAMP).touch()
     monkeypatch.setenv("SVV_ENVIRONMENT", str(environment.parent))
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv("SVV_PARAVIEW", str(make_paraview(tmp_path / "ParaView")))
@@ -57,25 +57,25 @@ def run(*arguments: object, **environ: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("sub", ["", "bin"])
 def test_a_paraview_is_found_where_it_is_unpacked(tmp_path: Path, sub: str) -> None:
-    found = start.find(make_paraview(tmp_path / "here", "svv: 6.0.1 3 12") / sub)
+    found = programs.find(make_paraview(tmp_path / "here", "svv: 6.0.1 3 12") / sub)
     assert (found.bin, found.version, found.python) == (tmp_path / "here" / "bin", (6, 0), (3, 12))
 
 
 def test_the_option_goes_before_the_variable_and_that_before_the_path(tmp_path: Path) -> None:
     one, two, three = (make_paraview(tmp_path / name) for name in ("one", "two", "three"))
     environ = {"SVV_PARAVIEW": str(two), "PATH": str(three / "bin")}
-    assert start.find(one, environ).bin == one / "bin"
-    assert start.find(None, environ).bin == two / "bin"
-    assert start.find(None, {**environ, "SVV_PARAVIEW": ""}).bin == three / "bin"
+    assert programs.find(one, environ).bin == one / "bin"
+    assert programs.find(None, environ).bin == two / "bin"
+    assert programs.find(None, {**environ, "SVV_PARAVIEW": ""}).bin == three / "bin"
 
 
 def test_a_version_is_asked_for_once_until_the_program_changes(tmp_path: Path) -> None:
     folder = make_paraview(tmp_path / "here")
-    start.find(folder)
-    start.find(folder)
+    programs.find(folder)
+    programs.find(folder)
     assert (folder / "log").read_text().split() == ["asked"]
     os.utime(folder / "bin" / "pvpython", (1, 1))
-    start.find(folder)
+    programs.find(folder)
     assert (folder / "log").read_text().split() == ["asked"] * 2
 
 
@@ -85,16 +85,16 @@ def test_a_version_is_asked_for_once_until_the_program_changes(tmp_path: Path) -
 )
 def test_a_paraview_of_no_use_is_refused(tmp_path: Path, answer: str, sentence: str) -> None:
     with pytest.raises(BadInput, match=sentence):
-        start.find(make_paraview(tmp_path / "here", answer))
+        programs.find(make_paraview(tmp_path / "here", answer))
 
 
 def test_where_there_is_none_the_sentence_says_what_to_install(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="apt-get install paraview"):
-        start.find(None, {"PATH": str(tmp_path)})
+        programs.find(None, {"PATH": str(tmp_path)})
     with pytest.raises(BadInput, match="name the folder that contains bin/pvpython"):
-        start.find(tmp_path)
+        programs.find(tmp_path)
     for word in ("Fedora: sudo dnf", "without root: conda", "paraview.org/download"):
-        assert word in start.INSTALL_HINT
+        assert word in programs.INSTALL_HINT
     done = run("pvpython", "--paraview", tmp_path, "script.py")
     assert done.returncode == 2
     assert done.stderr.startswith("svv: There is no ParaView in")
@@ -174,7 +174,7 @@ def test_what_the_user_has_set_is_kept_behind_ours(prepared: Path, tmp_path: Pat
     [((5, 11), (3, 11), True), ((5, 11), (3, 9), False), ((5, 12), (3, 11), False), ((6, 0), (3, 12), False)],
 )
 def test_the_shim_goes_only_where_it_is_needed(version, python, needed: bool, tmp_path: Path) -> None:
-    folders = start.python_path(start.ParaView(tmp_path, version, python), tmp_path, {})
+    folders = programs.python_path(programs.ParaView(tmp_path, version, python), tmp_path, {})
     assert (str(ROOT / "plugin" / "compat") in folders) == needed
 
 
@@ -183,9 +183,9 @@ def test_of_a_folder_with_another_vtk_only_svv_is_shown(tmp_path: Path, monkeypa
     for name in ("svv", "vtkmodules"):
         (packages / name).mkdir(parents=True)
     environment.mkdir()
-    monkeypatch.setattr(start, "_home", lambda: packages)
+    monkeypatch.setattr(programs, "_home", lambda: packages)
     for _ in range(2):
-        linked, *others = start.python_path(start.ParaView(tmp_path, (6, 0), (3, 12)), environment, {})
+        linked, *others = programs.python_path(programs.ParaView(tmp_path, (6, 0), (3, 12)), environment, {})
         assert others == [str(environment)]
         assert os.listdir(linked) == ["svv"]
         assert (Path(linked) / "svv").resolve() == packages / "svv"
@@ -203,7 +203,7 @@ def test_of_a_folder_with_another_vtk_only_svv_is_shown(tmp_path: Path, monkeypa
     ],
 )
 def test_a_display_is_made_only_where_it_is_needed(folder: str, version, program: str, needed: bool) -> None:
-    assert start.needs_display(start.ParaView(Path("/") / folder / "bin", version, (3, 10)), program) == needed
+    assert programs.needs_display(programs.ParaView(Path("/") / folder / "bin", version, (3, 10)), program) == needed
 
 
 def test_without_xvfb_one_sentence_says_what_to_do(prepared: Path) -> None:
@@ -214,7 +214,7 @@ def test_without_xvfb_one_sentence_says_what_to_do(prepared: Path) -> None:
 
 
 def test_displays_do_not_collide() -> None:
-    displays = [start.start_display() for _ in range(3)]
+    displays = [programs.start_display() for _ in range(3)]
     try:
         assert len({name for _, name in displays}) == 3
     finally:
@@ -232,23 +232,23 @@ def test_the_shim_runs_the_sitecustomize_that_it_hides(tmp_path: Path) -> None:
 
 
 def test_a_prepared_environment_is_not_prepared_again(
-    paraview: start.ParaView, monkeypatch: pytest.MonkeyPatch
+    paraview: programs.ParaView, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(prepare, "_fill", lambda *arguments: pytest.fail("installed again"))
-    assert str(start.environment_folder(paraview)) in prepare.prepare()
+    assert str(programs.environment_folder(paraview)) in prepare.prepare()
 
 
 def test_a_failed_preparation_leaves_what_was_there(prepared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(paraview: start.ParaView, folder: Path, *rest: object) -> str:
+    def fail(paraview: programs.ParaView, folder: Path, *rest: object) -> str:
         (folder / "half").touch()
         raise BadInput("no network")
 
     monkeypatch.setattr(prepare, "_fill", fail)
-    environment = start.environment_folder(start.find())
+    environment = programs.environment_folder(programs.find())
     with pytest.raises(BadInput, match="no network"):
         prepare.prepare()
     assert [path.name for path in environment.parent.iterdir()] == [environment.name]
-    assert [path.name for path in environment.iterdir()] == [start.STAMP]
+    assert [path.name for path in environment.iterdir()] == [programs.STAMP]
 
 
 def test_a_second_vtk_in_the_environment_is_refused(prepared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -257,9 +257,9 @@ def test_a_second_vtk_in_the_environment_is_refused(prepared: Path, monkeypatch:
         prepare.prepare()
 
 
-def test_torch_and_paraviews_own_vtk_are_at_home_in_pvpython(paraview: start.ParaView, pvpython: Callable) -> None:
-    environment = start.environment_folder(paraview)
-    assert not start.holds_second_vtk(environment)
+def test_torch_and_paraviews_own_vtk_are_at_home_in_pvpython(paraview: programs.ParaView, pvpython: Callable) -> None:
+    environment = programs.environment_folder(paraview)
+    assert not programs.holds_second_vtk(environment)
     done = pvpython(
         "import importlib.util, numba, numpy, skimage, torch, svv, vtkmodules\n"
         "from paraview.simple import *\n"
@@ -293,7 +293,9 @@ def ends(display: str) -> bool:
     return not is_on(display)
 
 
-def test_without_a_display_pvpython_renders_on_one_that_ends_with_it(paraview: start.ParaView, tmp_path: Path) -> None:
+def test_without_a_display_pvpython_renders_on_one_that_ends_with_it(
+    paraview: programs.ParaView, tmp_path: Path
+) -> None:
     script = tmp_path / "script.py"
     script.write_text(
         "import os, sys\n"
@@ -305,12 +307,12 @@ def test_without_a_display_pvpython_renders_on_one_that_ends_with_it(paraview: s
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out.png").stat().st_size > 500
     display = next(line for line in done.stdout.splitlines() if line.startswith("display")).split()[1]
-    assert (display != "none") == start.needs_display(paraview, "pvpython")
+    assert (display != "none") == programs.needs_display(paraview, "pvpython")
     assert ends(display)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "killed"])
-def test_signals_reach_the_program_and_end_its_display(paraview: start.ParaView, tmp_path: Path, number) -> None:
+def test_signals_reach_the_program_and_end_its_display(paraview: programs.ParaView, tmp_path: Path, number) -> None:
     script = tmp_path / "script.py"
     script.write_text(
         "import os, signal, time\n"
@@ -325,7 +327,7 @@ def test_signals_reach_the_program_and_end_its_display(paraview: start.ParaView,
         assert process.stdout is not None
         try:
             display = process.stdout.readline().strip()
-            assert is_on(display) == start.needs_display(paraview, "pvpython")
+            assert is_on(display) == programs.needs_display(paraview, "pvpython")
             process.send_signal(number)
             assert process.wait(60) == (9 if number == signal.SIGINT else -signal.SIGKILL)
         finally:
@@ -354,9 +356,9 @@ def test_views_are_drawn_on_all_processors_and_paraviews_limit_stays(pvpython) -
     pvpython("""
 from vtkmodules.vtkCommonCore import vtkMultiThreader
 from paraview import simple
-from svv.dvr import mappers
+from svv.dvr.draw import casters
 before = vtkMultiThreader.GetGlobalMaximumNumberOfThreads()
-with mappers.all_threads():
+with casters.all_threads():
     assert vtkMultiThreader.GetGlobalMaximumNumberOfThreads() == 0
 assert vtkMultiThreader.GetGlobalMaximumNumberOfThreads() == before
 """)

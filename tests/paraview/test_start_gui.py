@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from svv.pv import start
+from svv.pv.launch import programs
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = """
@@ -46,7 +46,7 @@ def test_a_client_meets_a_server_with_the_plugin(pvpython: Callable, pvserver: i
 
 
 def test_two_ranks_start_each_on_a_display_of_its_own_where_they_need_one(
-    paraview: start.ParaView, mpiexec: Callable, environ: dict[str, str], tmp_path: Path
+    paraview: programs.ParaView, mpiexec: Callable, environ: dict[str, str], tmp_path: Path
 ) -> None:
     mpiexec(  # what ranks print may meet on one line, so each writes a file
         "import os, pathlib, sys\n"
@@ -60,7 +60,7 @@ def test_two_ranks_start_each_on_a_display_of_its_own_where_they_need_one(
     )
     displays = {file.name: file.read_text() for file in tmp_path.iterdir()}
     assert displays.keys() == {"0 of 2", "1 of 2"}
-    if start.needs_display(paraview, "pvbatch"):
+    if programs.needs_display(paraview, "pvbatch"):
         assert len({*displays.values(), environ["DISPLAY"]}) == 3
     else:
         assert set(displays.values()) == {""}

@@ -24,8 +24,8 @@ config.PRESETS["draft"] = replace(draft, reconstruct=replace(draft.reconstruct, 
     recolour=replace(draft.recolour, iterations=40, rays=512),
     stylize=replace(draft.stylize, style_size=48))  # a test is no painting
 worked = []
-import svv.dvr.views, svv.train.pipeline, svv.train.correct
-for module, name in ((svv.dvr.views, "make_views"), (svv.train.pipeline, "train_scene"),
+import svv.dvr.draw.views, svv.train.pipeline, svv.train.correct
+for module, name in ((svv.dvr.draw.views, "make_views"), (svv.train.pipeline, "train_scene"),
                      (svv.train.pipeline, "stylize_scene"), (svv.train.correct, "correct_palette")):
     def counted(*args, _work=getattr(module, name), _name=name, **options):
         worked.append(_name)

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from svv.fields.scene import Scene
-from svv.io.output import write_png
+from svv.fields.scene.scene import Scene
+from svv.io.pictures.output import write_png
 from svv.options.making import DRAWN
 from svv.render.pictures import read_png
 from svv.styles.gallery import open_style
 from svv.styles.offered import GALLERY, INKS
-from svv.train.style_choice import pairs_by_colour
+from svv.train.paint.style_choice import pairs_by_colour
 from tests.cube import cube_scene
 
 
@@ -51,9 +51,9 @@ def test_points_of_a_mask_are_set_in_the_view(inside, tmp_path: Path) -> None:
     write_png(tmp_path / "large.png", picture)
     said = inside("""
 paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), StyleFiles=["large.png"], PreviewOnly=1, ShownMask=1)
-from svv.pv.clicks import place_under
-from svv.pv.points import set_point
-from svv.pv.follow import fit, show_image
+from svv.pv.client.clicks import place_under
+from svv.pv.client.mask_points import set_point
+from svv.pv.client.linked_camera import fit, show_image
 none = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), PreviewOnly=1)
 set_point(none, (0, 0), "ClickInside")
 said["before"] = none.Region0Positive
@@ -96,8 +96,8 @@ paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png", "blue.png"], Pres
                        Region2Positive="10,30", PreviewFile=folder + "/now.png")
 said["first"] = [status(paint), style()]
 from pathlib import Path
-from svv.fields.scene import Scene
-from svv.pv.styling import told_of
+from svv.fields.scene.scene import Scene
+from svv.pv.filters.styling import told_of
 said["labels"] = []
 show, progress = told_of(Path("again.png"), lambda fraction, label: said["labels"].append(label))
 progress(0.1, "before")

@@ -12,13 +12,13 @@ BLOB = (
     VOLUME
     + f"""
 import numpy as np
-from svv.pv import work
-from svv.pv.follow import fit, show_image
+from svv.pv.filters import engine
+from svv.pv.client.linked_camera import fit, show_image
 times = {TIMES}
 counted = []
 def counting(name):
-    plain = getattr(work, name)
-    setattr(work, name, lambda *given: (counted.append(name), plain(*given))[1])
+    plain = getattr(engine, name)
+    setattr(engine, name, lambda *given: (counted.append(name), plain(*given))[1])
 [counting(name) for name in ("train", "draw_views")]
 
 def blob(time, size=16):
@@ -106,7 +106,7 @@ def test_time_passes_and_the_scene_stays_until_it_is_asked_for(pvpython, tmp_pat
     pvpython(
         SOURCE
         + """
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 made = lambda: Scene.from_bytes(scene(train), "the scene").made
 train = small(StyleRFTrain(Input=source, Preset="draft", TimeLimit=2.0))
 image = StyleRFRender(Input=train, ImageSize=[40, 30])
@@ -192,7 +192,7 @@ def test_the_orbit_is_an_animation_at_one_time_of_the_data(pvpython, tmp_path) -
         SOURCE
         + """
 from svv.errors import BadInput
-from svv.pv.orbit import play_orbit, stop_orbit
+from svv.pv.client.orbit import play_orbit, stop_orbit
 try:
     play_orbit()
 except BadInput as error:
@@ -248,7 +248,7 @@ def test_files_with_times(pvpython, tmp_path) -> None:
     pvpython(
         BLOB
         + """
-from svv.pv.orbit import play_orbit, stop_orbit
+from svv.pv.client.orbit import play_orbit, stop_orbit
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
@@ -327,10 +327,10 @@ def test_what_looks_at_a_view_looks_at_its_time(pvpython, tmp_path) -> None:
         SOURCE
         + """
 from pathlib import Path
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.pv import scripts
-from svv.pv.data import time_of
-from svv.pv.follow import follow, stop_following
+from svv.pv.filters.vtk_data import time_of
+from svv.pv.client.linked_camera import follow, stop_following
 at(animation, 1.5)
 SaveState(sys.argv[1] + "/state.pvsm")
 ResetSession()
@@ -351,7 +351,7 @@ def test_a_scene_of_values_follows_the_time_without_training(pvpython, tmp_path)
     pvpython(
         SOURCE
         + """
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 middle = lambda proxy: np.mean(Scene.from_bytes(scene(proxy), "the scene").info()["bounds"], axis=0)[0]
 train = small(StyleRFTrain(Input=source, Preset="draft", TimeLimit=4.0, Encoding="values"))
 image = StyleRFRender(Input=train, ImageSize=[40, 30])
@@ -376,7 +376,7 @@ def test_paint_moves_with_the_matter_while_time_is_played(pvpython, tmp_path) ->
     pvpython(
         SOURCE
         + """
-from svv.io.output import write_png
+from svv.io.pictures.output import write_png
 from svv.job.moving import Moving
 write_png(sys.argv[1] + "/style.png", np.random.default_rng(0).random((64, 64, 3)).astype(np.float32))
 asked_for, plain = {}, Moving.matter

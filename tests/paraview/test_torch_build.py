@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from svv.errors import BadInput
-from svv.pv import installer, torch_build
+from svv.pv.launch import installer, torch_build
 from tests.wheels import make_installed, make_torch, make_wheel
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -193,7 +193,7 @@ def test_a_gpu_is_found_by_its_driver_or_by_its_tool(tmp_path: Path) -> None:
 def test_make_keeps_this_torch_and_pins_it(tmp_path: Path) -> None:
     here = torch_build.installed()
     assert here is not None
-    command = [sys.executable, "-m", "svv.pv.torch_build", str(tmp_path / "constraints.txt")]
+    command = [sys.executable, "-m", "svv.pv.launch.torch_build", str(tmp_path / "constraints.txt")]
     environ = {**os.environ, "TORCH": ""}
     done = subprocess.run(command, cwd=ROOT, env=environ, capture_output=True, text=True)
     assert done.stderr == f"torch {here.version} is installed already; TORCH=cpu|cuda selects another build.\n"
@@ -223,7 +223,7 @@ def test_a_marker_that_nobody_reads_is_no_pin_for_all(tmp_path: Path) -> None:
 
 def test_without_a_pip_of_its_own_another_or_uv_installs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert installer.command()[:4] == [sys.executable, "-m", "pip", "install"]
-    monkeypatch.setattr("svv.pv.installer.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("svv.pv.launch.installer.importlib.util.find_spec", lambda name: None)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BadInput, match="-m ensurepip"):
         installer.command()

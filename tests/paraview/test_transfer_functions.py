@@ -8,7 +8,7 @@ SAME = 0.5
 PRESETS = """
 from paraview.modules.vtkRemotingViews import vtkSMTransferFunctionPresets
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
 known = getattr(vtkSMTransferFunctionPresets, "GetInstance", vtkSMTransferFunctionPresets)()
 numbers = filter(known.IsPresetBuiltin, range(known.GetNumberOfPresets()))
@@ -36,7 +36,7 @@ for low, high in ((-1000.0, 1000.0), (101325.0, 101326.0), (0.2, 0.7)):
 RAMP = """
 from paraview import simple
 from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
 simple._DisableFirstRenderCameraReset()
 COUNT, DEEP = 301, 20

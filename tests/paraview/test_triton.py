@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
-from svv.pv import start
+from svv.pv.launch import programs
 
 TESTS = Path(__file__).resolve().parents[1]
 
@@ -73,11 +73,11 @@ assert "libLLVM" in maps, "nothing was rendered with Mesa's LLVM, so nothing was
 
 @pytest.fixture(scope="module")
 def triton(
-    paraview: start.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+    paraview: programs.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:
     """The variables with which ParaView's Python finds triton too."""
     folder = tmp_path_factory.mktemp("triton")
-    places = [start.environment_folder(paraview) / "triton"]
+    places = [programs.environment_folder(paraview) / "triton"]
     if paraview.python == sys.version_info[:2]:
         spec = importlib.util.find_spec("triton")
         places += [Path(place) for place in (spec.submodule_search_locations or [])] if spec else []

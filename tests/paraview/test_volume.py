@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from svv.options.baking import BakeOptions
-from svv.render.baked import bake
-from svv.render.baked_volume import write_baked
+from svv.render.baking.baked import bake
+from svv.render.baking.baked_volume import write_baked
 from tests.cube import cube_scene
 
 VIEW = """
@@ -86,7 +86,7 @@ def test_the_3d_view_shows_the_scene_among_other_things(inside, tmp_path: Path) 
     said = inside(
         VIEW
         + """
-from svv.fields.scene import Scene
+from svv.fields.scene.scene import Scene
 from svv.pv.scripts import camera_of_view
 view = small_view()
 reader = OpenDataFile(folder + "/cube.svv")

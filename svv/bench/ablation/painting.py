@@ -20,15 +20,15 @@ from svv.bench.styles.modes import PaintedAsShown, flat_means, kept_scene, liken
 from svv.bench.styles.path import FINE, OrbitPath, Protocol, finely
 from svv.bench.styles.table import JUDGED, contact_sheet, markdown, write_tables
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.scene import Scene
-from svv.io.atomic import make_folder
-from svv.io.images import read_style
-from svv.io.made import digest, key_of_measure
-from svv.io.viewset import ViewSet
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import make_folder
+from svv.io.files.keyed_results import digest, key_of_measure
+from svv.io.pictures.style_picture import read_style
+from svv.io.views.viewset import ViewSet
 from svv.options.editing import PAINT_LIGHT
 from svv.train.config import MatchSettings
-from svv.train.pieces import PieceSettings
 from svv.train.pipeline import stylize_scene
+from svv.train.quilt.pieces import PieceSettings
 
 Row = dict[str, Any]
 

@@ -18,23 +18,23 @@ from numpy.typing import NDArray
 
 from svv.bench.stability.measures import matched, overlaps
 from svv.bench.styles.modes import kept_scene
-from svv.core.palette import PaletteSettings
+from svv.core.colour.palette import PaletteSettings
 from svv.errors import Progress, part
-from svv.fields.rendering import composite, march
-from svv.fields.scene import Scene
-from svv.io.atomic import write_json
-from svv.io.made import key_of_measure
-from svv.io.output import region_picture, write_png
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.rendering import composite, march
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import write_json
+from svv.io.files.keyed_results import key_of_measure
+from svv.io.pictures.output import region_picture, write_png
+from svv.io.views.viewset import ViewSet
 from svv.job.steps import turned
 from svv.render.frames import region_colours
 from svv.render.pictures import Picture, cropped, over_white, sheet
-from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings, preset
 from svv.train.evaluate import evaluate_scene
-from svv.train.loop import Running
-from svv.train.ranges import regions_for, regions_of
-from svv.train.recolour import palette_of, recolour
+from svv.train.palette.ranges import regions_for, regions_of
+from svv.train.palette.recolour import palette_of, recolour
+from svv.train.run.batches import RayPool
+from svv.train.run.loop import Running
 
 Row = dict[str, Any]
 Array = NDArray[Any]

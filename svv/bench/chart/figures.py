@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from svv.bench.chart.table import Row, front
-from svv.io.atomic import atomic_path
+from svv.io.files.atomic import atomic_path
 
 COLOURS = {
     "lattice": "#0f5c8c",

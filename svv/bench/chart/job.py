@@ -12,7 +12,7 @@ from svv.bench.chart.scenes import ChartScene, read_scenes
 from svv.bench.chart.table import Row, read_row
 from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.errors import Progress, part
-from svv.io.atomic import make_folder
+from svv.io.files.atomic import make_folder
 from svv.kernels.dispatch import KERNELS_VARIABLE
 
 RENDER_SECONDS = 25.0

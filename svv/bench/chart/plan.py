@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from svv.errors import BadInput
-from svv.io.made import key_of_measure
+from svv.io.files.keyed_results import key_of_measure
 from svv.options.making import MapperName
 from svv.train.config import lit_by, preset
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from svv.bench.chart.plan import LEAST_VIEWS, Grid, Measure, digest
-from svv.core.cameras import Camera
+from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
-from svv.io.view_meta import known
-from svv.io.viewset import ViewSet, read_meta
+from svv.io.views.view_meta import known
+from svv.io.views.viewset import ViewSet, read_meta
 from svv.job.source import ViewSource, VolumeSource
 from svv.options.making import ViewOptions
 
@@ -147,7 +147,7 @@ def shrunk(views: ViewSet, size: int) -> ViewSet:
 
 def unseen_cameras(folder: Path, test: int, size: int) -> list[Camera]:
     """Return test cameras around a volume, given the folder of the views that were drawn of it."""
-    from svv.dvr.views import ORBIT, unseen_numbers
+    from svv.dvr.draw.views import ORBIT, unseen_numbers
 
     path = known(read_meta(folder).rig, "rig").orbit(ORBIT, size)
     return [path[i] for i in unseen_numbers(test)]

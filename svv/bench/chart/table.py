@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from svv.io.atomic import atomic_path, write_json
+from svv.io.files.atomic import atomic_path, write_json
 
 LIMIT_REACHED = 0.1
 """Relative difference from the time limit up to which a training counts as having reached it."""

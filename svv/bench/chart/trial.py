@@ -24,17 +24,17 @@ from svv._version import __version__
 from svv.bench.chart.plan import Training
 from svv.bench.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv.bench.chart.tasks import RenderTask, TrainTask
-from svv.core.cameras import Camera
-from svv.core.colour import WHITE
-from svv.core.metrics import Likeness
+from svv.core.colour.colour import WHITE
+from svv.core.geometry.cameras import Camera
+from svv.core.images.metrics import Likeness
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.scene import Scene
-from svv.io.atomic import write_json
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import write_json
 from svv.io.scene_file import checkpoint_of
-from svv.io.view_meta import known
-from svv.io.viewset import ViewSet, read_meta
-from svv.job.ahead import ball_views
+from svv.io.views.view_meta import known
+from svv.io.views.viewset import ViewSet, read_meta
+from svv.job.compile_ahead import ball_views
 from svv.job.source import VolumeSource
 from svv.kernels.dispatch import device_named
 from svv.measure import measured
@@ -128,9 +128,9 @@ class Dvr:
     """Direct volume rendering of the volume, with the settings of its views."""
 
     def __init__(self, volume: Path, views: Path) -> None:
-        from svv.dvr.stage import set_stage
-        from svv.dvr.transfer_functions import TransferFunction
-        from svv.dvr.views import open_caster
+        from svv.dvr.draw.frame import set_stage
+        from svv.dvr.draw.views import open_caster
+        from svv.dvr.functions.transfer_functions import TransferFunction
 
         meta = read_meta(views)
         stage = set_stage(VolumeSource(volume).image(), TransferFunction.from_dict(known(meta.tf, "tf")))

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from svv.core.cameras import sphere_cameras
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_named
 from svv.train.config import Preset, preset
 
@@ -135,8 +135,8 @@ def draw_views(folder: Path, size: int, train: int = 92, test: int = 16, side: i
     """
     from svv.bricks.caster import BrickCaster, Look
     from svv.bricks.generated import GeneratedSource
-    from svv.core.cameras import CameraRig
-    from svv.core.shading import Shading
+    from svv.core.colour.shading import Shading
+    from svv.core.geometry.cameras import CameraRig
     from svv.measure import usable_cpus
 
     values = np.linspace(0.0, 255.0, 256)

@@ -23,9 +23,9 @@ import numpy as np
 import torch
 
 from svv.bench.gpu.context import SEED, Context, spread_of
-from svv.fields.gpu_check import run_checks
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.gpu_check import run_checks
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.kernels import gpu
 from svv.kernels.dispatch import kernels_of
 from svv.train.pipeline import evaluate_scene, stylize_scene, train_scene
@@ -244,7 +244,7 @@ def _waits(how: Context, step: Callable[[], object]) -> dict[str, int]:
 def poison(how: Context) -> None:
     """Train some steps in memory that is NaN until it is written; both passes of the march must agree to the sample."""
     from svv.bench.gpu.steps import first_stage
-    from svv.fields.rendering import march
+    from svv.fields.radiance.rendering import march
 
     work, bad, steps = first_stage(how), collections.Counter[str](), max(5, how.scaled(60))
     with _nan_memory():

@@ -8,13 +8,13 @@ import torch
 
 from svv.bench.gpu.context import SEED, Context
 from svv.errors import silent
-from svv.fields.networks import PaletteField
-from svv.fields.rendering import Marching
-from svv.train.batches import RayPool
-from svv.train.beginning import begin, first_occupancy
-from svv.train.recolour import Recolouring, palette_of
-from svv.train.reconstruct import Reconstruction
-from svv.train.resolutions import fitted_field
+from svv.fields.radiance.networks import PaletteField
+from svv.fields.radiance.rendering import Marching
+from svv.train.base.first_extinction import begin, first_occupancy
+from svv.train.base.reconstruct import Reconstruction
+from svv.train.base.resolutions import fitted_field
+from svv.train.palette.recolour import Recolouring, palette_of
+from svv.train.run.batches import RayPool
 
 
 def first_stage(how: Context) -> Reconstruction:

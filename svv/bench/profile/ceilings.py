@@ -12,7 +12,7 @@ import torch
 from numba import njit, prange
 
 from svv.bench.profile.work import Work
-from svv.kernels.bfloat16 import cpu_has_bfloat16
+from svv.kernels.numba.bfloat16 import cpu_has_bfloat16
 
 STREAM_NUMBERS = 1 << 25
 """Number of float32 values that are copied: 128 MB, more than caches usually hold."""

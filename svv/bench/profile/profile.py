@@ -13,24 +13,24 @@ from svv.bench.profile.ceilings import Ceilings, measure_ceilings
 from svv.bench.profile.table import Profile, profile_of
 from svv.bench.profile.watch import Watch
 from svv.bench.profile.work import watched
-from svv.core.cameras import CameraRig
+from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.networks import PaletteField
-from svv.fields.region import Region
-from svv.fields.rendering import Marching
-from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
-from svv.kernels.bfloat16 import cpu_has_bfloat16
+from svv.fields.radiance.networks import PaletteField
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.region import Region
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU, kernels_of
-from svv.train.batches import RayPool
-from svv.train.beginning import begin, first_occupancy
+from svv.kernels.numba.bfloat16 import cpu_has_bfloat16
+from svv.train.base.first_extinction import begin, first_occupancy
+from svv.train.base.reconstruct import Reconstruction
+from svv.train.base.resolutions import fitted_field
+from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset, preset
-from svv.train.lighting import shows_light
-from svv.train.ranges import regions_of
-from svv.train.recolour import Recolouring, palette_of
-from svv.train.reconstruct import Reconstruction
-from svv.train.resolutions import fitted_field
-from svv.train.sampling import with_fewest_samples
+from svv.train.palette.lighting import shows_light
+from svv.train.palette.ranges import regions_of
+from svv.train.palette.recolour import Recolouring, palette_of
+from svv.train.run.batches import RayPool
 
 COUNTED_STEPS = 2
 """Number of steps whose work is counted, after those that are timed."""

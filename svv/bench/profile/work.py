@@ -14,13 +14,13 @@ from typing import Any
 
 from torch import Tensor
 
-import svv.train.reconstruct
-from svv.core.encodings import lattice_corners
+import svv.train.base.reconstruct
+from svv.core.rays.encodings import lattice_corners
 from svv.kernels.types import ImageKernels, Kernels, Lattice
-from svv.train.batches import RayPool
-from svv.train.network_adam import NetworkAdam
-from svv.train.ranges import Owners
-from svv.train.reconstruct import Reconstruction
+from svv.train.base.reconstruct import Reconstruction
+from svv.train.palette.ranges import Owners
+from svv.train.run.batches import RayPool
+from svv.train.run.network_adam import NetworkAdam
 
 FLOAT_BYTES = 4
 """Bytes of a float32 value."""
@@ -76,7 +76,7 @@ def watched(kernels: Kernels) -> list[Watched]:
         Watched(RayPool, "batch", "draw pixels", lambda a: Work(a[2], 40 * a[2], 0, a[2])),
         Watched(kernels, "pixel_rays", "rays", lambda a: Work(len(a[0]), 32 * len(a[0]), 40 * len(a[0]))),
         Watched(kernels, "march", "march", lambda a: _march(march, a)),
-        Watched(svv.train.reconstruct, "representatives", "choose samples", lambda a: _choose(len(a[0]))),
+        Watched(svv.train.base.reconstruct, "representatives", "choose samples", lambda a: _choose(len(a[0]))),
         Watched(Owners, "told", "regions of samples", lambda a: Work(len(a[2]), 20 * len(a[2]), 0, len(a[2]))),
         Watched(kernels, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
         Watched(kernels, "hash_encode", "encode", lambda a: _hash(len(a[0]), len(a[1]), a[3].shape[1], 1)),

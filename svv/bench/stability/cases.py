@@ -14,17 +14,17 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.bench.stability.measures import matched, overlaps, palette_error
 from svv.bench.stability.pictures import barely_masked, dark, flat, grey, tiny
 from svv.bench.stability.scenes import SCENES, TRANSPARENT, KnownScene
-from svv.core.cameras import Camera
-from svv.core.colour import WHITE, colour_differences, over
-from svv.core.correction import Correction
-from svv.core.metrics import Likeness
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import make_views, render_views
+from svv.core.colour.colour import WHITE, colour_differences, over
+from svv.core.colour.correction import Correction
+from svv.core.geometry.cameras import Camera
+from svv.core.images.metrics import Likeness
+from svv.dvr.draw.views import make_views, render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput, Progress, part
-from svv.fields.rendering import march
-from svv.fields.scene import Scene
-from svv.io.view_meta import known
-from svv.io.viewset import ViewSet
+from svv.fields.radiance.rendering import march
+from svv.fields.scene.scene import Scene
+from svv.io.views.view_meta import known
+from svv.io.views.viewset import ViewSet
 from svv.train.config import MatchSettings, Preset
 from svv.train.correct import correct_palette
 from svv.train.pipeline import stylize_scene, train_scene

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from svv.core.colour import colour_differences
+from svv.core.colour.colour import colour_differences
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from svv.io.images import read_style
+from svv.io.pictures.style_picture import read_style
 
 STYLE_SIZE = 128
 """Side of the style pictures in pixels."""

@@ -15,8 +15,8 @@ from typing import Any
 
 from svv.bench.stability.cases import CASES, USUAL, Bench, BenchSettings
 from svv.errors import BadInput, Cancelled, Progress, part, silent
-from svv.io.atomic import make_folder, to_json, write_json
-from svv.io.made import key_of_measure, read_record
+from svv.io.files.atomic import make_folder, to_json, write_json
+from svv.io.files.keyed_results import key_of_measure, read_record
 from svv.measure import measured
 from svv.train.config import Preset, preset
 

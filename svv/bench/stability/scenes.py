@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.core.cameras import Camera
-from svv.core.colour import rgb_array
-from svv.core.shading import Shading
-from svv.dvr.grids import from_array
-from svv.dvr.transfer_functions import TransferFunction
-from svv.dvr.views import render_views
+from svv.core.colour.colour import rgb_array
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera
+from svv.dvr.draw.views import render_views
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 
 Array = NDArray[np.float64]
 RGB = tuple[float, float, float]

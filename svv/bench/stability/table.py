@@ -24,7 +24,7 @@ from svv.bench.stability.measures import (
     foreground_lost,
 )
 from svv.bench.stability.runs import Record
-from svv.io.atomic import atomic_path, write_json
+from svv.io.files.atomic import atomic_path, write_json
 
 FILES = ("stability.csv", "stability.json", "stability.md", "stability.png")
 

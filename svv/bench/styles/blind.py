@@ -21,9 +21,9 @@ from PIL import Image
 from svv.bench.styles.likeness import judge_of, painted_figures
 from svv.bench.styles.table import markdown
 from svv.errors import BadInput, Progress, silent
-from svv.io.atomic import check_writable, make_folder, write_json
-from svv.io.made import digest
-from svv.io.output import write_png
+from svv.io.files.atomic import check_writable, make_folder, write_json
+from svv.io.files.keyed_results import digest
+from svv.io.pictures.output import write_png
 from svv.options.making import PREFIX
 from svv.render.pictures import Picture, cropped, fitted, over_white, read_png, sheet
 from svv.styles.gallery import open_style

@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.bench.styles.path import METRICS, OrbitPath, Protocol, finely
-from svv.core.flow import camera_flow, is_consistent
+from svv.core.images.flow import camera_flow, is_consistent
 from svv.errors import Progress, part, silent
-from svv.fields.scene import Scene
-from svv.io.atomic import write_json
-from svv.io.made import kept, key_of_measure
-from svv.io.output import write_png
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import write_json
+from svv.io.files.keyed_results import kept, key_of_measure
+from svv.io.pictures.output import write_png
 from svv.render.pictures import read_png
 
 Frame = Callable[[int], NDArray[np.floating]]

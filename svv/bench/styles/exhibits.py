@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from svv.bench.styles.likeness import caption, judge_of, painted_figures
 from svv.bench.styles.table import averaged
-from svv.core.cameras import Camera
+from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
-from svv.fields.scene import Scene
-from svv.io.atomic import check_writable
-from svv.io.output import write_png
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import check_writable
+from svv.io.pictures.output import write_png
 from svv.io.scene_file import checkpoint_of
 from svv.job.stages import Show, Stages, fingerprint, unseen
 from svv.options.making import PREFIX
@@ -27,8 +27,8 @@ from svv.render.frames import orbit, region_colours
 from svv.render.pictures import Picture, cropped, fitted, over_white, sheet
 from svv.styles.gallery import open_style
 from svv.styles.segmenters import style_regions
-from svv.train.ink import StyleInput
 from svv.train.lpips import load_lpips
+from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene
 
 PARTS = 3

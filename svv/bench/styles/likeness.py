@@ -20,7 +20,7 @@ from svv.bench.styles.path import LEAST_ALPHA
 from svv.bench.styles.statistics import StyleJudge
 from svv.train.config import StylizeSettings
 from svv.train.lpips import Lpips
-from svv.train.pieces import PieceSettings, resized
+from svv.train.quilt.pieces import PieceSettings, resized
 
 CAPTION = {"neighbours": "neighbours", "contrast": "contrast"}
 """Figures that are shown under a picture's name on sheets -> their names there."""

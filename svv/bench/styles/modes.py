@@ -33,23 +33,23 @@ from svv.bench.styles.table import (
     victories,
     write_tables,
 )
-from svv.core.colour import over
-from svv.core.metrics import ssim
+from svv.core.colour.colour import over
+from svv.core.images.metrics import ssim
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.scene import Scene
-from svv.io.atomic import write_json
-from svv.io.images import read_style
-from svv.io.made import digest, kept, key_of_measure
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import write_json
+from svv.io.files.keyed_results import digest, kept, key_of_measure
+from svv.io.pictures.style_picture import read_style
 from svv.options.editing import PAINT_LIGHT
 from svv.options.making import MannerName
 from svv.render.pictures import read_png
 from svv.styles.features import load_features
 from svv.train.config import MatchSettings, Preset, StylizeSettings, preset
-from svv.train.ink import StyleInput
 from svv.train.lpips import load_lpips
-from svv.train.pieces import PieceSettings
+from svv.train.match.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
+from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
+from svv.train.quilt.pieces import PieceSettings
 
 MODES = {
     "unstyled": "the palette network's colours, with light",

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera
-from svv.core.flow import (
+from svv.core.geometry.cameras import Camera
+from svv.core.images.flow import (
     ABSOLUTE,
     BOUNDARY_ABSOLUTE,
     BOUNDARY_RELATIVE,
@@ -26,12 +26,12 @@ from svv.core.flow import (
     sampled,
     splatted,
 )
-from svv.core.metrics import flip_map
+from svv.core.images.metrics import flip_map
 from svv.errors import BadInput, Progress, silent
-from svv.fields.scene import Scene
-from svv.io.atomic import atomic_path
-from svv.io.made import kept, key_of_measure
-from svv.io.output import write_png
+from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import atomic_path
+from svv.io.files.keyed_results import kept, key_of_measure
+from svv.io.pictures.output import write_png
 from svv.render.frames import orbit
 from svv.render.pictures import over_white, read_png
 
@@ -49,8 +49,8 @@ BRIGHTER = 20.0
 """Importance without depth: minus this times the difference in grey to the flow's target (Niklaus & Liu 2020)."""
 
 FINE: dict[str, Any] = {"stride": 0.5, "joined": 1 / 1024}
-"""Sampling of depths and compared frames. With the sampling of images (:mod:`svv.train.sampling`), its noise, which
-moves with the camera, caused three fifths of the difference between frames of an unstyled scene."""
+"""Sampling of depths and compared frames. With the sampling of images (:mod:`svv.train.base.sampling`), its noise,
+which moves with the camera, caused three fifths of the difference between frames of an unstyled scene."""
 
 RULES = ["straight colours", LEAST_ALPHA, LEAST_ARRIVED, NEARER, BRIGHTER, RELATIVE, ABSOLUTE, BOUNDARY_RELATIVE,
          BOUNDARY_ABSOLUTE]  # fmt: skip
@@ -74,7 +74,7 @@ class Protocol:
     intervals: tuple[int, ...] = (1, 10)
     """Numbers of frames from the first frame of a pair to its second."""
     flows: tuple[str, ...] = ("depth", "tvl1")
-    """Kinds of flow: ``depth``, and estimators of :func:`svv.core.flow.estimated_flow`."""
+    """Kinds of flow: ``depth``, and estimators of :func:`svv.core.images.flow.estimated_flow`."""
     oversample: int = 1
     """Factor on ``size`` at which frames are drawn and warped; they are compared after averaging. Warping at 1
     interpolates between pixels, which blurs a sharp picture however still it stands."""

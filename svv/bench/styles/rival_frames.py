@@ -21,10 +21,10 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from svv.core.nnfm import cell_weights, colour_statistics, colour_transfer, total_variation
+from svv.core.images.nnfm import cell_weights, colour_statistics, colour_transfer, total_variation
 from svv.styles.features import STRIDE
-from svv.train.style_loss import LEAST_SHARE, StyleLossSettings, StyleTarget, solid
-from svv.train.stylize import RIM
+from svv.train.match.style_loss import LEAST_SHARE, StyleLossSettings, StyleTarget, solid
+from svv.train.match.stylize import RIM
 
 HELD = 100.0
 """Weight of the mean squared difference to the warped previous frame."""

@@ -23,18 +23,18 @@ import torch
 from torch import Tensor
 
 from svv.bench.styles.rival_frames import stylized
-from svv.core.nnfm import colour_statistics, colour_transfer
+from svv.core.images.nnfm import colour_statistics, colour_transfer
 from svv.errors import Progress, part
-from svv.fields.networks import UnrestrictedField, encode_directions
-from svv.fields.rendering import Rays, composite, march
-from svv.fields.scene import Scene
+from svv.fields.radiance.networks import UnrestrictedField, encode_directions
+from svv.fields.radiance.rendering import Rays, composite, march
+from svv.fields.scene.scene import Scene
 from svv.kernels.types import Samples
 from svv.train.config import MatchSettings
-from svv.train.distil import DISTILLATION_SIZE, Distillation
-from svv.train.loop import Loop
-from svv.train.ranges import LOOKED_AT
-from svv.train.style_loss import StyleTarget
-from svv.train.stylize import Stylization
+from svv.train.match.distil import DISTILLATION_SIZE, Distillation
+from svv.train.match.style_loss import StyleTarget
+from svv.train.match.stylize import Stylization
+from svv.train.palette.ranges import LOOKED_AT
+from svv.train.run.loop import Loop
 
 ROUNDS = 3
 """Number of times that the SNeRF-like mode stylizes its images and refits its field."""

@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.lines import LEAST_PIXELS, StyleLines, interior, shuffled
+from svv.core.images.lines import LEAST_PIXELS, StyleLines, interior, shuffled
 from svv.errors import BadInput
 from svv.train.lpips import MIN_SIZE, Lpips
 
@@ -144,7 +144,7 @@ class StyleJudge:
         Returns:
             ``neighbours`` and ``adain``: :func:`neighbours_distance` and the distance of the statistics of AlexNet's
             layers, both relative to that of noise (left out without a network); ``lines`` and its parts, see
-            :meth:`svv.core.lines.StyleLines.distances`. Empty if too little of the picture is inside the mask.
+            :meth:`svv.core.images.lines.StyleLines.distances`. Empty if too little of the picture is inside the mask.
         """
         inside = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask) > 0.9
         if interior(inside).sum() < LEAST_PIXELS:

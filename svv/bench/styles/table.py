@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.bench.styles.path import OrbitPath, Protocol
-from svv.io.atomic import atomic_path, write_json
-from svv.io.output import to_bytes, write_png
+from svv.io.files.atomic import atomic_path, write_json
+from svv.io.pictures.output import to_bytes, write_png
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet
 
 Row = dict[str, Any]

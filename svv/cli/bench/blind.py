@@ -52,7 +52,7 @@ def blind(
     share of sheets in which each way was chosen, and the share of pairs in which each metric agrees.
     """
     from svv.bench.styles.blind import CHOICES, open_key, report, write_sheets
-    from svv.io.atomic import check_writable, write_json
+    from svv.io.files.atomic import check_writable, write_json
 
     if choices is not None:
         if ways or out is not None:

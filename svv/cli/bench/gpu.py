@@ -74,8 +74,8 @@ def gpu(
     from svv.bench.gpu.context import Context, draw_views, read_results
     from svv.bench.gpu.page import write_report, wrong_kernels
     from svv.bench.gpu.parts import parts_named, run_parts
-    from svv.io.atomic import make_folder
-    from svv.io.transforms import transforms_file
+    from svv.io.files.atomic import make_folder
+    from svv.io.views.transforms import transforms_file
 
     make_folder(out)
     folder = views or out / "views"

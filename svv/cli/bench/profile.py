@@ -54,8 +54,8 @@ def profile(
     os.environ.setdefault("KINETO_LOG_LEVEL", "5")
     from svv.bench.profile.profile import profile_views
     from svv.bench.profile.table import as_text
-    from svv.io.atomic import check_writable, write_json
-    from svv.io.viewset import ViewSet
+    from svv.io.files.atomic import check_writable, write_json
+    from svv.io.views.viewset import ViewSet
 
     if json is not None:
         check_writable(json)

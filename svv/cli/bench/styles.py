@@ -132,9 +132,9 @@ def consistency(
     from svv.bench.styles.consistency import consistency
     from svv.bench.styles.path import METRICS
     from svv.bench.styles.table import markdown
-    from svv.fields.scene import Scene
-    from svv.io.atomic import check_writable, write_json
-    from svv.io.made import digest
+    from svv.fields.scene.scene import Scene
+    from svv.io.files.atomic import check_writable, write_json
+    from svv.io.files.keyed_results import digest
 
     protocol = frames.protocol(flows, oversample)
     if json is not None:

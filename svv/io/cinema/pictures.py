@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress, part
 from svv.io.cinema.hdf5 import SUFFIXES, read_channels
-from svv.io.view_images import decode, in_threads, with_alpha
+from svv.io.views.view_images import decode, in_threads, with_alpha
 
 Images = NDArray[np.uint8]
 

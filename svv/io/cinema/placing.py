@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from svv.core.camera_mistakes import Mistake
-from svv.core.cameras import Camera
-from svv.core.directions import geodesic_directions
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.directions import geodesic_directions
+from svv.core.geometry.phi_theta import ascent_rotations, paraview_rotations
 from svv.core.json_values import parsed
-from svv.core.phi_theta import ascent_rotations, paraview_rotations
-from svv.core.silhouettes import Silhouettes, best_fov, disagreement_of
+from svv.core.view_checks.camera_mistakes import Mistake
+from svv.core.view_checks.silhouettes import Silhouettes, best_fov, disagreement_of
 from svv.errors import BadInput
-from svv.io.agreement import Agreement, check_agreement
 from svv.io.cinema.shot import Shot, camera_of, fov_x, view_angle
 from svv.io.cinema.table import Table
-from svv.io.on_screen import fixed_in, without
+from svv.io.views.agreement import Agreement, check_agreement
+from svv.io.views.on_screen import fixed_in, without
 
 Array = NDArray[np.float64]
 

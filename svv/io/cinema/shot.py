@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from svv.core.cameras import Camera, look_at
+from svv.core.geometry.cameras import Camera, look_at
 from svv.core.json_values import number_in, parsed, switch_in, vector_in
 from svv.core.xml_values import parsed_xml
 from svv.errors import BadInput

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from svv.core.json_values import list_in, object_in, parsed, text_in
 from svv.errors import BadInput
-from svv.io.atomic import is_file
-from svv.io.transforms import MOST_MISSING, leaves
+from svv.io.files.atomic import is_file
+from svv.io.views.transforms import MOST_MISSING, leaves
 
 TABLE, INFO = "data.csv", "info.json"
 """Files by which a database is recognised."""

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera, CameraRig
+from svv.core.geometry.cameras import Camera, CameraRig
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.agreement import check_agreement
 from svv.io.cinema.pictures import read_pair, read_pictures, transparent
 from svv.io.cinema.placing import (
     cameras_by_rows,
@@ -24,9 +23,10 @@ from svv.io.cinema.placing import (
 from svv.io.cinema.shot import BESIDE, Shot, read_shot
 from svv.io.cinema.table import OPACITY_FUNCTION, Table, check_files, is_database, read_table, select
 from svv.io.cinema.transfer import opacity_function
-from svv.io.on_screen import ignoring_fixed
-from svv.io.view_meta import ViewMeta
-from svv.io.viewset import MIN_TRAIN_VIEWS, ViewSet
+from svv.io.views.agreement import check_agreement
+from svv.io.views.on_screen import ignoring_fixed
+from svv.io.views.view_meta import ViewMeta
+from svv.io.views.viewset import MIN_TRAIN_VIEWS, ViewSet
 from svv.options.cinema import DatabaseOptions
 
 MOST_TEST = 16
@@ -47,7 +47,7 @@ class Imported:
     """What was chosen, left out, assumed and found, a sentence each."""
 
     def write(self, folder: Path, progress: Progress = silent) -> None:
-        """Write the views as a folder of views; see :meth:`svv.io.viewset.ViewSet.write`."""
+        """Write the views as a folder of views; see :meth:`svv.io.views.viewset.ViewSet.write`."""
         if self.test is not None:
             self.test.write(folder, "test", part(progress, 0.0, 0.2))
         self.train.write(folder, "train", part(progress, 0.2, 1.0))
@@ -107,7 +107,7 @@ def read_views(path: str | Path, split: str = "train", progress: Progress = sile
     ``meta.assumed`` contains the notes of the database.
 
     Raises:
-        BadInput: As :meth:`svv.io.viewset.ViewSet.read` and :func:`read_database`.
+        BadInput: As :meth:`svv.io.views.viewset.ViewSet.read` and :func:`read_database`.
     """
     path = Path(path)
     if not is_database(path):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera
+from svv.core.geometry.cameras import Camera
 from svv.render.figures.framing import distance_to, round_length
 from svv.render.figures.lettering import Lettering
 

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera
-from svv.core.colour import over, to_hex
+from svv.core.colour.colour import over, to_hex
+from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.output import to_bytes
+from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
 from svv.render.colour_check import Seen, seen_of, told_of
 from svv.render.figures.files import check_kind, write_figure
@@ -35,7 +35,7 @@ from svv.render.frames import orbit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from svv.fields.scene import Scene
+    from svv.fields.scene.scene import Scene
     from svv.render.figures.framing import Window
     from svv.render.figures.layout import Box, Layout
     from svv.render.figures.lettering import Lettering

@@ -16,7 +16,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from svv.errors import BadInput
-from svv.io.atomic import atomic_path, check_writable
+from svv.io.files.atomic import atomic_path, check_writable
 
 KINDS = (".pdf", ".svg", ".png", ".tif", ".tiff")
 """Extensions of files that a figure can be written to."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera
+from svv.core.geometry.cameras import Camera
 
 PREVIEW = 320
 """Width of a preview in pixels."""

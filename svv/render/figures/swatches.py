@@ -14,12 +14,12 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
-from svv.core.cameras import Camera
-from svv.core.light import Lamp, blinn_phong
-from svv.core.palette_shading import lit
-from svv.fields.paint_light import lights_of
-from svv.fields.region import label_of
-from svv.fields.scene import Rendering, Scene
+from svv.core.colour.light import Lamp, blinn_phong
+from svv.core.colour.palette_shading import lit
+from svv.core.geometry.cameras import Camera
+from svv.fields.radiance.paint_light import lights_of
+from svv.fields.scene.region import label_of
+from svv.fields.scene.scene import Rendering, Scene
 
 LEAST_ALPHA = 0.02
 """Alpha below which a pixel says nothing about the colour of a region."""
@@ -187,7 +187,7 @@ def _under_lamp(
     paint: Picture,
     sphere: tuple[Picture, Picture, Picture],
 ) -> Picture:
-    """Return the paint on a sphere under a light that can be moved (:func:`svv.core.light.blinn_phong`)."""
+    """Return the paint on a sphere under a light that can be moved (:func:`svv.core.colour.light.blinn_phong`)."""
     x, y, facing = sphere
     normal = torch.from_numpy(np.stack([x, y, facing], axis=2).reshape(-1, 3))
     toward = torch.tensor([0.0, 0.0, 1.0]).expand_as(normal)

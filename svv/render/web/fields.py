@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from torch import Tensor
 
-from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
-from svv.core.light import NORMAL_SCALE
+from svv.core.colour.light import NORMAL_SCALE
+from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import Progress, part, silent
-from svv.fields.encodings import Encoding, SparseLattice
-from svv.fields.occupancy import Occupancy
-from svv.fields.scene import Scene
-from svv.kernels.numba_holding import held
+from svv.fields.radiance.encodings import Encoding, SparseLattice
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.scene import Scene
 from svv.render.web.harmonics import BANDS, fitted_light, geometry_at, principal
+from svv.render.web.holding_kernels import held
 
 VERTICES_AT_A_TIME = 1 << 17
 """Vertices whose values are computed together, to bound the memory."""

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from svv.core.cameras import Camera
-from svv.core.encodings import spherical_harmonics
+from svv.core.geometry.cameras import Camera
+from svv.core.rays.encodings import spherical_harmonics
 from svv.errors import Progress, silent
-from svv.fields.rendering import march, not_hidden
-from svv.fields.scene import Scene
+from svv.fields.radiance.rendering import march, not_hidden
+from svv.fields.scene.scene import Scene
 
 BANDS = 3
 """Bands of the harmonics: 9 functions of the direction."""
@@ -55,7 +55,7 @@ def fitted_light(scene: Scene, places: Tensor, progress: Progress = silent) -> T
 
     Returns:
         K coefficients of the shade and K of the specular light, which a dot product with
-        :func:`svv.core.encodings.spherical_harmonics` of a ray's direction turns into the light. (V, 2 K)
+        :func:`svv.core.rays.encodings.spherical_harmonics` of a ray's direction turns into the light. (V, 2 K)
     """
     cameras = scene.rig.sphere(VIEWS, VIEW_SIZE)
     sight = _sight(scene, cameras)

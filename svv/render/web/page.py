@@ -26,18 +26,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from svv._version import __version__
-from svv.core.cameras import Camera, CameraRig
-from svv.core.colour import WHITE, over
-from svv.core.colour_vision import MATRICES
+from svv.core.colour.colour import WHITE, over
+from svv.core.colour.colour_vision import MATRICES
+from svv.core.colour.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
+from svv.core.colour.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
+from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.interval_text import interval_text
-from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
-from svv.core.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.joined import members
-from svv.fields.scene import Scene
-from svv.fields.stroke_opacity import strokes_of
-from svv.io.atomic import atomic_path, check_writable, to_json
-from svv.io.output import to_bytes, write_mp4
+from svv.fields.scene.joined import members
+from svv.fields.scene.scene import Scene
+from svv.fields.strokes.stroke_opacity import strokes_of
+from svv.io.files.atomic import atomic_path, check_writable, to_json
+from svv.io.pictures.output import to_bytes, write_mp4
 from svv.render.web.fields import Field, fields_of
 
 SCRIPTS = (

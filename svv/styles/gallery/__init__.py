@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
-from svv.io.cache import cache_folder
-from svv.io.images import SMALLEST, read_style
-from svv.io.output import to_bytes, write_png
+from svv.io.files.cache import cache_folder
+from svv.io.pictures.output import to_bytes, write_png
+from svv.io.pictures.style_picture import SMALLEST, read_style
 from svv.options.making import DRAWN, PREFIX
 from svv.styles.offered import GALLERY
 
@@ -87,11 +87,11 @@ def _painted(name: str, size: int, seed: int) -> NDArray[np.float32]:
 
 
 def open_style(source: str | Path, progress: Progress = silent) -> tuple[str, NDArray[np.float32]]:
-    """Return the name and content of a style picture: ``gallery:NAME`` or a file (:func:`svv.io.images.read_style`).
+    """Return the name and content of a style picture: ``gallery:NAME`` or a file (:func:`svv.io.pictures.style_picture.read_style`).
 
     Raises:
-        BadInput: See :func:`gallery_picture` and :func:`svv.io.images.read_style`; or it is an ink, which has no
-            picture.
+        BadInput: See :func:`gallery_picture` and :func:`svv.io.pictures.style_picture.read_style`; or it is an ink,
+            which has no picture.
     """
     text = str(source)
     if text.startswith(DRAWN):

@@ -10,7 +10,7 @@ function fromHex(text) {
   return [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
 }
 
-// Write hue, saturation and brightness of a colour, negative components being 0 (svv/core/colour.py, rgb_to_hsb).
+// Write hue, saturation and brightness of a colour, negative components being 0 (svv/core/colour/colour.py, rgb_to_hsb).
 function toHsb(r, g, b, out) {
   r = Math.max(r, 0), g = Math.max(g, 0), b = Math.max(b, 0);
   const value = Math.max(r, g, b), chroma = value - Math.min(r, g, b);
@@ -33,7 +33,7 @@ function toRgb(hue, saturation, value, out) {
   return out;
 }
 
-// Oklab, and back (svv/core/oklab.py).
+// Oklab, and back (svv/core/colour/oklab.py).
 const times = (matrix, v) => matrix.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
 
 function toOklab(rgb, { to_cones, to_lab }) {

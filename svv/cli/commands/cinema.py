@@ -1,0 +1,171 @@
+"""The commands for other programs: ``svv import``, ``svv export`` and ``svv view``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from svv.cli.files import check_targets, load
+from svv.cli.option_group import spread
+from svv.cli.options import Out, SceneFile
+from svv.errors import BadInput, Progress, part
+from svv.options.baking import BakeOptions
+from svv.options.cinema import DatabaseOptions, ExportOptions
+from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+
+IMPORT = (
+    "svv import head.cdb --out views",
+    "svv import head.cdb --cameras head.pvsm --select time=0.5 --out views",
+    "svv import head.cdb --select producer=white --black black --view-angle 30 --out views",
+)
+"""Examples in the help."""
+EXPORT = (
+    "svv export scene.svv --out scene.html",
+    "svv export scene.svv --out scene.cdb",
+    "svv export scene.svv --out scene.cdb --phi 24 --theta 12 --size 400 --no-layers",
+    "torchrun --nproc-per-node 4 -m svv export scene.svv --out scene.cdb",
+    "svv export scene.svv --out scene.vti",
+    "svv export scene.svv --out scene.vti --resolution 128 --light baked --regions 0,2",
+    "svv export scene.svv --out scene.vdb --light baked",
+)
+"""Examples in the help."""
+
+
+VIEW = ("svv view scene.svv",)
+"""Examples in the help."""
+
+
+@spread
+def import_(
+    database: Annotated[Path, typer.Argument(metavar="DATABASE", help="Folder with data.csv or Ascent's info.json.")],
+    out: Out,
+    options: DatabaseOptions = DatabaseOptions(),
+) -> None:
+    """Make a folder of views from a Cinema database: ParaView's, Ascent's or pycinema's.
+
+    Cameras come from the options, a file that they name, camera.json in the database, or the images' metadata. An
+    unknown view angle is estimated from the silhouettes; cameras that contradict them are refused.
+    """
+    from svv.io.cinema.views import read_database
+
+    with shown("Reading") as progress:
+        imported = read_database(database, options, progress)
+    with shown("Writing") as progress:
+        imported.write(out, progress)
+    for note in imported.notes:
+        print(note, file=sys.stderr)
+    unseen = 0 if imported.test is None else len(imported.test)
+    print(f"{out}: {len(imported.train)} + {unseen} views")
+
+
+@spread
+def export(
+    scene: SceneFile,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb", help="What to write.")
+    ],
+    options: ExportOptions = ExportOptions(),
+    baking: BakeOptions = BakeOptions(),
+) -> None:
+    """Write a scene for other programs: a page for browsers, a Cinema database, or a volume for ParaView or Blender.
+
+    FILE.html shows the scene from all sides and edits it, without svv, a server or a network. NAME.cdb holds images by
+    phi and theta, with depth and a layer for each region; `svv train` learns from it. After Ctrl-C, the same command
+    resumes, and processes that torchrun starts share the images. NAME.vti holds colours and extinction for ParaView's
+    3D view; its opacity function is in a .json beside it. NAME.vdb holds the same as OpenVDB grids, density and Cd, for
+    Blender and Houdini.
+    """
+    from svv.train.run import ranks
+
+    writer = WRITERS.get(out.suffix.lower())
+    if writer is None:
+        raise BadInput(
+            f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb, or a volume "
+            "NAME.vti or NAME.vdb."
+        )
+    if not writer.shared:
+        check_targets(out)
+        if ranks.place().rank:
+            return
+    with ranks.joined(options.device) if writer.shared else nullcontext():
+        loaded = load(scene, options.device)
+        with shown("Exporting", quiet=not ranks.is_first()) as progress:
+            said = writer.write(out, loaded, options, baking, progress)
+        if ranks.is_first():
+            print(f"{out}: {said}")
+
+
+def _database(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+    from svv.render.cinema import write_database
+    from svv.train.run import ranks
+
+    return f"{write_database(out, scene, options, progress, ranks.sharing())} views"
+
+
+def _page(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+    from svv.render.web.page import write_html
+
+    if options != ExportOptions(device=options.device) or baking != BakeOptions():
+        raise BadInput("A page has no options: those of svv export are of Cinema databases and volumes.")
+    return f"{write_html(out, scene, out.stem, progress=progress) / 1e6:.1f} MB"
+
+
+def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+    from svv.render.baking.baked import bake
+    from svv.render.baking.baked_volume import write_baked
+
+    volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.8))
+    preset = write_baked(out, volume, part(progress, 0.8, 1.0))
+    return f"{volume.told()}; its opacity function is {preset}"
+
+
+def _openvdb(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+    from svv.render.baking.baked import bake
+    from svv.render.baking.openvdb import python_with_openvdb, write_vdb
+
+    python_with_openvdb()  # before minutes of work
+    volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.7))
+    write_vdb(out, volume, part(progress, 0.7, 1.0))
+    return f"{' x '.join(map(str, volume.grid.shape))} points, {out.stat().st_size / 1e6:.1f} MB"
+
+
+@dataclass(frozen=True)
+class Writer:
+    """How to write a scene for another program."""
+
+    write: Callable[[Path, Scene, ExportOptions, BakeOptions, Progress], str]
+    """Returns what it wrote in a few words."""
+    shared: bool = False
+    """Whether processes that torchrun starts share the work; otherwise the first one does it."""
+
+
+WRITERS = {
+    ".html": Writer(_page), ".cdb": Writer(_database, shared=True), ".vti": Writer(_volume), ".vdb": Writer(_openvdb),
+}  # fmt: skip
+"""Suffix of what to write -> its writer."""
+
+
+def view(scene: SceneFile) -> None:
+    """Show a scene in the browser: from all sides, with its palette, opacities, paintings and light to edit.
+
+    The page is one file in the system's folder for temporary files; `svv export` writes it elsewhere, to be kept.
+    """
+    from svv.render.web.page import write_html
+
+    loaded = load(scene)
+    out = Path(tempfile.mkdtemp(prefix="svv-")) / f"{scene.stem}.html"
+    with shown("Preparing") as progress:
+        write_html(out, loaded, scene.stem, progress=progress)
+    opened = webbrowser.open(out.as_uri())
+    print(out if opened else f"{out}: no browser could be started; open this file in one.")

@@ -1,0 +1,311 @@
+"""The commands ``svv edit`` and ``svv palette``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from svv.cli.files import check_targets, finish, load
+from svv.cli.option_group import spread
+from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_names, parse_whole
+from svv.errors import BadInput
+from svv.options.described import Setting
+from svv.options.editing import (
+    DistinctName,
+    LightEdit,
+    OutlineEdit,
+    PaintEdit,
+    PartEdit,
+    RegionEdit,
+    SceneEdit,
+    VisibilityEdit,
+)
+from svv.options.making import DeviceOptions, PaletteOptions
+from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.core.colour.correction import Correction
+    from svv.fields.scene.scene import Scene
+
+EDIT = (
+    "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
+    "svv edit scene.svv --name 0=bone --name 1='soft tissue' --out named.svv",
+    "svv edit scene.svv --distinct colours --out apart.svv",
+    "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
+    "svv edit scene.svv --isolate 0 --out alone.svv",
+    "svv edit alone.svv --show all --out all.svv",
+    "svv edit scene.svv --split-at 410,320 --out two.svv",
+    "svv edit two.svv --hide 3 --out half.svv",
+    "svv edit red.svv --undo --out scene.svv",
+    "svv edit phong.svv --light 50,20 --intensity 1.2 --out side.svv",
+    "svv edit phong.svv --region 0 --specular 0.4 --shininess 30 --out shiny.svv",
+    "svv edit painted.svv --show-variant ink --strength 0.5 --out faint.svv",
+    "svv edit painted.svv --paint-light 1 --out lit.svv",
+    "svv edit painted.svv --stroke-opacity 0.6 --out strokes.svv",
+    "svv edit painted.svv --region 0 --stroke-width 0.7 --stroke-relief 1.5 --out finer.svv",
+    "svv edit painted.svv --stroke-palette scream.jpg --stroke-light 60,30 --out other.svv",
+    "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
+)
+"""Examples in the help."""
+PALETTE = (
+    "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
+    "svv palette scene.svv --views views --merge 0,1 --set 0='#d0a060' --out one.svv",
+    "svv palette scene.svv --views views --remove 2 --preset fast --out less.svv",
+)
+"""Examples in the help."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Undoing and redoing edits, and showing or removing paintings."""
+
+    undo: Annotated[int, typer.Option("--undo", count=True, help="Undo the last edit; may be repeated.")] = 0
+    redo: Annotated[
+        int, typer.Option("--redo", count=True, help="Redo the last edit that was undone; may be repeated.")
+    ] = 0
+    show_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Show this painting.")] = None
+    drop_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Remove this painting from the file.")] = None
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """The picture in which --split-at is a pixel."""
+
+    camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
+    """Camera of the picture for --split-at, as in `svv render`; by default the middle of the orbit."""
+    frame: Annotated[int, Setting(least=0)] = 0
+    """Number of the view for --split-at in a transforms file."""
+    size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size")] = None
+    """Size of the picture for --split-at in pixels; 800 by default."""
+
+
+@spread
+def edit(  # noqa: PLR0913  (one parameter per group of options)
+    scene: SceneFile,
+    out: Out,
+    region: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Number of the region; `svv info` lists them. Without it, paint and outlines change in all regions.",
+        ),
+    ] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
+        ),
+    ] = None,
+    distinct: Annotated[
+        DistinctName | None,
+        typer.Option(
+            metavar="colours|lightness",
+            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
+            "also in a grey print; hues are kept where possible.",
+        ),
+    ] = None,
+    own: RegionEdit = RegionEdit(),
+    light: LightEdit = LightEdit(),
+    paint: PaintEdit = PaintEdit(),
+    outline: OutlineEdit = OutlineEdit(),
+    visibility: VisibilityEdit = VisibilityEdit(),
+    part: PartEdit = PartEdit(),
+    picture: PictureOptions = PictureOptions(),
+    steps: Steps = Steps(),
+) -> None:
+    """Edit a scene's regions: colour, opacity, light, strokes, outlines, visibility and parts. Nothing is trained.
+
+    All changes made by one command form one step in the history of the scene file, which --undo reverts. --reset is
+    applied first, then --split-at, the options that hide and show regions, and all others. --split-at makes the
+    connected part of a region that is visible at a pixel a region of its own, whose number follows the last one's.
+    """
+    from svv.fields.scene.edit_request import with_edit
+    from svv.fields.scene.scene import Scene
+    from svv.io.files.atomic import check_writable
+
+    chosen = () if region is None else (region,)
+    regions = _named(dict.fromkeys(chosen, own), name or [])
+    request = SceneEdit(regions, light, paint, outline, visibility, part, chosen, chosen)
+    if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
+        raise BadInput(
+            "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
+        )
+    _check(region, own, bool(own or paint or outline), steps, bool(request or own or distinct))
+    check_writable(out)
+    result = loaded = Scene.load(scene)
+    if part.split_at is None:
+        result = with_edit(result, request)
+    else:
+        split = replace(part, split_at=_point(result, part.split_at, picture))
+        with shown("Splitting") as progress:
+            result = with_edit(result, replace(request, part=split), progress)
+        print(_told(result), file=sys.stderr)
+    if distinct is not None:
+        result = _distinct(result, distinct, as_one_step_since=loaded)
+    result = _after(result, steps)
+    result.save(out)
+    print(out)
+
+
+def _check(region: int | None, own: RegionEdit, of_region: bool, steps: Steps, edits: bool) -> None:
+    """Raise BadInput if edits of a region and the region are not both given, or steps contradict each other or edits.
+
+    ``of_region``: whether there are edits that a region may have; ``edits``: whether there are any.
+    """
+    if region is None and own:
+        raise BadInput("Say which region with --region K; `svv info` lists them.")
+    if region is not None and not of_region:
+        raise BadInput(
+            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
+            "of its strokes, such as --stroke-width, for the region."
+        )
+    if (steps.undo or steps.redo) and (edits or (steps.undo and steps.redo)):
+        raise BadInput("Give --undo, --redo or edits, not more than one of these.")
+    if not (edits or any(vars(steps).values())):
+        raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
+
+
+def _after(result: Scene, steps: Steps) -> Scene:
+    """Return the scene after its steps were undone or redone, and paintings shown or removed."""
+    for _ in range(steps.undo):
+        result = result.undone()
+    for _ in range(steps.redo):
+        result = result.redone()
+    if steps.drop_variant is not None:
+        result = result.without_variant(steps.drop_variant)
+    if steps.show_variant is not None:
+        result = result.with_variant(steps.show_variant)
+    return result
+
+
+def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scene:
+    """Return the scene in colours that everybody can tell apart, and say how far apart they are."""
+    from svv.core.colour.colour_vision import LEAST_DIFFERENCE
+    from svv.render.distinct import distinct
+
+    with shown("Recolouring") as progress:
+        found = distinct(scene, how, progress=progress)
+    pair = found.nearest
+    if pair is None:
+        print("The scene shows one region, which nothing can be mistaken for.", file=sys.stderr)
+    else:
+        said = f"{pair.first} and {pair.second} are nearest, {pair.difference:.1f} apart ({pair.vision})"
+        if pair.difference < LEAST_DIFFERENCE:
+            said = (
+                f"No palette was found that keeps regions {LEAST_DIFFERENCE:g} apart as rendered; in the best one, "
+                f"{said}: hide or join regions, or make them more opaque."
+            )
+        print(said, file=sys.stderr)
+    return found.scene.as_one_step(as_one_step_since)
+
+
+def _named(edits: dict[int, RegionEdit], texts: Sequence[str]) -> dict[int, RegionEdit]:
+    """Return the edits of regions with the names that --name gives them."""
+    found = dict(edits)
+    for region, name in parse_names(texts).items():
+        found[region] = replace(found.get(region, RegionEdit()), name=name)
+    return found
+
+
+def _point(scene: Scene, place: tuple[float, ...], picture: PictureOptions) -> tuple[float, ...]:
+    """Return the point in the world that --split-at means: what a pixel shows, or the point itself."""
+    from svv.io.views.camera_file import read_camera
+    from svv.render.frames import orbit
+
+    if len(place) == 3:
+        if picture != PictureOptions():
+            raise BadInput("--camera, --frame and --size belong to a pixel: give --split-at two numbers, not three.")
+        return place
+    if picture.camera is not None:
+        camera = read_camera(picture.camera, picture.size, picture.frame)
+    else:
+        camera = orbit(scene, 181, *(picture.size or (800, 800)))[90]  # as `svv render` without a camera
+    return scene.point_at(camera, (place[0], place[1]))
+
+
+def _told(scene: Scene) -> str:
+    """Say which region was split last, and how."""
+    part, number = scene.regions[-1], len(scene.regions) - 1
+    assert part.part_of is not None
+    whole = scene.regions[part.part_of]
+    of = whole.name or f"region {part.part_of}"
+    return f"Region {number} was part of {of}: {100 * part.share / max(whole.share, 1e-9):.3g} % of it"
+
+
+@dataclass(frozen=True)
+class PaletteChanges:
+    """Corrections to a palette."""
+
+    add: Annotated[tuple[str, ...], Setting(metavar="'#rrggbb'")] = ()
+    """Add a region of this colour."""
+    merge: Annotated[tuple[str, ...], Setting(metavar="K,K,...")] = ()
+    """Merge these regions."""
+    remove: Annotated[tuple[int, ...], Setting(metavar="K")] = ()
+    """Remove this region."""
+    colours: Annotated[tuple[str, ...], Setting("--set", metavar="K='#rrggbb'")] = ()
+    """Set a region's palette colour."""
+    split: Annotated[tuple[int, ...], Setting(metavar="K")] = ()
+    """Split this region into one region for each of its ranges of values."""
+
+    def correction(self) -> Correction:
+        """Return the changes in the form that the layers below take."""
+        from svv.core.colour.correction import Correction
+
+        return Correction(
+            tuple(parse_whole(text, "--merge") for text in self.merge),
+            self.remove,
+            dict(parse_set(text) for text in self.colours),
+            self.split,
+            tuple(map(parse_colour, self.add)),
+        )
+
+
+@spread
+def palette(
+    scene: SceneFile,
+    views: Annotated[
+        Path, typer.Option("--views", metavar="VIEWS", help="Folder of the views that the scene was trained on.")
+    ],
+    out: Out,
+    changes: PaletteChanges = PaletteChanges(),
+    options: PaletteOptions = PaletteOptions(),
+    where: DeviceOptions = DeviceOptions(),
+    json: Json = None,
+) -> None:
+    """Correct a scene's palette by hand and train its regions again; the base network is kept.
+
+    If two parts of similar hue ended up in one region, add the missing colour. Regions are numbered as in
+    `svv info SCENE.svv`. If the volume is known, each region still consists of ranges of the transfer function.
+    After Ctrl-C, the same command resumes.
+    """
+    from svv.io.cinema.views import read_views
+    from svv.io.scene_file import checkpoint_of
+    from svv.train.correct import correct_palette
+
+    correction = changes.correction()
+    check_targets(out, json)
+    loaded = load(scene, where.device)
+    with shown("Reading") as progress:
+        view_set = read_views(views, "train", progress)
+    checkpoint = checkpoint_of(out)
+    with shown("Palette") as progress:
+        result, report = correct_palette(loaded, view_set, correction, options, progress, checkpoint)
+    print("\n".join(report["notes"][:-1]), file=sys.stderr)
+    finish(result, report, out, json, checkpoint)
+
+
+def parse_set(text: str) -> tuple[int, tuple[float, float, float]]:
+    """Return the region and colour of '0=#rrggbb'.
+
+    Raises:
+        BadInput: The text has another form.
+    """
+    region, _, colour = text.partition("=")
+    if not (region.strip().isascii() and region.strip().isdigit() and colour):
+        raise BadInput(f"'{text}' does not set a colour; write region=colour, for example --set 0='#ff8800'.")
+    return int(region), parse_colour(colour)

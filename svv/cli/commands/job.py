@@ -1,0 +1,139 @@
+"""The commands that start from a volume: ``svv demo``, ``svv run`` and ``svv views``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from svv.cli.option_group import spread
+from svv.cli.options import Out, VolumeFile
+from svv.errors import BadInput
+from svv.options.making import OrbitOptions, ShownVolumeOptions, TrainOptions, ViewOptions
+from svv.progress import duration, shown
+
+if TYPE_CHECKING:
+    from svv.job.source import ViewSource, VolumeSource
+
+DEMO = (
+    "svv demo",
+    "svv demo --out my-demo --preset balanced",
+    "svv demo --resolution 64 --size 400",
+)
+"""Examples in the help."""
+RUN = (
+    "svv run foot.vti --tf bones.json --style brush.jpg --out foot",
+    "svv run engine_256x256x128_uint8.raw --out engine --preset fast",
+    "svv run views --style a.png --style gallery:mosaic --lighting auto --out result",
+)
+"""Examples in the help."""
+VIEWS = (
+    "svv views foot.vti --tf bones.json --out views",
+    "svv views foot.vti --tf bones.json --tf skin.json --out views",
+    "svv views pressure.vti --tf jet.json --rescale --out views",
+    "svv views head.raw --dims 256,256,128 --dtype uint16 --spacing 1,1,1.5 --tf skin.json --out views",
+    "torchrun --nproc-per-node 4 -m svv views large.mhd --tf skin.json --out views",
+)
+"""Examples in the help."""
+
+
+@spread
+def demo(
+    out: Out = Path("demo"),
+    resolution: Annotated[int, typer.Option(min=16, help="Voxels along each side of the generated volume.")] = 128,
+    drawing: ViewOptions = ViewOptions(test=8),
+    training: TrainOptions = TrainOptions(preset="fast"),
+    path: OrbitOptions = OrbitOptions(),
+) -> None:
+    """Run the whole job on generated data: volume, views, training, edits, styles, a movie and a report.
+
+    After Ctrl-C, the same command resumes; finished stages are not repeated.
+    """
+    from svv.job.compile_ahead import compile_beside
+    from svv.job.demo import run_demo
+    from svv.job.run import check
+    from svv.job.steps import JobSettings
+
+    settings = JobSettings(drawing, training, path, recolour=True)
+    check(settings)
+    compile_beside()
+    print(run_demo(out, settings, resolution, shown))
+
+
+@spread
+def run(
+    source: Annotated[
+        Path, typer.Argument(metavar="VOLUME|VIEWS", help="A volume, a folder of views, or a Cinema database.")
+    ],
+    out: Out,
+    style: Annotated[
+        list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
+    ] = None,
+    recolour: Annotated[bool, typer.Option("--recolour", help="Also show the regions recoloured.")] = False,
+    volume: ShownVolumeOptions = ShownVolumeOptions(),
+    drawing: ViewOptions = ViewOptions(),
+    training: TrainOptions = TrainOptions(),
+    path: OrbitOptions = OrbitOptions(),
+) -> None:
+    """Run the whole job on a volume or on views: training, scores, styles, a movie and a report.
+
+    After Ctrl-C, the same command resumes; finished stages are not repeated.
+    """
+    from svv.io.cinema.table import is_database
+    from svv.io.views.transforms import transforms_file
+    from svv.job.compile_ahead import compile_beside
+    from svv.job.run import check, run_job
+    from svv.job.source import ViewSource, VolumeSource, imported_views
+    from svv.job.steps import JobSettings
+    from svv.render.gallery import style_file
+
+    views = transforms_file(source, "train") is not None
+    if not views and is_database(source):
+        with shown("Reading") as progress:
+            source, views = imported_views(source, out / "views", progress), True
+    origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **volume.to_read())
+    settings = JobSettings(drawing, training, path, recolour)
+    check(settings)  # before a picture of the gallery is written
+    origin.identity()
+    compile_beside()
+    print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
+
+
+@spread
+def views(
+    volume: VolumeFile,
+    out: Out,
+    reading: ShownVolumeOptions = ShownVolumeOptions(),
+    drawing: ViewOptions = ViewOptions(),
+) -> None:
+    """Render views of a volume: training views on a sphere around it, test views on the orbit.
+
+    With several --tf, each has a folder of its own in OUT, and svv train makes one scene of them.
+
+    After Ctrl-C, the same command resumes. Processes that torchrun starts share the views; OUT must be in a folder that
+    all of them see.
+    """
+    from svv.dvr.draw.large import memory_allowed
+    from svv.io.views.view_meta import known
+    from svv.job.compile_ahead import compile_beside
+    from svv.job.source import VolumeSource
+    from svv.train.run import ranks
+
+    local = ranks.place().local_count
+    every = {out if len(reading.tf) < 2 else out / one.tf[0].stem: one for one in reading.each()}
+    if len(every) < len(reading.tf):
+        raise BadInput("Transfer functions of the same name would share a folder: rename one of their files.")
+    with ranks.joined():
+        if ranks.is_first():
+            compile_beside()  # whoever draws views trains on them next
+        if ranks.many() and drawing.memory is None:  # the level that is drawn depends on it: the same for all
+            drawing = replace(drawing, memory=ranks.once(lambda: memory_allowed(None) / 1e9 / local))
+        for folder, one in every.items():
+            with shown("Drawing", quiet=not ranks.is_first()) as progress:
+                source = VolumeSource(volume, **one.to_read())
+                made = source.make_views(folder, drawing, progress, ranks.sharing())
+            if ranks.is_first():
+                took = duration(known(made.seconds, "seconds"))
+                print(f"{folder}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")

@@ -1,0 +1,97 @@
+"""Equation 4 of StyleRF-VolVis: the colour of a sample from the output of the palette network and the light.
+
+c = c_s + m I sum_i w_i (P_i + delta_i). The shade m, and the effect of edits and paint on the light, are additions to
+the paper.
+
+Plain torch with gradients, for training and for images on every device. The kernels that do the same for images without
+gradients (:class:`svv.kernels.types.ImageKernels`) must match it.
+
+Letters: S samples, P palette colours.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import softplus
+
+WEIGHT_FLOOR = 0.05
+"""Added to the palette weights before they are normalised, so that every colour keeps learning."""
+
+INTENSITY_SHIFT = 0.55
+"""Shift of the intensity: softplus(0.55) is about 1, so untrained materials are as bright as the palette."""
+
+SPECULAR_SHIFT = -3.0
+"""Shift of the specular: softplus(-3) is about 0.05, so an untrained network has hardly any highlights."""
+
+
+def material(raw: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Interpret the output of the palette MLP.
+
+    Args:
+        raw: Output of the MLP for each sample. (S, 1 + 4 P)
+
+    Returns:
+        Intensity I >= 0 (S,), weights w > 0 with sum 1 (S, P), and offsets delta of the palette colours (S, P, 3).
+    """
+    count = (raw.shape[1] - 1) // 4
+    weights = softplus(raw[:, 1 : 1 + count]) + WEIGHT_FLOOR
+    intensity = softplus(raw[:, 0] + INTENSITY_SHIFT)
+    return intensity, weights / weights.sum(1, keepdim=True), raw[:, 1 + count :].view(-1, count, 3)
+
+
+def diffuse(intensity: Tensor, weights: Tensor, colours: Tensor) -> Tensor:
+    """Return the diffuse colour I sum_i w_i c_i (StyleRF-VolVis, eq. 4, without light).
+
+    Args:
+        intensity: Intensity I, >= 0. (S,)
+        weights: Palette weights w with sum 1. (S, P)
+        colours: Palette colours with their offsets, c_i = P_i + delta_i. (S, P, 3)
+
+    Returns:
+        RGB, not clipped. (S, 3)
+    """
+    return intensity[:, None] * (weights[:, :, None] * colours).sum(dim=1)
+
+
+def network_light(raw: Tensor) -> tuple[Tensor, Tensor]:
+    """Interpret the output of the lighting MLP.
+
+    Args:
+        raw: Output of the MLP for each sample; one number if the network has no shade. (S, 1 or 2)
+
+    Returns:
+        Specular grey c_s >= 0 (S,) and shade m in (0, 2), or 1 if the network has no shade (S,).
+    """
+    specular = softplus(raw[:, 0] + SPECULAR_SHIFT)
+    return specular, 2.0 * torch.sigmoid(raw[:, 1]) if raw.shape[1] > 1 else torch.ones_like(specular)
+
+
+def lit(
+    colour: Tensor,
+    specular: Tensor,
+    shade: Tensor,
+    factor: Tensor,
+    scale: Tensor | None = None,
+    less: Tensor | None = None,
+) -> Tensor:
+    """Light a diffuse colour: max(1 + f (a m - 1), 0) c_d + f (c_s - b).
+
+    With f = 1, a = 1 and b = 0 this is equation 4. :func:`svv.fields.radiance.paint_light.lights_of` defines f, a and
+    b.
+
+    Args:
+        colour: Diffuse colour c_d. (S, 3)
+        specular: Specular grey c_s. (S,)
+        shade: Shade m. (S,)
+        factor: Fraction f of the light that is shown. (S,)
+        scale: Scale a of the shade; None means 1 and saves a GPU operation. (S,)
+        less: Value b subtracted from the specular; None means 0. (S,)
+
+    Returns:
+        RGB, not clipped. (S, 3)
+    """
+    shade = shade if scale is None else scale * shade
+    specular = specular if less is None else specular - less
+    factor_of_diffuse = (1.0 + factor * (shade - 1.0)).clamp(min=0.0)
+    return colour * factor_of_diffuse[:, None] + (factor * specular)[:, None]

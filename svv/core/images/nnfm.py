@@ -1,0 +1,161 @@
+"""Nearest-neighbour feature matching (NNFM) and related colour statistics.
+
+The loss of StyleRF-VolVis (eq. 8; Zhang et al. 2022, ARF, eq. 1): each feature vector of a render moves towards the
+most similar feature vector of the style. Pure torch; this module does not depend on the origin of the features.
+
+Letters: N feature vectors of the render, M of the style, C channels each.
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from svv.core.colour.colour import LUMA
+
+VECTORS_AT_A_TIME = 2048
+"""Number of render vectors compared at a time; limits the table of similarities to this many rows of M."""
+
+
+@torch.no_grad()
+def nearest(features: Tensor, style: Tensor, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
+    """Return the index of the style vector with which each feature vector of the render is matched.
+
+    It is the vector with the smallest cosine distance.
+
+    Args:
+        features: Vectors of the render. (N, C)
+        style: Vectors of the style. (M, C)
+        chunk: Rows compared at a time; affects memory, not the result.
+
+    Returns:
+        Indices into ``style``, int64. (N,)
+    """
+    directions = F.normalize(style, dim=1).T
+    parts = F.normalize(features, dim=1).split(chunk)
+    return torch.cat([(rows @ directions).argmax(1) for rows in parts])
+
+
+def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
+    """Return the mean cosine distance of the render to its nearest style vectors (StyleRF-VolVis, eq. 8).
+
+    L = sum_i w_i (1 - f_i . s_j / (|f_i| |s_j|)) / sum_i w_i,  j = nearest(i)
+
+    Differentiable in both arguments; the gradient of a minimum is that of the entry that attains it.
+
+    Args:
+        features: Vectors of the render. (N, C)
+        style: Vectors of the style. (M, C)
+        weights: Weight of each vector, >= 0; equal if not given. All zero gives a loss of 0. (N,)
+        chunk: Rows compared at a time; affects memory, not the result.
+
+    Returns:
+        Loss in [0, 2], a scalar.
+    """
+    if len(features) == 0:
+        return features.sum()
+    distance = 1 - F.cosine_similarity(features, style[nearest(features, style, chunk)], dim=1)
+    if weights is None:
+        return distance.mean()
+    return (distance * weights).sum() / weights.sum().clamp_min(torch.finfo(weights.dtype).eps)
+
+
+def cell_weights(mask: Tensor, stride: int = 4) -> Tensor:
+    """Return the share of foreground in each cell of a feature map.
+
+    Args:
+        mask: Opacity of the render in [0, 1]; h and w are cropped to multiples of the stride, as in pooling. (h, w)
+        stride: Width of a cell in pixels.
+
+    Returns:
+        Weights in [0, 1], in the order of ``features.flatten(2)``. (h // stride * (w // stride),)
+    """
+    return F.avg_pool2d(mask[None, None], stride).flatten()
+
+
+def total_variation(image: Tensor, mask: Tensor | None = None) -> Tensor:
+    """Return the mean squared difference of neighbouring pixels that are both foreground.
+
+    Args:
+        image: Image of c channels. (c, h, w)
+        mask: Weight of each pixel in [0, 1]; all pixels count if not given. (h, w)
+
+    Returns:
+        A scalar >= 0.
+    """
+    across = (image[:, :, 1:] - image[:, :, :-1]).square().mean(0)
+    down = (image[:, 1:] - image[:, :-1]).square().mean(0)
+    if mask is None:
+        return across.mean() + down.mean()
+    both_across, both_down = mask[:, 1:] * mask[:, :-1], mask[1:] * mask[:-1]
+    eps = torch.finfo(image.dtype).eps
+    return (across * both_across).sum() / both_across.sum().clamp_min(eps) + (
+        down * both_down
+    ).sum() / both_down.sum().clamp_min(eps)
+
+
+def luminance(colour: Tensor) -> Tensor:
+    """Return the relative luminance L = 0.2126 R^2.2 + 0.7152 G^2.2 + 0.0722 B^2.2 (StyleRF-VolVis, sec. 3.4).
+
+    The result is linear light; do not apply the power to it again.
+
+    Args:
+        colour: sRGB in [0, 1]; values outside are clamped first. (..., 3)
+
+    Returns:
+        Luminance in [0, 1]. (...,)
+    """
+    return (colour.clamp(0, 1) ** 2.2 @ colour.new_tensor(LUMA)).clamp(0, 1)
+
+
+def colour_statistics(colours: Tensor, weights: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Return the mean (3,) and covariance (3, 3) of colours (N, 3) with weights (N,) >= 0, equal by default."""
+    share = torch.ones_like(colours[:, 0]) if weights is None else weights
+    share = share / share.sum().clamp_min(torch.finfo(colours.dtype).tiny)
+    mean = share @ colours
+    offset = colours - mean
+    return mean, offset.T @ (offset * share[:, None])
+
+
+def _power(covariance: Tensor, exponent: float, floor: float) -> Tensor:
+    values, vectors = torch.linalg.eigh(covariance)
+    return vectors @ torch.diag(values.clamp_min(0).add(floor) ** exponent) @ vectors.T
+
+
+def colour_transfer(
+    source: tuple[Tensor, Tensor], target: tuple[Tensor, Tensor], floor: float = 1e-4
+) -> tuple[Tensor, Tensor]:
+    """Return the affine map that gives colours the target's mean and covariance (ARF, sec. 3.3).
+
+    A = C_t^1/2 C_s^-1/2, b = m_t - A m_s; apply it as ``colours @ A.T + b``.
+
+    Args:
+        source: Mean and covariance of the colours to change (:func:`colour_statistics`).
+        target: Mean and covariance of the result.
+        floor: Added to every variance to avoid amplifying a flat source; 1e-4 is a standard deviation of 0.01.
+
+    Returns:
+        A (3, 3) and b (3,).
+    """
+    matrix = _power(target[1], 0.5, floor) @ _power(source[1], -0.5, floor)
+    return matrix, target[0] - matrix @ source[0]
+
+
+def statistics_loss(colours: Tensor, target: tuple[Tensor, Tensor], weights: Tensor | None = None) -> Tensor:
+    """Return the squared difference of mean and covariance (as deviations) between colours and a target.
+
+    It keeps a stylized region to the colours of its style, which could drift with features alone.
+
+    Args:
+        colours: Colours in [0, 1]. (N, 3)
+        target: Mean (3,) and covariance (3, 3) of the style.
+        weights: Weight of each colour, >= 0; equal if not given. (N,)
+
+    Returns:
+        A scalar >= 0.
+    """
+    mean, covariance = colour_statistics(colours, weights)
+    # The squared covariance is of fourth order in deviations: the scale keeps both terms comparable at any contrast.
+    scale = target[1].diagonal().sum().clamp_min(1e-3)
+    return (mean - target[0]).square().sum() + (covariance - target[1]).square().sum() / scale

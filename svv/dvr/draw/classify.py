@@ -1,0 +1,362 @@
+"""Classification of a volume by its transfer function, as a starting point for training.
+
+The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law.
+
+Letters: K known values, V voxels; sigma is extinction in 1 / box unit.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import VTK_FLOAT
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+from vtkmodules.vtkImagingCore import vtkImageReslice
+
+from svv.core.geometry.box import Box
+from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
+from svv.core.volumes.classified import COARSE, LARGEST, ClassifiedVolume, ValueGrid, ValueRange, grid_shape
+from svv.dvr.draw.frame import Stage, set_stage
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import to_array
+from svv.measure import usable_cpus
+
+Array = NDArray[np.float64]
+
+MOST_CELLS = 256
+"""Maximum number of cells along the longest side."""
+
+CELLS_A_VOXEL = 2
+"""Minimum number of cells per voxel, within ``MOST_CELLS``: transfer functions can vary much between two voxels."""
+
+AVERAGING_WIDTH = 1.0
+"""Width of the averaging in cells, found by comparing transmittances along rays with the ray caster's alpha."""
+
+COLOUR_SPREAD = 0.2
+"""Largest root mean square RGB distance of the colours in one range to their mean; the palette's offsets can express
+that much."""
+
+MOST_RANGES = 8
+"""Maximum number of ranges into which a transfer function is divided."""
+
+BESIDE = 0.1
+"""Width of the known values on both sides of the visible ones, as a fraction of the width of these."""
+
+VALUES = 4097
+"""Number of values at which the integral of the extinction is known."""
+
+COUNTED_VOXELS = 4_000_000
+"""Maximum number of voxels whose values are counted."""
+
+
+def classified(stage: Stage) -> ClassifiedVolume:
+    """Classify a volume on its stage by the transfer function.
+
+    A ray that passes the opacity unit distance u through a value of opacity a keeps 1 - a of its light, so the
+    extinction is -ln(1 - a) / u, regardless of the sample distance of the ray caster. Values are first interpolated
+    trilinearly and then classified, as ray casters do.
+
+    Args:
+        stage: A volume with its transfer function and unit distance.
+
+    Returns:
+        Extinction and ranges over the visible box in world space, with ``CELLS_A_VOXEL`` cells per voxel but no more
+        than ``MOST_CELLS`` along the longest side.
+    """
+    box, cells = grid_over(stage)
+    shape = grid_shape(box, cells) + 1
+    image = to_array(stage.image)
+    known, sigma = extinction(stage, box, float(image.min()), float(image.max()))
+    values = resampled(stage, box, cells, np.zeros(3, np.int64), shape)
+    blank = stage.appearance.blank
+    hide(stage, box, cells, values)
+    counts = frequencies(image if blank is None else image[~blank], known)
+    return classified_grid(stage, box, cells, values, (known, sigma), counts)
+
+
+def hide(stage: Stage, box: Box, cells: int, values: NDArray[np.float32]) -> None:
+    """Set the values at vertices (Z, Y, X) that are blanked or cropped away to NaN, as those outside of the image."""
+    shown = stage.appearance
+    if shown.blank is None and shown.crop is None:
+        return
+    spacing, origin = np.array(stage.image.GetSpacing()), np.array(stage.image.GetOrigin())
+    turn = stage.scale * stage.rotation.T / spacing[:, None]  # from the world to indices of the stage's image
+    steps = turn * (box.size / cells)
+    y, x = np.indices(values.shape[1:])
+    for z, layer in enumerate(values):
+        vertices = np.stack([x, y, np.full_like(x, z)], axis=-1)
+        index = vertices @ steps.T + (turn @ (np.asarray(box.low) - stage.centre) - origin / spacing)
+        layer[shown.hidden_at(index)] = np.nan
+
+
+def grid_over(stage: Stage) -> tuple[Box, int]:
+    """Return the visible box in world space, and the number of cells of the grid over it per box unit."""
+    box = Box.of_bounds(*stage.bounds)
+    voxels, cells = _voxels(stage), MOST_CELLS
+    while cells > 16 and cells // 2 >= CELLS_A_VOXEL * voxels:
+        cells //= 2
+    return box, cells
+
+
+def _voxels(stage: Stage) -> float:
+    """Return the largest number of voxels along a side of the visible box."""
+    return float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
+
+
+def resampled(
+    stage: Stage, box: Box, cells: int, first: NDArray[np.int64], shape: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """Return the stage's values at vertices of the grid, NaN outside of its image. (Z, Y, X)
+
+    Args:
+        stage: The stage.
+        box: The box over which the grid lies.
+        cells: Number of cells per box unit.
+        first: Index of the first vertex (x, y, z).
+        shape: Number of vertices along x, y, z.
+    """
+    turn = stage.scale * stage.rotation.T
+    to_stage = vtkMatrix4x4()  # from the indices of a vertex to the stage
+    for i in range(3):
+        for j in range(3):
+            to_stage.SetElement(i, j, turn[i, j] * box.size / cells)
+        to_stage.SetElement(i, 3, float(turn[i] @ (np.asarray(box.low) - stage.centre)))
+    reslice = vtkImageReslice()
+    reslice.SetInputData(stage.image)
+    reslice.SetResliceAxes(to_stage)
+    reslice.SetOutputSpacing(1.0, 1.0, 1.0)
+    reslice.SetOutputOrigin(0.0, 0.0, 0.0)
+    last = first + shape - 1
+    reslice.SetOutputExtent([int(i) for pair in zip(first, last) for i in pair])
+    if stage.appearance.nearest:
+        reslice.SetInterpolationModeToNearestNeighbor()
+    else:
+        reslice.SetInterpolationModeToLinear()
+    reslice.SetOutputScalarType(VTK_FLOAT)
+    reslice.SetBackgroundLevel(float("nan"))
+    reslice.Update()
+    values: NDArray[np.float32] = vtk_to_numpy(reslice.GetOutput().GetPointData().GetScalars()).reshape(shape[::-1])
+    return values
+
+
+def classified_grid(
+    stage: Stage, box: Box, cells: int, values: NDArray[np.float32], function: tuple[Array, Array], counts: Array
+) -> ClassifiedVolume:
+    """Classify a grid of values.
+
+    Args:
+        stage: The stage of the volume, whose own values are not used.
+        box: The box over which the grid lies.
+        cells: Number of cells per box unit.
+        values: Values at the vertices, see :func:`resampled`. (Z, Y, X)
+        function: Known values and their extinction, see :func:`extinction`. (K,), (K,)
+        counts: Frequencies of the known values, see :func:`frequencies`. (K,)
+    """
+    known, sigma = function
+    colour, weight = stage.tf.colour_at(known), _weights(counts, sigma)
+    starts = _ranges(known, sigma, colour, weight)
+    ranges = []
+    decimals = _decimals(known / stage.gain)
+    for a, b in pairwise([*starts, len(known)]):
+        inside = a + np.flatnonzero(sigma[a:b] > 0)
+        low, high = (round(float(stage.of_volume(known[i])), decimals) for i in (inside[0], inside[-1]))
+        mean = np.average(colour[inside], axis=0, weights=weight[inside])
+        ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
+    exponent, owner = _averaged(values, known, sigma, starts)
+    spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
+    kept = _value_grid(values, cells, spare, known, sigma)
+    low, high = stage.of_volume(kept.interval).tolist()
+    kept = replace(kept, interval=(low, high))
+    return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
+
+
+def _decimals(values: Array) -> int:
+    """Return the number of decimals (of digits before the point if negative) that resolve a billionth of a range."""
+    width = float(values[-1] - values[0])
+    return 9 - math.floor(math.log10(width)) if width > 0 else 300
+
+
+def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array) -> ValueGrid:
+    """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`, in the stage's values."""
+    seen = known[sigma > 0]
+    width = max(float(seen[-1] - seen[0]), 1e-3 * float(known[-1] - known[0]), 1e-9)
+    beside = BESIDE * width
+    low, high = max(known[0], seen[0] - beside), min(known[-1], seen[-1] + beside)
+    high = max(float(high), low + beside)
+    kept = values[::spare, ::spare, ::spare]
+    wanted = [-(-(n - 1) // spare) + 1 for n in values.shape]  # a grid of fewer cells may end a vertex later
+    own = np.pad(kept, [(0, after - n) for after, n in zip(wanted, kept.shape)], mode="edge")
+    codes = np.zeros(own.shape[::-1], np.uint16)
+    for k, layer in enumerate(own):  # one after another, because several whole grids would take much memory
+        codes[:, :, k] = coded(layer, (float(low), float(high))).T
+    at = np.linspace(low, high, VALUES)
+    integral = np.interp(at, known, _integral(known, sigma))
+    visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
+    return ValueGrid(
+        cells // spare, codes, (float(low), high), (visible[0], visible[1]),
+        np.maximum.accumulate(integral - integral[0]) / (high - low),
+    )  # fmt: skip
+
+
+def coded(values: NDArray[np.float32], interval: tuple[float, float]) -> NDArray[np.uint16]:
+    """Return the codes of values over an interval; see :class:`svv.core.volumes.classified.ValueGrid`. Same shape"""
+    share = np.clip((values - interval[0]) / (interval[1] - interval[0]), 0.0, 1.0)
+    steps = np.rint(LARGEST / COARSE * np.nan_to_num(share))
+    return np.where(np.isnan(values), 0.0, 1.0 + COARSE * steps).astype(np.uint16)
+
+
+def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:
+    """Return ascending values from ``low`` to ``high`` that miss no extremum, and their extinction in 1 / box unit.
+
+    (K,), (K,)
+    """
+    known = np.unique(np.concatenate([stage.tf.samples(low, high), np.linspace(low, high, 4097)]))
+    sigma = -np.log1p(-np.minimum(stage.tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
+    return known, sigma * stage.scale * box.size
+
+
+def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[int]:
+    """Return the index among the known values at which each range begins; together the ranges contain all values.
+
+    A range is an interval in which something is visible. A range whose colours differ too much is split so that its
+    parts are as uniform as possible, and while there are too many ranges, the two most similar neighbours are joined.
+    Both criteria are the variance of the colours (K, 3) within the ranges (Ward 1963), weighted by ``weight`` (K,).
+    """
+    seen = np.flatnonzero(sigma > 0)
+    parts = np.split(seen, 1 + np.flatnonzero(np.diff(seen) > 1))
+
+    def scatter(part: NDArray[np.intp]) -> float:
+        """Return the sum of the weighted squared distances to the mean colour."""
+        w, c = weight[part], colour[part]
+        return float(w @ np.square(c - np.average(c, axis=0, weights=w)).sum(axis=1))
+
+    while len(parts) < MOST_RANGES:
+        spread = [scatter(part) / weight[part].sum() for part in parts]
+        widest = int(np.argmax(spread))
+        if spread[widest] <= COLOUR_SPREAD**2:
+            break
+        w, c = weight[parts[widest]], colour[parts[widest]]
+        before, behind = np.cumsum(w)[:-1], np.cumsum(w[::-1])[-2::-1]
+        moment = np.cumsum(w[:, None] * (c - np.average(c, axis=0, weights=w)), axis=0)[:-1]
+        less = np.square(moment).sum(axis=1) * (1.0 / before + 1.0 / behind)
+        parts[widest : widest + 1] = np.split(parts[widest], [1 + int(np.argmax(less))])
+    while len(parts) > MOST_RANGES:
+        more = [scatter(np.concatenate(both)) - scatter(both[0]) - scatter(both[1]) for both in pairwise(parts)]
+        join = int(np.argmin(more))
+        parts[join : join + 2] = [np.concatenate(parts[join : join + 2])]
+    # Values between two ranges belong to the nearer one.
+    middles = [0.5 * (known[one[-1]] + known[other[0]]) for one, other in pairwise(parts)]
+    return [0, *np.searchsorted(known, middles).tolist()]
+
+
+def frequencies(image: NDArray[Any], known: Array, whole: int = 0) -> Array:
+    """Return how often each known value is the nearest to a voxel's, as a fraction of the voxels that are counted. (K,)
+
+    ``whole`` is the number of voxels of the volume of which the image is a part.
+    """
+    values = image.ravel()
+    values = values[:: max(1, max(whole, len(values)) // COUNTED_VOXELS)]
+    nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
+    return np.bincount(nearest, minlength=len(known)) / len(values)
+
+
+def _weights(counts: Array, sigma: Array) -> Array:
+    """Return the weights of the known values: their frequencies times their extinction. (K,)"""
+    # Interpolation produces all values between those of voxels, so each gets a small minimum frequency. The weight of a
+    # visible value must not be 0.
+    return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
+
+
+def _averaged(
+    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int]
+) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
+    """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.
+
+    Where the values cross a range of the function between two vertices, sampling the extinction at the vertices would
+    miss it or hit it by chance. It is therefore averaged over the values within a cell around the vertex, by means of
+    its integral over the values (as in pre-integrated classification, Engel et al. 2001).
+
+    Args:
+        values: Values at the vertices, NaN outside the volume, where the extinction is 0. (Z, Y, X)
+        known: Ascending values. (K,)
+        sigma: Extinction of the known values, 1 / box unit. (K,)
+        starts: Index of the first known value of each range.
+
+    Returns:
+        Natural logarithms of the extinction, and range numbers. (X, Y, Z) each.
+    """
+    low, high = known[0], known[-1]
+    integral = _integral(known, sigma)
+    borders = known[starts[1:]]
+    least = 1e-4 * (high - low)  # minimum half width, so that differences of the integral are accurate
+    # No values lie below the first or above the last known one, but a volume may have a single value.
+    lit = np.concatenate([[False], sigma[:1] > 0, (sigma[1:] > 0) | (sigma[:-1] > 0), sigma[-1:] > 0, [False]])
+    edges = np.concatenate([[-np.inf], known, [np.inf]])[lit[1:] != lit[:-1]]
+    exponent = np.full(values.shape[::-1], EMPTY_LOG_EXTINCTION, np.float16)
+    owner = np.empty(values.shape[::-1], np.uint8)
+
+    def average(k: int) -> None:
+        layer = values[k]
+        slope = np.gradient(values[max(k - 1, 0) : k + 2], axis=0)[min(k, 1)]
+        squared = np.square(np.nan_to_num(slope))
+        for axis in (0, 1):
+            squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
+        half = np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
+        start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
+        own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN gets the last range
+        passed = np.searchsorted(edges, start)
+        shown = np.nonzero((passed % 2 == 1) | (passed != np.searchsorted(edges, stop)))
+        start, stop = start[shown], stop[shown]
+        inside = np.interp(stop, known, integral) - np.interp(start, known, integral)
+        spread = stop - start
+        here = np.interp(layer[shown], known, sigma)  # for a volume of a single value, whose spread is 0
+        found = np.where(spread > 0, inside / np.where(spread > 0, spread, 1.0), here)
+        exponent[:, :, k].T[shown] = np.log(np.clip(found, np.exp(EMPTY_LOG_EXTINCTION), np.exp(OPAQUE_LOG_EXTINCTION)))
+        across = np.searchsorted(borders, start) < np.searchsorted(borders, stop)
+        chosen = tuple(index[across] for index in shown)
+        own[chosen] = _heaviest(start[across], stop[across], own[chosen], known, sigma, starts)
+        owner[:, :, k] = own.T
+
+    with ThreadPoolExecutor(usable_cpus()) as threads:  # NumPy releases the interpreter's lock
+        list(threads.map(average, range(len(values))))
+    return exponent, owner
+
+
+def _heaviest(
+    start: Array, stop: Array, own: NDArray[np.intp], known: Array, sigma: Array, starts: list[int]
+) -> NDArray[np.intp]:
+    """Return the range that contributes most extinction between two values; ``own`` if there is none. (V,)"""
+    parts = np.empty((len(starts), len(start)))
+    numbers = np.arange(len(known))
+    for i, (a, b) in enumerate(pairwise([*starts, len(known)])):
+        integral = _integral(known, np.where((numbers >= a) & (numbers < b), sigma, 0.0))
+        parts[i] = np.interp(stop, known, integral) - np.interp(start, known, integral)
+    return np.where(parts.max(axis=0) > 0, parts.argmax(axis=0), own)
+
+
+def _integral(known: Array, sigma: Array) -> Array:
+    """Return the integral of the extinction over the values, starting at the first one. (K,)"""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known))])
+
+
+def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:
+    """Classify a volume by a transfer function for its values.
+
+    Args:
+        image: A volume (see :func:`svv.dvr.read.grids.as_volume`).
+        tf: The function, with its unit distance.
+
+    Raises:
+        BadInput: The transfer function lies outside the volume's values, or shows nothing or all of it.
+    """
+    values = to_array(image)
+    fitted = tf.fitted(float(values.min()), float(values.max()), rescale=False)
+    return classified(set_stage(image, fitted))

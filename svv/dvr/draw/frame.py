@@ -1,0 +1,198 @@
+"""The stage on which a volume is rendered: cropped to its visible part, centred and scaled to unit size.
+
+VTK's volume mappers lose accuracy with spacings of 1e-9 or 1e6, and the CPU ray caster ignores direction matrices. The
+volume is therefore placed on the stage without either, and cameras are transformed from the world to the stage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.core.differences import above
+from svv.core.geometry.cameras import Camera
+from svv.dvr.draw.appearance import Appearance, put
+from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.read.grids import check_precision, from_array, index_to_world, level_of_image, to_array
+from svv.errors import BadInput
+
+Array = NDArray[np.float64]
+
+MARGIN = 1
+"""Number of voxels kept around the visible cells, whose gradients reach one voxel further."""
+
+
+SLAB = 16
+"""Number of layers of cells that are examined together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A volume ready to be rendered, and its position in the world.
+
+    stage coordinates = scale * rotation^T (world coordinates - centre)
+    """
+
+    image: vtkImageData
+    """The volume: cropped, centred at 0, with a longest side of 1, right-handed, without a direction matrix."""
+    tf: TransferFunction
+    """Transfer function for the values of ``image``."""
+    unit_distance: float
+    """Opacity unit distance, stage units."""
+    rotation: Array
+    """Axes of the stage in the world, as columns. (3, 3)"""
+    centre: Array
+    """Origin of the stage in the world: the centre of the visible part. (3,)"""
+    scale: float
+    """Stage units per world unit."""
+    visible_size: Array
+    """Side lengths of the visible box along the volume's own axes, world units. (3,)"""
+    gain: float
+    """Factor in the equation: value in ``image`` = ``gain`` * (value of the volume - ``origin``)."""
+    origin: float
+    """Value of the volume that is 0 in ``image``. Subtracted first, it leaves differences of large values accurate."""
+    appearance: Appearance
+    """How the volume is shown apart from that; indices are those of ``image``, which carries it, too."""
+
+    @property
+    def voxel(self) -> float:
+        """Size of a voxel in stage units: the cube root of its volume, but at most twice the smallest spacing."""
+        spacing = np.array(self.image.GetSpacing())
+        return float(min(np.cbrt(spacing.prod()), 2.0 * spacing.min()))
+
+    def staged(self, values: Any) -> Any:
+        """Return values of the volume as they are in ``image``, in float64."""
+        return self.gain * above(np.asarray(values), self.origin)
+
+    def of_volume(self, staged: Any) -> Any:
+        """Return values in ``image`` as they are in the volume."""
+        return self.origin + np.asarray(staged, np.float64) / self.gain
+
+    def set_clipping_planes(self, renderer: Any) -> None:
+        """Place a VTK camera's clipping planes around the volume; rays are sampled in whole steps from the near one."""
+        renderer.ResetCameraClippingRange()
+
+    @property
+    def bounds(self) -> Array:
+        """Axis-aligned world bounds of the visible box: lower and upper corner. (2, 3)"""
+        half = 0.5 * np.abs(self.rotation) @ self.visible_size
+        return np.stack([self.centre - half, self.centre + half])
+
+    def pose(self, camera: Camera) -> tuple[Array, Array, Array]:
+        """Return the position, view direction and view-up of a camera on the stage. (3,) each"""
+        turned = self.rotation.T @ camera.camera_to_world[:3, :3]
+        return self.scale * self.rotation.T @ (camera.position - self.centre), -turned[:, 2], turned[:, 1]
+
+
+def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
+    """Crop a volume to its visible cells and scale it to unit size.
+
+    Args:
+        image: Volume with one-component point scalars (see ``as_volume``).
+        tf: Transfer function for the image's values (see ``TransferFunction.fitted``). If it has no opacity unit
+            distance, ParaView's default is used.
+
+    Raises:
+        BadInput: No cell contains a value with an opacity above 0, or those that do are blanked or cropped away.
+    """
+    values, shown = to_array(image), Appearance.of(image)
+    seen = shown.shown_cells(visible_cells(values, tf))
+    return place_part(values, np.zeros(3, np.intp), visible_box(seen, tf), image, tf)
+
+
+def place_part(
+    values: NDArray[Any],
+    at: NDArray[np.intp],
+    seen: tuple[NDArray[np.intp], NDArray[np.intp]],
+    whole: vtkImageData,
+    tf: TransferFunction,
+    span: tuple[float, float] | None = None,
+) -> Stage:
+    """Place a part of a volume on the stage of the whole volume, see :func:`set_stage`.
+
+    Args:
+        values: Voxels of the part. (z, y, x)
+        at: Index of its first voxel in the volume (x, y, z).
+        seen: The box of the volume's visible cells: first and last voxel index along x, y, z.
+        whole: Grid of the volume, and how it is shown; its values are not used.
+        tf: Transfer function for the volume's values.
+        span: Smallest and largest value of the visible part of the volume; by default those of the values.
+    """
+    matrix, size = index_to_world(whole), np.array(whole.GetDimensions())
+    first, last = seen
+    start = np.maximum(first - MARGIN, at)
+    stop = np.minimum(np.minimum(last + MARGIN, size - 1), at + values.shape[::-1] - 1)
+    inside = tuple(slice(a, b + 1) for a, b in zip((start - at)[::-1], (stop - at)[::-1]))
+    cropped = values[inside]
+    steps = matrix[:3, :3]
+    corner = matrix[:3, 3] + steps @ start
+    mirrored = bool(np.linalg.det(steps) < 0)
+    shown = Appearance.of(whole).part(start, stop, mirrored)
+    if mirrored:  # count x from the other end
+        cropped, corner = cropped[:, :, ::-1], corner + steps[:, 0] * (stop[0] - start[0])
+        steps = steps * (-1.0, 1.0, 1.0)
+    spacing = np.linalg.norm(steps, axis=0)
+    rotation = steps / spacing
+    visible = (last - first) * spacing
+    centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
+    scale = 1.0 / visible.max()
+    numbers, gain, zero = _small_type(cropped, span)
+    unit_distance = tf.unit_distance or unit_distance_for(level_of_image(whole))
+    staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
+    put(staged, shown)
+    mapped = tf.mapped(gain, 0.0, zero)
+    return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, zero, shown)
+
+
+def visible_cells(
+    values: NDArray[Any], tf: TransferFunction, span: tuple[float, float] | None = None
+) -> NDArray[np.bool_]:
+    """Return which cells can show something (z, y, x; one fewer than voxels along each axis).
+
+    A cell is visible if its range of interpolated values includes a value with an opacity above 0. ``span`` contains
+    all values, by default exactly.
+    """
+    ranges = tf.visible_ranges(*(span or (float(values.min()), float(values.max()))))
+    seen = np.zeros([size - 1 for size in values.shape], dtype=bool)  # (cells z, y, x)
+    for first in range(0, len(seen), SLAB):  # never the whole volume at once
+        low = high = values[first : first + SLAB + 1]
+        for axis in range(3):
+            ahead, behind = [slice(None)] * 3, [slice(None)] * 3
+            ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+            low = np.minimum(low[tuple(ahead)], low[tuple(behind)])
+            high = np.maximum(high[tuple(ahead)], high[tuple(behind)])
+        for start, stop in ranges:
+            seen[first : first + SLAB] |= (high >= start) & (low <= stop)
+    return seen
+
+
+def visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the smallest box of voxels that contains every visible cell: first and last index along x, y, z."""
+    first, last = np.zeros(3, np.intp), np.zeros(3, np.intp)
+    for axis in range(3):
+        found = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis)))
+        if not found.size:
+            raise BadInput(f"'{tf.name}' shows nothing of this volume: it is transparent for all values in it.")
+        first[axis], last[axis] = found[0], found[-1] + 1
+    return first, last
+
+
+def _small_type(values: NDArray[Any], span: tuple[float, float] | None = None) -> tuple[NDArray[Any], float, float]:
+    """Return the values in a type that both mappers accept, and the gain and origin of the mapping.
+
+    8-bit and 16-bit values stay unchanged. Wider types are mapped to float32 in [0, 1], because the mappers overflow
+    for values that are huge, tiny or 64 bits wide.
+    """
+    if values.dtype.itemsize <= 2:
+        return values, 1.0, 0.0
+    check_precision(values)
+    low, high = span or (float(values.min()), float(values.max()))
+    gain = 1.0 / (high - low) if high > low else 1.0
+    mapped = np.empty(values.shape, np.float32)
+    for slab, out in zip(values, mapped):  # in float64, but never the whole volume at once
+        out[...] = above(slab, low) * gain
+    return mapped, gain, low

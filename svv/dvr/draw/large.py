@@ -1,0 +1,299 @@
+"""Volumes that are drawn brick by brick, whether or not they fit into memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.bricks.caster import BrickCaster, Look
+from svv.bricks.formats.axes import Choice
+from svv.bricks.opened import open_bricks
+from svv.bricks.pyramid import PyramidSource, with_pyramid
+from svv.bricks.source import ArraySource, Level, Source
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera
+from svv.dvr.draw.appearance import Appearance
+from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
+from svv.dvr.draw.frame import Stage
+from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.read.grids import from_array, level_of_image, own_unit_distance, set_geometry, to_array
+from svv.dvr.read.volumes import read_volume
+from svv.errors import BadInput, Progress, silent
+from svv.io.files.memory import memory_there
+from svv.measure import usable_cpus
+
+VTK_BYTES = 5
+"""Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""
+
+OVERVIEW = 512
+"""Maximum number of voxels along the longest side of the level from which the visible part and the training's
+classified volume are found."""
+
+OVERVIEW_BYTES = 300_000_000
+"""Maximum size of the same level in bytes."""
+
+ENTRIES = 1 << 14
+"""Number of entries of the table of colours and opacities."""
+
+WANTED, COARSEST = 0.5, 1.0
+"""Largest side of the drawn level's voxels, in pixels: where the level fits into memory, and otherwise. Means of voxels
+lose what is thinner than they are: against 2 x 2 rays per pixel of the finest level, a volume of thin tubes has 32 dB
+with voxels of one pixel, 38 with voxels of half a pixel, and 41 with a ray per pixel of the finest level itself."""
+
+BRICK_BYTES = 2.2
+"""Bytes per voxel in memory besides its value: its normal, and what bricks share at their borders."""
+
+
+class LargeVolume:
+    """A volume of which bricks are read when they are needed.
+
+    Args:
+        source: The volume with its levels.
+        memory: Bytes that its bricks may take in memory.
+        name: Name in messages.
+        overview: The volume itself, if it is small and in memory anyway.
+    """
+
+    def __init__(
+        self, source: Source, memory: int, name: str = "The volume", overview: vtkImageData | None = None
+    ) -> None:
+        self.source, self.memory, self.name = source, memory, name
+        if overview is not None:
+            self.overview = overview
+
+    @property
+    def whole(self) -> Level:
+        """The finest level."""
+        return self.source.levels[0]
+
+    @cached_property
+    def overview(self) -> vtkImageData:
+        """The finest level that is small enough, as an image."""
+        sizes = [
+            (max(level.shape), int(np.prod(level.shape)) * self.source.dtype.itemsize) for level in self.source.levels
+        ]
+        small = [k for k, (side, size) in enumerate(sizes) if side <= OVERVIEW and size <= OVERVIEW_BYTES]
+        number = small[0] if small else len(sizes) - 1
+        level = self.source.levels[number]
+        values = np.empty(level.shape, self.source.dtype)
+        for z in range(0, level.shape[0], 32):
+            stop = min(z + 32, level.shape[0])
+            values[z:stop] = self.source.read(number, (z, 0, 0), (stop, *level.shape[1:]))
+        image = from_array(values, name=self.name)
+        set_geometry(image, level.axes, level.origin)
+        return image
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value; of the overview's if the file has its own levels and no record of the range."""
+        if isinstance(self.source, PyramidSource):
+            return self.source.range
+        values = to_array(self.overview)
+        return float(values.min()), float(values.max())
+
+    def level_for(self, camera: Camera, stage: Stage) -> int:
+        """Return the coarsest level that is fine enough where the volume is nearest, see :data:`WANTED`."""
+        half = 0.5 * float(np.linalg.norm(stage.visible_size))
+        away = float(np.linalg.norm(camera.position - stage.centre)) - half
+        pixel = float(camera.pixel_at(max(away, 0.05 * half))) * (1.0 + 1e-9)
+        number = max((k for k, level in enumerate(self.source.levels) if level.voxel <= WANTED * pixel), default=0)
+        if self.source.levels[number].voxels * (self.source.dtype.itemsize + BRICK_BYTES) > self.memory:
+            enough = (k for k, level in enumerate(self.source.levels) if level.voxel <= COARSEST * pixel)
+            number = max(enough, default=0)
+        return number
+
+
+class BrickMapper:
+    """Our own ray caster for large volumes, with the methods of VTK's.
+
+    Args:
+        volume: The volume.
+        tf: Transfer function for its values, with an opacity unit distance.
+        stage: Stage of its overview.
+        shading: Shading of the volume.
+        step: Sample distance in stage units; levels other than the overview are drawn with the same number of their
+            own voxels.
+    """
+
+    name = "bricks"
+
+    def __init__(self, volume: LargeVolume, tf: TransferFunction, stage: Stage, shading: Shading, step: float) -> None:
+        assert tf.unit_distance is not None
+        self._volume, self._stage = volume, stage
+        low, high = volume.range
+        values = np.linspace(low, high, ENTRIES)
+        table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
+        ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
+        shown = Appearance.of(volume.overview)
+        self._look = Look(
+            low, high, table, ranges, tf.unit_distance, shading, shown.nearest, shown.blank, shown.crop,
+            shown.stretch if shown.stretched else None,
+        )  # fmt: skip
+        self._caster: BrickCaster | None = None
+        self.set_step(step)
+
+    def render(self, camera: Camera) -> Pixels:
+        """Render a view with straight alpha; its colour is 0 where alpha is 0. (height, width, 4) uint8"""
+        number = self._volume.level_for(camera, self._stage)
+        if self._caster is None or self._caster.number != number:
+            self._caster = BrickCaster(self._volume.source, number, self._look, self._volume.memory, usable_cpus())
+        return straight(self._caster.render(camera, self._voxels * self._caster.level.voxel))
+
+    def set_step(self, step: float) -> None:
+        """Set the sample distance, stage units of the overview."""
+        self._voxels = step / self._stage.voxel
+
+    def close(self) -> None:
+        """Let go of the bricks."""
+        self._caster = None
+
+
+def straight(drawn: NDArray[np.float32]) -> Pixels:
+    """Convert colours times opacity and opacity (h, w, 4) to 8-bit levels with straight alpha."""
+    levels = 255.0 * drawn
+    levels[..., :3] /= np.maximum(drawn[..., 3:], 1e-6)
+    pixels: Pixels = np.rint(np.clip(levels, 0.0, 255.0)).astype(np.uint8)
+    pixels[pixels[..., 3] == 0] = 0
+    return pixels
+
+
+def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which part of it, and how it is drawn
+    path: str | Path,
+    dims: Sequence[int] | None = None,
+    dtype: DTypeLike | None = None,
+    spacing: Sequence[float] | None = None,
+    array: str | None = None,
+    mapper: str = "auto",
+    memory: float | None = None,
+    progress: Progress = silent,
+    channel: str | int | None = None,
+    time: int | None = None,
+    resample_to: int | None = None,
+) -> vtkImageData | LargeVolume:
+    """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
+
+    A format of which bricks cannot be read (see :data:`svv.bricks.opened.BRICKED`) is always read as a whole.
+
+    Args:
+        path: Its file or folder.
+        dims: See :func:`svv.dvr.read.volumes.read_volume`.
+        dtype: See there.
+        spacing: See there.
+        array: See there; also the path of a dataset in an HDF5 file, or of an array in a Zarr group.
+        mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
+        memory: Gigabytes that drawing may take; by default half of what there is.
+        progress: Called often; the work stops when it raises.
+        channel: See :func:`svv.dvr.read.volumes.read_volume`.
+        time: See there.
+        resample_to: See :func:`svv.dvr.read.volumes.read_volume`.
+
+    Raises:
+        BadInput: See there.
+    """
+    file, allowed = Path(path), memory_allowed(memory)
+    if not file.exists():
+        raise BadInput(f"There is no volume {file}; check the path.")
+    progress(0.0, "Reading the volume")
+    choice = Choice(None if channel is None else str(channel), time)
+    source = open_bricks(file, dims, dtype, spacing, None, array, choice) if mapper in ("auto", "bricks") else None
+    if source is None:
+        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
+    needed = vtk_bytes(source)
+    if mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY:
+        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
+    if mapper == "auto" and needed > allowed:
+        progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
+    if len(source.levels) == 1:
+        source = with_pyramid(source, file, progress, (array, choice.channel, choice.time))
+    return LargeVolume(source, allowed // 2, file.name)
+
+
+READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
+"""Endings of volumes that are drawn by bricks unless another ray caster is asked for."""
+
+
+def vtk_bytes(source: Source) -> int:
+    """Return the memory in bytes that drawing a volume with VTK takes."""
+    return source.levels[0].voxels * (3 * source.dtype.itemsize + VTK_BYTES)
+
+
+def memory_allowed(gigabytes: float | None) -> int:
+    """Return a limit in bytes; None stands for half of the memory that there is (:func:`svv.io.files.memory.memory_there`).
+
+    Raises:
+        BadInput: The limit is below a quarter of a gigabyte.
+    """
+    if gigabytes is None:
+        return memory_there() // 2
+    if not 0.25 <= gigabytes < np.inf:
+        raise BadInput(f"Drawing needs at least 0.25 GB of memory, not {gigabytes:g}.")
+    return int(gigabytes * 1e9)
+
+
+def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
+    """Return an image in memory as a volume for our own ray caster; its values are shared, not copied."""
+    level = level_of_image(image)
+    values: NDArray[Any] = to_array(image)
+    source = ArraySource(values, level.axes, level.origin)
+    return LargeVolume(source, memory, overview=image)
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A volume of which views are drawn, in memory or not."""
+
+    image: vtkImageData
+    """The volume, or an overview of it."""
+    whole: Level
+    """Grid of the whole volume."""
+    range: tuple[float, float]
+    """Smallest and largest value."""
+    type: str
+    """NumPy's name of the values' type."""
+    large: LargeVolume | None = None
+    """The volume, if it is drawn by bricks."""
+
+    @classmethod
+    def of(cls, volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> Opened:
+        """Return an image (see ``as_volume``) or a large volume as a subject for a ray caster.
+
+        VTK's CPU ray caster does not know blanking, so that ours draws what is not shown plainly.
+        """
+        if isinstance(volume, vtkImageData) and (
+            mapper == "bricks" or (not Appearance.of(volume).plain and choose_mapper(mapper) is CpuMapper)
+        ):
+            volume = in_memory(volume, memory_allowed(memory) // 2)
+        if isinstance(volume, LargeVolume):
+            return cls(volume.overview, volume.whole, volume.range, str(volume.source.dtype), volume)
+        values = to_array(volume)
+        low, high = float(values.min()), float(values.max())
+        return cls(volume, level_of_image(volume), (low, high), str(values.dtype))
+
+    @property
+    def unit_distance(self) -> float:
+        """ParaView's default opacity unit distance, world units."""
+        return own_unit_distance(self.image) or unit_distance_for(self.whole)
+
+    def caster(self, tf: TransferFunction) -> BrickMaking | None:
+        """Return what makes the ray caster for a transfer function of the values; None for one of VTK's."""
+        return None if self.large is None else BrickMaking(self.large, tf)
+
+
+@dataclass(frozen=True)
+class BrickMaking:
+    """Makes ray casters for a large volume."""
+
+    volume: LargeVolume
+    tf: TransferFunction
+    name: str = BrickMapper.name
+
+    def __call__(self, stage: Stage, shading: Shading, step: float) -> BrickMapper:
+        """Return the ray caster for the stage of the overview, with a sample distance in its units."""
+        return BrickMapper(self.volume, self.tf, stage, shading, step)

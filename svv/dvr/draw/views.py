@@ -1,0 +1,366 @@
+"""Views of a volume: images with straight alpha from cameras all around it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonCore import vtkVersion
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.bricks.source import Level
+from svv.core.colour.shading import Shading
+from svv.core.geometry.cameras import Camera, CameraRig, sphere_cameras
+from svv.core.sharing import ALONE
+from svv.core.volumes.classified import ClassifiedVolume
+from svv.dvr.draw.casters import CpuMapper, GpuMapper, Pixels, choose_mapper
+from svv.dvr.draw.classify import classified
+from svv.dvr.draw.frame import Stage, set_stage
+from svv.dvr.draw.large import BrickMapper, LargeVolume, Opened, open_volume
+from svv.dvr.functions.histogram import default_transfer_function
+from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import as_volume
+from svv.errors import BadInput, Progress, part, silent
+from svv.io.views.drawn_views import DrawnViews
+from svv.io.views.view_meta import ViewMeta, VolumeGrid
+from svv.io.views.viewset import ViewSet
+from svv.options.making import ViewOptions
+
+Caster = CpuMapper | GpuMapper | BrickMapper
+"""A ray caster."""
+
+
+class Making(Protocol):
+    """What makes a ray caster: its class, or an object that knows more about the volume."""
+
+    @property
+    def name(self) -> str:
+        """Name of the ray caster."""
+        ...
+
+    def __call__(self, stage: Stage, shading: Shading, step: float) -> Caster:
+        """Return the ray caster for a stage, with a sample distance in stage units."""
+        ...
+
+
+STEP = {"cpu": 0.5, "bricks": 0.5, "gpu": 0.25}
+"""Finest default sample distance in voxels (VTK's own is half a voxel). It is finer on the GPU, where that costs
+nothing and the ray caster, which does not interpolate shading between voxels, is grainier."""
+
+COARSER = {"cpu": (1.0, 0.75, 0.625), "bricks": (1.0, 0.75, 0.625), "gpu": ()}
+"""Sample distances in voxels that are tried first; the first that is good enough is used (see ``default_step``)."""
+
+GOOD_ENOUGH = 50.0
+"""PSNR in dB that a sample distance must reach against an eighth of a voxel: an error of 0.8 of 255 levels."""
+
+MAX_SAMPLES = 3000
+"""Maximum number of samples along a ray; it limits the effect of a tiny spacing along one axis."""
+
+FRAMING = 4.0311 / (0.516 * np.sqrt(3.0))
+"""Camera distance / half the diagonal of the visible box, as in the views published with StyleRF-VolVis."""
+
+FOV = np.pi / 6
+"""Horizontal angle of view in radians to which ``FRAMING`` applies."""
+
+ORBIT = 181
+"""Number of views on the test path, see ``orbit_cameras``."""
+
+
+def render_views(
+    image: vtkImageData | LargeVolume,
+    tf: TransferFunction,
+    cameras: Sequence[Camera],
+    mapper: str = "auto",
+    shading: Shading | None = None,
+    step: float | None = None,
+    progress: Progress = silent,
+) -> NDArray[np.uint8]:
+    """Render a volume from cameras of the same image size.
+
+    Args:
+        image: Volume with one-component point scalars (see ``as_volume``), any spacing, origin and direction matrix; or
+            a large volume, which is always drawn by bricks.
+        tf: Transfer function for the image's values.
+        cameras: Cameras in the world units of the image.
+        mapper: ``auto``, ``gpu``, ``cpu`` or ``bricks``.
+        shading: Shading of the volume; by default a headlight with ParaView's coefficients.
+        step: Sample distance in voxels (see ``Stage.voxel``), the same in all views; by default ``default_step``.
+        progress: Called after each view.
+
+    Returns:
+        uint8 levels with straight alpha. (n, height, width, 4)
+
+    Raises:
+        BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
+            it is ``gpu`` and OpenGL is not available.
+    """
+    opened = Opened.of(image, mapper, None)
+    tf = tf.fitted(*opened.range, rescale=False)
+    tf = replace(tf, unit_distance=tf.unit_distance or opened.unit_distance)
+    stage = set_stage(opened.image, tf)
+    caster, _ = open_caster(stage, mapper, shading or Shading(), step, opened.caster(tf))
+    return drawn(caster, cameras, progress)
+
+
+def make_views(
+    volume: vtkImageData | LargeVolume | str | Path,
+    tf: TransferFunction | str | Path | None = None,
+    options: ViewOptions = ViewOptions(test=0),
+    *,
+    shading: Shading | None = None,
+    rescale: bool | None = None,
+    name: str | None = None,
+    kept: DrawnViews | None = None,
+    progress: Progress = silent,
+    **changes: Any,
+) -> tuple[ViewSet, ViewSet | None]:
+    """Render the views of a volume that a scene is trained on and those that it is tested on.
+
+    Args:
+        volume: A file (see ``open_volume``), a large volume, or an image, which may be a ``pyvista.ImageData``.
+        tf: A transfer function, or its JSON file; by default two ranges of the histogram.
+        options: Number, size and rendering of the views. Training views lie on a sphere around the volume (see
+            ``geodesic_directions``), test views on the path of 181 (see ``orbit_cameras``), first and last included.
+        shading: Shading of the volume; by default a headlight with ParaView's coefficients.
+        rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
+        name: Name of the volume, for the record; by default its file name.
+        kept: Where views are kept while they are drawn, and taken from if they are there. If several processes draw,
+            only the first one returns all views; the others' lack those that they did not draw.
+        progress: Called often; the work stops when it raises.
+        changes: Fields of the options by name, such as ``size=400``.
+
+    Returns:
+        The training views and the test views (None if ``test`` is 0). ``meta`` records how they were made; the training
+        views also contain the classified volume.
+
+    Raises:
+        BadInput: An option is out of range, or ``read_volume``, ``TransferFunction`` or ``render_views`` rejects an
+            argument.
+    """
+    asked = replace(options, **changes)
+    _check_options(asked)
+    began = time.monotonic()
+    progress(0.0, "Reading the volume")
+    named = Path(volume).name if isinstance(volume, (str, Path)) else "volume"
+    if isinstance(volume, vtkImageData):
+        volume = as_volume(volume)
+    elif not isinstance(volume, LargeVolume):
+        volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
+    opened = Opened.of(volume, asked.mapper, asked.memory)
+    if isinstance(tf, (str, Path)):
+        tf = TransferFunction.read(tf)
+    given = tf or default_transfer_function(opened.image)
+    fitted = given.fitted(*opened.range, rescale)
+    rescaled = given.is_stretched(*opened.range, rescale)
+    fitted = replace(fitted, unit_distance=fitted.unit_distance or opened.unit_distance)
+    grid = grid_of(opened.whole, opened.type, opened.range)
+    stage, title = set_stage(opened.image, fitted), name or named
+    subject = Subject(stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted), kept=kept)
+    return views_of(subject, asked, shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A volume on its stage, and what the record of its views says about it."""
+
+    stage: Stage
+    grid: VolumeGrid
+    whole: Level
+    """Grid of the whole volume."""
+    name: str
+    tf: TransferFunction
+    """Transfer function for the volume's own values."""
+    tf_rescaled: bool = False
+    """Whether the function was stretched over the data's range."""
+    classify: Callable[[Stage], ClassifiedVolume] = classified
+    caster: Making | None = None
+    """Ray caster that must draw this volume; None for the one that the options name."""
+    kept: DrawnViews | None = None
+    """Where views are kept while they are drawn."""
+
+
+def views_of(
+    subject: Subject, asked: ViewOptions, shading: Shading, began: float, progress: Progress
+) -> tuple[ViewSet, ViewSet | None]:
+    """Render the views of a volume that is on its stage, see :func:`make_views`; ``began`` is a monotonic time."""
+    _check_options(asked)
+    n, size, stage = asked.n, asked.size, subject.stage
+    rig, numbers = _rig(asked, stage, subject.whole), unseen_numbers(asked.test)
+    cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
+    volume_classified = subject.classify(stage)
+    caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.caster, subject.kept)
+    images = drawn(caster, cameras, part(progress, 0.02, 1.0), subject.kept)
+    low, high = stage.bounds.tolist()
+    meta = ViewMeta(
+        volume=subject.name,
+        grid=subject.grid,
+        bounds=(tuple(low), tuple(high)),
+        rig=rig,
+        tf=subject.tf.to_dict(),
+        tf_rescaled=subject.tf_rescaled,
+        shading=shading,
+        sample_distance=float(distance / stage.scale),
+        mapper=caster.name,
+        vtk=vtkVersion.GetVTKVersion(),
+        seconds=round(time.monotonic() - began, 3),
+    )
+    names = tuple(f"r_{i:04d}" for i in range(n))
+    train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)
+    if not asked.test:
+        return train, None
+    return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)
+
+
+def unseen_numbers(test: int) -> list[int]:
+    """Return the numbers of the test views on the path of 181: spread over it, first and last included."""
+    return [int(i) for i in np.rint(np.linspace(0, ORBIT - 1, test))] if test > 1 else [ORBIT // 2] * test
+
+
+def open_caster(
+    stage: Stage,
+    mapper: str,
+    shading: Shading,
+    step: float | None = None,
+    only: Making | None = None,
+    kept: DrawnViews | None = None,
+) -> tuple[Caster, float]:
+    """Open a ray caster that renders one view after another; close it at the end.
+
+    Args:
+        stage: Stage with the volume to render, or with the overview of a large one.
+        mapper: ``auto``, ``gpu`` or ``cpu``; not used for a large volume.
+        shading: Shading of the volume.
+        step: Sample distance in voxels, by default ``default_step``.
+        only: What makes the caster if only one is suitable; ``mapper`` is then not used.
+        kept: Views that have been drawn, whose sample distance is used.
+
+    Returns:
+        The caster, and its sample distance in stage units.
+
+    Raises:
+        BadInput: The mapper is unknown, the step is not a positive number, or the mapper is ``gpu`` and OpenGL is not
+            available.
+    """
+    make_caster = only or choose_mapper(mapper)
+    if not (step is None or (np.isfinite(step) and step > 0)):
+        raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
+    least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
+    jumps = stage.appearance.nearest or stage.appearance.blank is not None
+    finest = STEP[make_caster.name] * (0.5 if jumps else 1.0)
+    distance = max((step or finest) * stage.voxel, least)
+    caster = make_caster(stage, shading, distance)
+
+    def measure() -> float:
+        return default_step(caster, stage, finest) if step is None else step
+
+    distance = max((measure() if kept is None else kept.step(measure)) * stage.voxel, least)
+    caster.set_step(distance)
+    return caster, distance
+
+
+def default_step(caster: Caster, stage: Stage, finest: float) -> float:
+    """Return the sample distance in voxels that a volume needs with its transfer function.
+
+    It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
+    of a voxel, or ``finest`` if none does. The sample distance of the caster is changed.
+    """
+    radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
+    cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)
+
+    def draw(step: float) -> NDArray[np.float64]:
+        caster.set_step(step * stage.voxel)
+        pixels = np.stack([caster.render(camera) for camera in cameras]) / 255.0
+        return (pixels[..., :3] - 1.0) * pixels[..., 3:]  # on white, which is 0
+
+    if not COARSER[caster.name]:
+        return finest
+    fine = draw(0.125)
+    error = 10.0 ** (-0.1 * GOOD_ENOUGH)
+    good = (step for step in COARSER[caster.name] if np.square(draw(step) - fine).mean() <= error)
+    return next(good, finest)
+
+
+def _check_options(asked: ViewOptions) -> None:
+    if asked.n < 3:
+        raise BadInput(f"At least 3 views are needed, not {asked.n}.")
+    if asked.size < 1:
+        raise BadInput(f"The views' size must be at least one pixel, not {asked.size}.")
+    if not 0 <= asked.test <= ORBIT:
+        raise BadInput(f"Give 0 to {ORBIT} test views, not {asked.test}.")
+    if not 0 < asked.fov < 180:
+        raise BadInput(f"The angle of view must lie between 0 and 180 degrees, not {asked.fov}.")
+    if asked.projection not in ("perspective", "orthographic"):
+        raise BadInput(
+            f"The projection of the views must be 'perspective' or 'orthographic', not '{asked.projection}'."
+        )
+    if asked.frame not in ("visible", "whole"):
+        raise BadInput(f"The frame of the views must be 'visible' or 'whole', not '{asked.frame}'.")
+
+
+def drawn(
+    caster: Caster, cameras: Sequence[Camera], progress: Progress, kept: DrawnViews | None = None
+) -> NDArray[np.uint8]:
+    """Return the images from the cameras, those that are kept without drawing them, and close the caster."""
+    try:
+        if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
+            raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
+        first = cameras[0]
+        images = np.empty((len(cameras), first.height, first.width, 4), np.uint8)
+        sharing = ALONE if kept is None else kept.sharing
+        mine = sharing.mine(len(cameras))
+        for done, i in enumerate(mine):
+            images[i] = _image(caster, cameras[i], i, kept)
+            progress((done + 1) / len(mine), "Rendering views")
+        sharing.wait()
+        if sharing.is_first:
+            for i in sorted({*range(len(cameras))} - {*mine}):
+                images[i] = _image(caster, cameras[i], i, kept)
+    finally:
+        caster.close()
+    return images
+
+
+def _image(caster: Caster, camera: Camera, number: int, kept: DrawnViews | None) -> Pixels:
+    """Return a view that has been drawn, or draw it and keep it."""
+    if kept is None:
+        return caster.render(camera)
+    image = kept.get(number, (camera.height, camera.width, 4))
+    if image is None:
+        image = caster.render(camera)
+        kept.put(number, image)
+    return image
+
+
+def _rig(asked: ViewOptions, stage: Stage, whole: Level) -> CameraRig:
+    """Return the cameras around what is visible, or around the whole volume."""
+    fov = float(np.radians(asked.fov))
+    centre, half = stage.centre, 0.5 * stage.visible_size
+    if asked.frame == "whole":
+        last = np.array(whole.shape[::-1]) - 1
+        centre, half = whole.origin + 0.5 * whole.axes @ last, 0.5 * last * whole.spacing
+    # With a narrower angle of view, cameras are farther away, so the volume fills the same part of the image.
+    radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
+    x, y, z = (float(v) for v in centre)
+    rig = CameraRig((x, y, z), radius, fov)
+    return replace(rig, span_x=rig.view_width) if asked.projection == "orthographic" else rig
+
+
+def grid_of(level: Level, kind: str, span: tuple[float, float]) -> VolumeGrid:
+    """Return the record of a grid whose values have a type and a range."""
+    (a, b, c), (d, e, f), (g, h, i) = (level.axes / level.spacing).tolist()
+    z, y, x = level.shape
+    sx, sy, sz = level.spacing.tolist()
+    ox, oy, oz = level.origin.tolist()
+    return VolumeGrid(
+        dimensions=(x, y, z),
+        spacing=(sx, sy, sz),
+        origin=(ox, oy, oz),
+        direction=((a, b, c), (d, e, f), (g, h, i)),
+        type=kind,
+        range=span,
+    )

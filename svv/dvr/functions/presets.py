@@ -1,0 +1,118 @@
+"""Fields of a transfer function (:mod:`svv.dvr.functions.transfer_functions`) from ParaView's presets and VTK's colours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
+
+from svv.core.json_values import number_in
+from svv.dvr.functions.scales import Points
+from svv.errors import BadInput
+
+SAMPLES = 256
+"""Colours that replace those between two points if they are interpolated in a way that we do not know."""
+
+OUTSIDE = (("Below", 0), ("Above", -1))
+"""Words in the names of the properties for colours beyond the points, and the index of the point they follow."""
+
+
+def preset_in(data: object, name: str) -> Mapping[str, Any]:
+    """Return the preset or the bumps in a JSON value, which may be a list with one of them.
+
+    Raises:
+        BadInput: It contains neither, or colours for categories only.
+    """
+    if isinstance(data, list) and data:
+        data = data[0]
+    if not isinstance(data, Mapping) or not ("RGBPoints" in data or "bumps" in data):
+        if isinstance(data, Mapping) and "IndexedColors" in data:
+            raise BadInput(
+                f"'{data.get('Name', name)}' has colours for categories only (IndexedColors), which ParaView does not "
+                "use in volumes: choose a continuous preset, or give each value a bump with its colour."
+            )
+        raise BadInput(f"{name} is not a transfer function: it has neither RGBPoints (a ParaView preset) nor bumps.")
+    return data
+
+
+def name_and_unit(preset: Mapping[str, Any], name: str) -> tuple[str, float | None]:
+    """Return the name and the opacity unit distance of a preset; ``name`` and None if it has none."""
+    name, unit = str(preset.get("Name", name)), preset.get("ScalarOpacityUnitDistance")
+    if unit is not None:
+        unit = float(number_in(unit, f"The ScalarOpacityUnitDistance of '{name}'"))
+    return name, unit
+
+
+def fields_of_preset(preset: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the fields of the function that a preset with ``RGBPoints`` describes.
+
+    Raises:
+        BadInput: Its entries have another form.
+    """
+    name, unit = name_and_unit(preset, name)
+    colours = _quadruples(preset["RGBPoints"], "RGBPoints", name)
+    log = bool(preset.get("UseLogScale"))
+    placed = preset.get("Points") is not None
+    if placed:
+        opacities = _quadruples(preset["Points"], "Points", name)
+    else:
+        opacities = ((colours[0][0], 0.0, 0.5, 0.0), (colours[-1][0], 1.0, 0.5, 0.0))
+    for word, at in OUTSIDE:
+        if preset.get(f"Use{word}RangeColor"):
+            colours = beyond(colours, at, preset.get(f"{word}RangeColor"), name)
+    space = str(preset.get("ColorSpace", "RGB"))
+    return {
+        "colours": colours,
+        "opacities": opacities,
+        "unit_distance": unit,
+        "name": name,
+        "space": {"CIELAB": "Lab", "LAB": "Lab"}.get(space, space),
+        "hsv_wrap": bool(preset.get("HSVWrap")),
+        "log_scale": log,
+        "log_opacity": bool(preset.get("OpacityUseLogScale", log)),
+        "placed": placed,
+    }
+
+
+def fields_of_colours(colour: vtkColorTransferFunction, spaces: Sequence[str]) -> dict[str, Any]:
+    """Return the fields about colours of a function of VTK's; ``spaces`` are the names of VTK's colour spaces."""
+    plain = vtkColorTransferFunction()  # ParaView's own class looks up discrete colours, which volumes do not show
+    plain.AllowDuplicateScalarsOn()
+    plain.DeepCopy(colour)
+    nodes = []
+    for i in range(plain.GetSize()):
+        plain.GetNodeValue(i, node := [0.0] * 6)
+        nodes.append(node)
+    points: Points = tuple(tuple(node[:4]) for node in nodes)
+    log = bool(plain.GetScale())
+    number, straight = plain.GetColorSpace(), all(node[4:] == [0.5, 0.0] for node in nodes)
+    if number >= len(spaces) or not straight:
+        low, high = plain.GetRange()
+        between = np.geomspace if log and low > 0 else np.linspace
+        values = np.unique(np.clip([*(v for v, *_ in points), *between(low, high, SAMPLES)], low, high))
+        points, number = tuple((float(v), *plain.GetColor(float(v))) for v in values), 0
+    for word, at in OUTSIDE:
+        if getattr(colour, f"GetUse{word}RangeColor")():
+            points = beyond(points, at, getattr(colour, f"Get{word}RangeColor")(), "the colour map")
+    return {"colours": points, "space": spaces[number], "hsv_wrap": bool(plain.GetHSVWrap()), "log_scale": log}
+
+
+def beyond(colours: Points, at: int, colour: object, name: str) -> Points:
+    """Return points that jump to another colour before the first one (``at`` = 0) or behind the last one (-1).
+
+    Raises:
+        BadInput: The colour is not one of three numbers.
+    """
+    if not isinstance(colour, Sequence) or isinstance(colour, str) or len(colour) != 3:
+        raise BadInput(f"The colours of '{name}' above and below its range need three numbers, not {colour}.")
+    end = (colours[at][0], *colour)
+    return (end, *colours) if at == 0 else (*colours, end)
+
+
+def _quadruples(numbers: object, key: str, name: str) -> Points:
+    """Convert a flat list, as in a preset, to points of four numbers."""
+    if not isinstance(numbers, Sequence) or not numbers or len(numbers) % 4:
+        raise BadInput(f"{key} of '{name}' must be a list of numbers, four for each point.")
+    return tuple(tuple(numbers[i : i + 4]) for i in range(0, len(numbers), 4))

@@ -1,0 +1,343 @@
+"""Transfer functions, which map scalar values to colours and opacities.
+
+An opacity applies to a slab as thick as one *opacity unit distance*: a ray that passes a distance d through a value of
+opacity a keeps the fraction (1 - a) ** (d / unit) of the light behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
+
+from svv.bricks.source import Level
+from svv.core.interval_text import interval_text
+from svv.core.json_values import parsed
+from svv.core.volumes.opacity_code import unit_distance
+from svv.dvr.functions import presets, scales
+from svv.dvr.functions.scales import MOST_POINTS, Points, own_range
+from svv.errors import BadInput
+
+COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
+"""Spaces in which colours are interpolated between two points (ParaView's names)."""
+
+OPAQUE = 0.99
+"""A function that is nowhere below this opacity shows only the volume's box."""
+
+HUES = ((0.15, 0.45, 0.95), (1.0, 0.55, 0.15), (0.25, 0.8, 0.4), (0.9, 0.2, 0.5))
+"""Colours for ranges that are given without one, in this order."""
+
+LARGEST_VALUE = 1e100
+"""Largest value of a point; differences of larger ones are not numbers any more."""
+
+NORMALIZED = ((0.0, 1.0), (-1.0, 1.0))
+"""Ranges of functions that are meant to be stretched over the data: nearly all of ParaView's presets have one."""
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """Colour and opacity as functions of the scalar value.
+
+    Args:
+        colours: (value, red, green, blue) in ascending order of values, colours in [0, 1]. Two points with the same
+            value make a jump.
+        opacities: (value, opacity, midpoint, sharpness), ascending, all but the value in [0, 1]; midpoint and
+            sharpness shape the curve to the next point as in VTK (0.5 and 0: a straight line).
+        unit_distance: Opacity unit distance in world units; None for ParaView's default (see ``unit_distance_for``).
+        name: Name in messages.
+        space: One of ``COLOUR_SPACES``.
+        hsv_wrap: Whether hues take the shorter way around the circle in the space HSV; in ParaView, they do so only if
+            asked.
+        log_scale: Whether colours are on a logarithmic scale, as ParaView draws it (:mod:`svv.dvr.functions.scales`).
+        log_opacity: Whether opacities are.
+        placed: Whether the points are at values of the data. A preset without opacity points has none of its own: it
+            is always stretched over the data's range.
+
+    Raises:
+        BadInput: There are no points, values are not finite or not ascending, numbers are outside [0, 1], or the
+            colour space is unknown.
+    """
+
+    colours: Points
+    opacities: Points
+    unit_distance: float | None = None
+    name: str = "transfer function"
+    space: str = "RGB"
+    hsv_wrap: bool = False
+    log_scale: bool = False
+    log_opacity: bool = False
+    placed: bool = True
+
+    def __post_init__(self) -> None:
+        for kind in ("colours", "opacities"):
+            try:
+                points = np.array(getattr(self, kind), dtype=np.float64)
+            except (TypeError, ValueError, OverflowError):
+                points = np.empty(0)
+            if len(points) > MOST_POINTS:
+                raise BadInput(f"'{self.name}' has {len(points)} {kind}, more than {MOST_POINTS}; resample it.")
+            if points.ndim != 2 or points.shape[1] != 4 or not np.isfinite(points).all():
+                raise BadInput(f"'{self.name}' needs {kind} as a list of points of four finite numbers each.")
+            if np.abs(points[:, 0]).max() > LARGEST_VALUE:
+                raise BadInput(
+                    f"The values of '{self.name}' must lie between -{LARGEST_VALUE:g} and {LARGEST_VALUE:g}."
+                )
+            if (np.diff(points[:, 0]) < 0).any():
+                raise BadInput(f"The {kind} of '{self.name}' must be in ascending order of their values.")
+            if points[:, 1:].min() < 0 or points[:, 1:].max() > 1:
+                raise BadInput(f"The {kind} of '{self.name}' must lie between 0 and 1.")
+            object.__setattr__(self, kind, tuple(tuple(float(x) for x in point) for point in points))
+        if self.space not in COLOUR_SPACES:
+            raise BadInput(f"'{self.name}' has the colour space {self.space}; use one of {', '.join(COLOUR_SPACES)}.")
+        if self.unit_distance is not None and not (np.isfinite(self.unit_distance) and self.unit_distance > 0):
+            raise BadInput(f"The opacity unit distance must be a positive number, not {self.unit_distance}.")
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value of any point."""
+        values = [point[0] for point in (*self.colours, *self.opacities)]
+        return min(values), max(values)
+
+    def mapped(self, scale: float, offset: float, origin: float = 0.0) -> TransferFunction:
+        """Return the same function for values mapped to scale * (value - origin) + offset (scale > 0)."""
+        colours = tuple((scale * (v - origin) + offset, *rest) for v, *rest in self.colours)
+        opacities = tuple((scale * (v - origin) + offset, *rest) for v, *rest in self.opacities)
+        return replace(self, colours=colours, opacities=opacities)
+
+    def is_stretched(self, low: float, high: float, rescale: bool | None = None) -> bool:
+        """Return whether :meth:`fitted` stretches the function over data in [low, high]."""
+        if rescale is not None:
+            return rescale
+        if not self.placed:
+            return high > low
+        ranges = [own_range(self.colours), own_range(self.opacities)]
+        if not high > low or any(own not in NORMALIZED for own in ranges):
+            return False
+        start, stop = self.range
+        width = stop - start
+        return low < start - 0.5 * width or high > stop + 0.5 * width or high - low < 0.1 * width
+
+    def fitted(self, low: float, high: float, rescale: bool | None = None) -> TransferFunction:
+        """Return the function for data in [low, high], on linear scales.
+
+        Args:
+            low: Smallest value of the data.
+            high: Largest value of the data.
+            rescale: True stretches the points over the data's range, colours and opacities each from their own, as
+                ParaView does if *Use preset range* is off; False leaves them. None stretches a preset without opacity
+                points, and a function whose ranges are in ``NORMALIZED`` if the data is clearly elsewhere: beyond them
+                by half of their width, or within less than a tenth of it.
+
+        Raises:
+            BadInput: The function lies outside the data's range, or is transparent or opaque throughout it, or its
+                logarithmic scale does not suit the data.
+        """
+        colours, opacities = self.colours, self.opacities
+        if self.is_stretched(low, high, rescale):
+            if not (high > low and all(stop > start for start, stop in map(own_range, (colours, opacities)))):
+                raise BadInput(f"'{self.name}' cannot be rescaled: it or the data has only one value.")
+            colours = scales.stretched(colours, low, high, self.log_scale)
+            opacities = scales.stretched(opacities, low, high, self.log_opacity)
+        else:
+            colours = scales.as_drawn(colours, low, high, self.name) if self.log_scale else colours
+            opacities = scales.straightened(opacities, self.name) if self.log_opacity else opacities
+        fitted = replace(self, colours=colours, opacities=opacities, log_scale=False, log_opacity=False, placed=True)
+        fitted._check(low, high)
+        return fitted
+
+    def _check(self, low: float, high: float) -> None:
+        data = f"the data runs from {interval_text(low, high)}"
+        start, stop = self.range
+        if start > high or stop < low:
+            raise BadInput(
+                f"'{self.name}' runs from {interval_text(start, stop)}, but {data}; rescale it (--rescale, or in "
+                "ParaView: Rescale to Data Range)."
+            )
+        opacity = self.opacity_at(self.samples(low, high))
+        if opacity.max() <= 0:
+            raise BadInput(f"'{self.name}' is transparent everywhere in the data's range ({data}).")
+        if opacity.min() >= OPAQUE and high > low:
+            raise BadInput(f"'{self.name}' is opaque everywhere in the data's range ({data}): only a box would show.")
+
+    def samples(self, low: float, high: float) -> NDArray[np.float64]:
+        """Return values in [low, high] that miss no extremum: evenly spaced, the points, and both sides of each."""
+        values = np.array([point[0] for point in self.opacities])
+        near = np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf)])
+        return np.unique(np.clip(np.concatenate([np.linspace(low, high, 1025), near]), low, high))
+
+    def visible_ranges(self, low: float, high: float) -> list[tuple[float, float]]:
+        """Return the intervals of values in [low, high] with an opacity above 0, in ascending order."""
+        samples = self.samples(low, high)
+        seen = np.pad(self.opacity_at(samples) > 0, 1)
+        starts, stops = np.flatnonzero(seen[1:] & ~seen[:-1]), np.flatnonzero(seen[:-1] & ~seen[1:]) - 1
+        last = len(samples) - 1
+        return [
+            (float(samples[max(a - 1, 0)]), float(samples[min(b + 1, last)]))
+            for a, b in zip(starts.tolist(), stops.tolist())
+        ]
+
+    def opacity_at(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Return the opacities per unit distance of these values, as VTK interpolates them."""
+        function = self.to_vtk()[1]
+        values = np.asarray(values, dtype=np.float64)
+        return np.array([function.GetValue(float(v)) for v in values.ravel()]).reshape(values.shape)
+
+    def colour_at(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Return the colours (..., 3) of these values, as VTK interpolates them."""
+        function = self.to_vtk()[0]
+        values = np.asarray(values, dtype=np.float64)
+        return np.array([function.GetColor(float(v)) for v in values.ravel()]).reshape(*values.shape, 3)
+
+    def to_vtk(self) -> tuple[vtkColorTransferFunction, vtkPiecewiseFunction]:
+        """Return VTK's colour transfer function and scalar opacity function."""
+        colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
+        {
+            "RGB": colour.SetColorSpaceToRGB,
+            "HSV": colour.SetColorSpaceToHSV,
+            "Lab": colour.SetColorSpaceToLab,
+            "Diverging": colour.SetColorSpaceToDiverging,
+            "Lab/CIEDE2000": colour.SetColorSpaceToLabCIEDE2000,
+            "Step": colour.SetColorSpaceToStep,
+        }[self.space]()
+        colour.SetHSVWrap(self.hsv_wrap)
+        if self.log_scale:
+            colour.SetScaleToLog10()
+        colour.AllowDuplicateScalarsOn()
+        opacity.AllowDuplicateScalarsOn()
+        opacity.SetUseLogScale(self.log_opacity)
+        for value, *rgb in self.colours:
+            colour.AddRGBPoint(value, *rgb)
+        for point in self.opacities:
+            opacity.AddPoint(*point)
+        return colour, opacity
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return a ParaView preset (JSON), with the unit distance under ParaView's property name."""
+        preset: dict[str, Any] = {
+            "Name": self.name,
+            "ColorSpace": self.space,
+            "RGBPoints": [x for point in self.colours for x in point],
+        }
+        if self.placed:
+            preset["Points"] = [x for point in self.opacities for x in point]
+        if self.unit_distance is not None:
+            preset["ScalarOpacityUnitDistance"] = self.unit_distance
+        if self.hsv_wrap:
+            preset["HSVWrap"] = 1
+        if self.log_scale or self.log_opacity:  # ParaView applies the first to both
+            preset |= {"UseLogScale": int(self.log_scale), "OpacityUseLogScale": int(self.log_opacity)}
+        return preset
+
+    @classmethod
+    def from_dict(cls, data: object, name: str = "transfer function") -> TransferFunction:
+        """Make a function from a ParaView preset (an object, or a list whose first object is used) or from bumps.
+
+        A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1 over the data's range. An object
+        ``{"bumps": [...]}`` contains the arguments of ``from_bumps``.
+
+        Raises:
+            BadInput: ``data`` is neither of these, or does not fit the class.
+        """
+        preset = presets.preset_in(data, name)
+        if "bumps" not in preset:
+            return cls(**presets.fields_of_preset(preset, name))
+        return cls.from_bumps(preset["bumps"], *presets.name_and_unit(preset, name))
+
+    @classmethod
+    def from_vtk(
+        cls,
+        colour: vtkColorTransferFunction,
+        opacity: vtkPiecewiseFunction,
+        unit_distance: float | None = None,
+        name: str = "transfer function",
+    ) -> TransferFunction:
+        """Make a function from VTK's functions, such as those edited in ParaView; the inverse of ``to_vtk``.
+
+        Args:
+            colour: Colours. What ParaView does not draw in volumes is ignored: discrete and categorical colours.
+            opacity: Opacity per unit distance.
+            unit_distance: Opacity unit distance in world units, see the class.
+            name: Name in messages.
+
+        Raises:
+            BadInput: One of the functions has no points or does not fit the class.
+        """
+        if not colour.GetSize() or not opacity.GetSize():
+            raise BadInput(f"'{name}' has no points; edit it in the colour map editor.")
+        fields = presets.fields_of_colours(colour, COLOUR_SPACES)
+        opacities = []
+        for i in range(opacity.GetSize()):
+            opacity.GetNodeValue(i, node := [0.0] * 4)
+            opacities.append(tuple(node))
+        log = bool(opacity.GetUseLogScale())
+        return cls(opacities=tuple(opacities), unit_distance=unit_distance, name=name, log_opacity=log, **fields)
+
+    @classmethod
+    def read(cls, path: str | Path) -> TransferFunction:
+        """Read a function from a JSON file, see ``from_dict``.
+
+        Raises:
+            BadInput: The file does not exist, is not JSON, or is rejected by ``from_dict``.
+        """
+        try:
+            data = parsed(Path(path).read_bytes())
+        except OSError as error:
+            raise BadInput(f"Cannot read the transfer function {path}: {error.strerror or error}.") from error
+        except ValueError as error:
+            raise BadInput(f"The transfer function {path} is not valid JSON ({error}).") from error
+        return cls.from_dict(data, Path(path).name)
+
+    @classmethod
+    def from_bumps(
+        cls, bumps: Iterable[Mapping[str, Any]], name: str = "bumps", unit_distance: float | None = None
+    ) -> TransferFunction:
+        """Make a function of one visible range per bump, a triangle of opacity in one colour.
+
+        Where bumps overlap, the larger opacity applies. Colours change halfway between two centres.
+
+        Args:
+            bumps: Mappings with ``centre``, ``width`` (full, at the base), ``opacity`` (at the centre, in (0, 1]) and
+                ``colour`` (red, green, blue in [0, 1]; by default one of ``HUES``).
+            name: Name in messages.
+            unit_distance: Opacity unit distance in world units, see the class.
+
+        Raises:
+            BadInput: There is no bump, a bump lacks a number, or the function does not fit the class.
+        """
+        try:
+            shapes = sorted(
+                (float(b["centre"]), 0.5 * float(b["width"]), float(b["opacity"]), tuple(b.get("colour", ())))
+                for b in bumps
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+            raise BadInput(f"Each bump of '{name}' needs the numbers centre, width and opacity.") from None
+        if any(not abs(number) <= LARGEST_VALUE for bump in shapes for number in bump[:3]):
+            raise BadInput(f"The centres, widths and opacities of the bumps of '{name}' must be finite numbers.")
+        if not shapes or min(half for _, half, _, _ in shapes) <= 0:
+            raise BadInput(f"'{name}' needs at least one bump, and each bump a width above 0.")
+        feet = [(c + side * half) for c, half, _, _ in shapes for side in (-1, 0, 1)]
+        between = [0.5 * (a + b) for a, b in pairwise(sorted(feet))]
+        values = np.unique(feet + between)
+        if len(values) > MOST_POINTS:
+            raise BadInput(f"'{name}' has {len(shapes)} bumps, too many: leave some out.")
+        with np.errstate(all="ignore"):  # far from a narrow bump, quotients may exceed any number
+            height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
+        height = height.round(12)  # exactly 0 at the foot of a bump, despite rounding errors
+        opacities = tuple((float(v), float(o), 0.5, 0.0) for v, o in zip(values, height))
+        hues = [colour or HUES[i % len(HUES)] for i, (*_, colour) in enumerate(shapes)]
+        centres = [c for c, *_ in shapes]
+        edges = [min(feet), *(0.5 * (a + b) for a, b in pairwise(centres)), max(feet)]
+        colours = tuple((edge, *hues[i]) for i in range(len(shapes)) for edge in (edges[i], edges[i + 1]))
+        return cls(colours, opacities, unit_distance, name)
+
+
+def unit_distance_for(level: Level) -> float:
+    """Return ParaView's default opacity unit distance (:func:`svv.core.volumes.opacity_code.unit_distance`), world units."""
+    return unit_distance(np.array(level.shape[::-1]) - 1, level.spacing)

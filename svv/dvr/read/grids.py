@@ -1,0 +1,235 @@
+"""Regular grids: a ``vtkImageData`` with one scalar per point, its NumPy array and its position in the world.
+
+World coordinates are origin + direction matrix * spacing * index. NumPy arrays of volumes are indexed [z, y, x].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
+from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
+
+from svv.bricks.source import Level
+from svv.dvr.draw.appearance import GHOSTS, Appearance, blanked, put, without_duplicates
+from svv.errors import BadInput
+
+Triple = Sequence[float]
+
+ORTHOGONAL_TOLERANCE = 1e-3
+"""Largest cosine of the angle between two axes of a grid that still count as perpendicular."""
+
+OWN_UNIT = "StyleRF Mesh Unit Distance"
+"""Field data of a resampled image: the opacity unit distance that ParaView gives the mesh."""
+
+LEAST_NUMBERS = 256
+"""Least number of double-precision numbers in the range of a volume's values."""
+
+
+def as_volume(
+    image: vtkImageData, array: str | None = None, name: str = "The volume", cells: bool = False
+) -> vtkImageData:
+    """Check an image and reduce it to one single-component point scalar array.
+
+    Cell scalars become point scalars at the cells' centres, which keeps every value unchanged (averaging at the
+    corners would blur thin features); the bounds shrink by half a cell on each side.
+
+    Args:
+        image: Any image; it is not changed.
+        array: Name of the array; by default the active scalars, or the first array with one component.
+        name: Name of the image in messages.
+        cells: Whether the array of the cells is meant, if both points and cells have one of this name.
+
+    Returns:
+        A new image with its own copy of the values. Blanked points or cells stay blanked, and an appearance that the
+        image carries (:mod:`svv.dvr.draw.appearance`) is kept.
+
+    Raises:
+        BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two
+            points along an axis; the spacing is not positive; or the axes are not perpendicular.
+    """
+    image = without_duplicates(image)
+    scalars, on_cells = pick_scalars(image, array, name, cells)
+    dims = np.array(image.GetDimensions()) - (1 if on_cells else 0)
+    if dims.min() < 2:
+        size = " x ".join(str(max(d, 0)) for d in dims)
+        raise BadInput(f"{name} has {size} voxels; a volume needs at least 2 along each axis.")
+    matrix = index_to_world(image)
+    _check_geometry(matrix, name)
+    result = vtkImageData()
+    result.SetDimensions(*(int(d) for d in dims))
+    set_geometry(result, matrix[:3, :3], matrix[:3, :3] @ np.full(3, 0.5 * on_cells) + matrix[:3, 3])
+    values = _plain(scalars, name)
+    if values.size != dims.prod():
+        raise BadInput(f"{name} has {values.size} values for {dims.prod()} voxels; it is damaged.")
+    put_scalars(result, values, scalars.GetName() or "scalars")
+    put(result, replace(Appearance.of(image), blank=blanked(image, on_cells, name)))
+    if image.GetFieldData().HasArray(OWN_UNIT):
+        result.GetFieldData().AddArray(image.GetFieldData().GetArray(OWN_UNIT))
+    return result
+
+
+def from_array(
+    values: NDArray[Any],
+    spacing: Triple = (1.0, 1.0, 1.0),
+    origin: Triple = (0.0, 0.0, 0.0),
+    name: str = "scalars",
+) -> vtkImageData:
+    """Return an image made from an array indexed [z, y, x].
+
+    Args:
+        values: Array of any integer, float or boolean type. (nz, ny, nx)
+        spacing: Distances between voxels (x, y, z), world units.
+        origin: World position of the first voxel (x, y, z).
+        name: Name of the scalar array.
+
+    Raises:
+        BadInput: The array does not have three axes, or its type is not numeric.
+    """
+    if values.ndim != 3:
+        raise BadInput(f"A volume needs three axes, but the array's shape is {values.shape}.")
+    image = vtkImageData()
+    image.SetDimensions(*values.shape[::-1])
+    image.SetSpacing(*spacing)
+    image.SetOrigin(*origin)
+    put_scalars(image, _native(values, "The array").ravel(), name)
+    return image
+
+
+def to_array(image: vtkImageData) -> NDArray[Any]:
+    """Return the scalars as an array (nz, ny, nx) that shares the image's memory."""
+    return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
+
+
+def check_precision(values: NDArray[Any]) -> None:
+    """Reject 64-bit integers that double precision, in which transfer functions are, cannot tell apart.
+
+    Raises:
+        BadInput: There are less than ``LEAST_NUMBERS`` such numbers in the range of the values.
+    """
+    if values.dtype.kind not in "iu" or values.dtype.itemsize < 8:
+        return
+    low, high = int(values.min()), int(values.max())
+    count = (high - low) / float(np.spacing(float(max(abs(low), abs(high)))))
+    if low < high and count < min(LEAST_NUMBERS, high - low):
+        raise BadInput(
+            f"The values run from {low} to {high}, and transfer functions have double precision, which cannot tell "
+            f"most of them apart: subtract {low} from the values first."
+        )
+
+
+def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
+    """Return the matrix from voxel indices, counted from the first voxel, to world coordinates. (4, 4)"""
+    direction = image.GetDirectionMatrix()
+    axes = np.array([[direction.GetElement(i, j) for j in range(3)] for i in range(3)])
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes * image.GetSpacing()
+    matrix[:3, 3] = image.GetOrigin() + matrix[:3, :3] @ image.GetExtent()[::2]
+    return matrix
+
+
+def own_unit_distance(image: vtkImageData) -> float | None:
+    """Return ParaView's default opacity unit distance of the mesh from which an image was resampled; otherwise None.
+
+    It is the diagonal over the cube root of the number of cells (:func:`svv.core.volumes.opacity_code.unit_distance`).
+    """
+    kept = image.GetFieldData().GetArray(OWN_UNIT)
+    return None if kept is None else float(kept.GetValue(0))
+
+
+def put_own_unit_distance(image: vtkImageData, distance: float) -> None:
+    """Let an image carry what :func:`own_unit_distance` returns."""
+    array = numpy_to_vtk(np.array([distance]), deep=True)
+    array.SetName(OWN_UNIT)
+    image.GetFieldData().AddArray(array)
+
+
+def level_of_image(image: vtkImageData) -> Level:
+    """Return the grid of an image as a level."""
+    matrix = index_to_world(image)
+    x, y, z = image.GetDimensions()
+    return Level((z, y, x), matrix[:3, :3], matrix[:3, 3])
+
+
+def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
+    """Set spacing, direction and origin from the steps between voxels (3, 3: one column per index axis)."""
+    spacing = np.linalg.norm(axes, axis=0)
+    image.SetSpacing(*spacing)
+    image.SetDirectionMatrix(*(axes / np.where(spacing > 0, spacing, 1)).ravel())
+    image.SetOrigin(*origin)
+
+
+def pick_scalars(
+    image: vtkImageData, array: str | None, name: str, cells_first: bool = False
+) -> tuple[vtkDataArray, bool]:
+    """Return the scalar array to show, and whether it belongs to the cells; see :func:`as_volume`."""
+    points, cells = image.GetPointData(), image.GetCellData()
+    both = sorted(((points, False), (cells, True)), key=lambda pair: pair[1] != cells_first)
+    if array is not None:
+        for data, on_cells in both:
+            if data.GetArray(array):
+                return data.GetArray(array), on_cells
+        raise BadInput(f"{name} has no array '{array}'; it has {_names(points, cells)}.")
+    for data, on_cells in both:
+        every = [data.GetArray(i) for i in range(data.GetNumberOfArrays())]
+        for candidate in (data.GetScalars(), *every):
+            if candidate and candidate.GetNumberOfComponents() == 1 and candidate.GetName() != GHOSTS:
+                return candidate, on_cells
+    for data in (points, cells):
+        if data.GetNumberOfArrays() and data.GetArray(0):
+            return data.GetArray(0), data is cells  # rejected later, with the number of its components
+    raise BadInput(f"{name} has no scalars; a volume needs one number per voxel.")
+
+
+def _names(*attributes: vtkDataSetAttributes) -> str:
+    names = [str(data.GetArrayName(i)) for data in attributes for i in range(data.GetNumberOfArrays())]
+    return ", ".join(names) if names else "none"
+
+
+def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
+    components = scalars.GetNumberOfComponents()
+    if components != 1:
+        raise BadInput(
+            f"{name}: the array '{scalars.GetName()}' has {components} components per voxel; a volume needs one, "
+            "so extract a component or the magnitude first."
+        )
+    if scalars.GetClassName() == "vtkBitArray":  # packed bits, which NumPy cannot view
+        bytes_ = vtkUnsignedCharArray()
+        bytes_.DeepCopy(scalars)
+        scalars = bytes_
+    values = _native(vtk_to_numpy(scalars), name)
+    if values.dtype.kind == "f":
+        bad = int(values.size - np.count_nonzero(np.isfinite(values)))
+        if bad:
+            raise BadInput(f"{name} contains {bad} values that are NaN or infinite; replace them with numbers first.")
+    return values
+
+
+def _native(values: NDArray[Any], name: str) -> NDArray[Any]:
+    """Return the values in a type that VTK knows: native byte order, no half floats, no booleans."""
+    if values.dtype.kind not in "buif":
+        raise BadInput(f"{name} contains values of type {values.dtype}; a volume needs integers or real numbers.")
+    kind = {"b1": "u1", "f2": "f4", "f16": "f8"}.get(values.dtype.str[1:], values.dtype.str[1:])
+    return np.ascontiguousarray(values, dtype=np.dtype(kind))
+
+
+def put_scalars(image: vtkImageData, values: NDArray[Any], name: str) -> None:
+    """Make a flat array the image's point scalars."""
+    scalars = numpy_to_vtk(values, deep=True)
+    scalars.SetName(name)
+    image.GetPointData().SetScalars(scalars)
+
+
+def _check_geometry(matrix: NDArray[np.float64], name: str) -> None:
+    axes = matrix[:3, :3]
+    spacing = np.linalg.norm(axes, axis=0)
+    if not np.isfinite(matrix).all() or spacing.min() <= 0:
+        raise BadInput(f"{name} has the spacing {tuple(spacing)}; it must be positive along each axis.")
+    cosines = (axes / spacing).T @ (axes / spacing)
+    if np.abs(cosines - np.eye(3)).max() > ORTHOGONAL_TOLERANCE:
+        raise BadInput(f"{name} has axes that are not perpendicular (a sheared grid); resample it first.")

@@ -1,0 +1,108 @@
+"""Running of VTK's readers: their errors become one sentence, and headers that exceed the memory are rejected."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataSet, vtkImageData, vtkRectilinearGrid
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+
+from svv.bricks.formats.stored import damaged, too_large
+from svv.errors import BadInput
+
+EVEN = 4 * float(np.finfo(np.float32).eps)
+"""Relative tolerance of even steps: files store coordinates in single precision."""
+
+
+@contextmanager
+def vtk_messages() -> Iterator[Callable[[], str]]:
+    """Collect VTK's messages; the function that it yields returns the text so far.
+
+    VTK's logger and the libraries that VTK uses (MetaIO, libtiff) also write directly to the standard error of the
+    process; that output is discarded in the meantime.
+    """
+    before, window = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(window)
+    kept = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield window.GetOutput
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        vtkOutputWindow.SetInstance(before)
+
+
+def run(reader: Any, path: Path) -> Any:
+    """Run a VTK reader on a file or a folder.
+
+    Returns:
+        A ``vtkImageData``, or a grid of another kind if that is what it contains (:func:`svv.dvr.read.meshes.is_mesh`).
+
+    Raises:
+        BadInput: VTK reported an error, or the data is no grid.
+    """
+    with vtk_messages() as messages:
+        (reader.SetDirectoryName if path.is_dir() else reader.SetFileName)(str(path))
+        check_size(reader, path)
+        reader.Update()
+        output = reader.GetOutputDataObject(0)
+        said = messages()
+    # Some readers only warn about missing data and leave the rest of the memory uninitialised.
+    if output is None or reader.GetErrorCode() or re.search("error|fail", said, re.IGNORECASE):
+        raise damaged(path)
+    if output.IsA("vtkRectilinearGrid"):
+        return _evenly_spaced(output)
+    if not isinstance(output, (vtkDataSet, vtkCompositeDataSet)):
+        raise BadInput(f"{path} contains a {output.GetClassName()}, not a volume.")
+    return output
+
+
+def _evenly_spaced(grid: vtkRectilinearGrid) -> vtkImageData | vtkRectilinearGrid:
+    """Return a rectilinear grid as image data if its planes are evenly spaced within single precision."""
+    image = vtkImageData()
+    image.SetDimensions(grid.GetDimensions())
+    origin, spacing = [0.0] * 3, [1.0] * 3
+    for axis, planes in enumerate((grid.GetXCoordinates(), grid.GetYCoordinates(), grid.GetZCoordinates())):
+        places = vtk_to_numpy(planes).astype(np.float64)
+        steps = np.diff(places)
+        origin[axis] = places[0]
+        if steps.size:
+            spacing[axis] = steps.mean()
+            if np.abs(steps - spacing[axis]).max() > EVEN * max(np.abs(places).max(), abs(spacing[axis])):
+                return grid
+    image.SetOrigin(origin)
+    image.SetSpacing(spacing)
+    image.GetPointData().ShallowCopy(grid.GetPointData())
+    image.GetCellData().ShallowCopy(grid.GetCellData())
+    return image
+
+
+def check_size(reader: Any, file: Path) -> None:
+    """Reject a header that asks for more memory than there is, for which VTK would end the process."""
+    reader.UpdateInformation()
+    about = reader.GetOutputInformation(0)
+    key = vtkStreamingDemandDrivenPipeline.WHOLE_EXTENT()
+    if not about.Has(key):
+        return
+    extent = [about.Get(key, i) for i in range(6)]
+    size = [extent[2 * i + 1] - extent[2 * i] + 1 for i in range(3)]
+    if min(size) < 1:
+        raise damaged(file)
+    check_memory(size, 1, file)
+
+
+def check_memory(size: Sequence[int], bytes_each: int, file: Path) -> None:
+    """Reject a volume of ``size`` voxels along x, y, z that exceeds this computer's memory."""
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
+    if size[0] * size[1] * size[2] * bytes_each > memory:
+        raise too_large(file, size)

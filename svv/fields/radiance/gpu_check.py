@@ -1,0 +1,64 @@
+"""The check of a GPU on its first use: every kernel against plain torch, compiled and in parallel.
+
+:mod:`svv.kernels.gpu` runs it in a process of its own and keeps its result.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+
+import torch
+
+from svv.fields.radiance.kernel_checks import Check, checks
+from svv.kernels.dispatch import kernels_of
+from svv.kernels.gpu import current_gpu, why_no_gpu
+from svv.kernels.types import Kernels
+
+SAMPLES = 1 << 14
+"""Samples per check: hundreds of a kernel's programs run at once."""
+
+SEEDS = 2
+"""Number of inputs of each check; only the first one waits for the compiler."""
+
+
+def run_checks(kernels: Kernels, device: torch.device, samples: int, seeds: int) -> Iterator[tuple[str, float, str]]:
+    """Run all checks; yields the name of each, its seconds, and what is wrong, or an empty text.
+
+    A fault of the GPU itself ends all later checks of the process, each with the same message.
+    """
+    for name, check in checks(samples).items():
+        begin = time.perf_counter()
+        wrong = _wrong(check, kernels, device, seeds)
+        yield name, time.perf_counter() - begin, wrong
+
+
+def _wrong(check: Check, kernels: Kernels, device: torch.device, seeds: int) -> str:
+    try:
+        for seed in range(seeds):
+            check(kernels, device, seed)
+    except Exception as error:  # whatever a compiler or a driver raises is a finding
+        return f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return ""
+
+
+def main() -> None:
+    """Print one line that says what was found; ends with code 1 if something is wrong."""
+    reason = why_no_gpu()
+    if reason is not None:
+        print(reason)
+        sys.exit(1)
+    begin, device = time.perf_counter(), current_gpu()
+    kernels = kernels_of(device.type)
+    found = list(run_checks(kernels, device, SAMPLES, SEEDS))
+    failed = [f"{name}: {wrong}" for name, _, wrong in found if wrong]
+    if failed:
+        print(f"{len(failed)} of {len(found)} kernels are wrong; {failed[0]}")
+        sys.exit(1)
+    what = f"{len(found)} results of the {kernels.NAME} kernels are those of plain torch"
+    print(f"checked in {time.perf_counter() - begin:.0f} s: {what}")
+
+
+if __name__ == "__main__":
+    main()

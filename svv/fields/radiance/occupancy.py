@@ -1,0 +1,197 @@
+"""Which cells of the box hold something visible: from the views' alpha masks, then from the learned density."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera, CameraRig
+from svv.core.rays.cells import widened
+from svv.core.rays.extinction import MOST_LOG_EXTINCTION
+from svv.errors import BadInput
+from svv.fields.radiance.hull_kernels import visual_hull
+from svv.kernels.dispatch import kernels_of
+
+MASK_SIZE = 256
+"""Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve no better."""
+
+GREATEST_REACH = 0.9
+"""How far the box may reach from its centre, as a fraction of the nearest camera's distance."""
+
+LEAST_EXTINCTION_SHARE = 0.05
+"""Fraction of a scene's largest extinction above which cells are occupied in any case, however faint the scene is."""
+
+PRUNED = 0.003
+"""Optical depth of a training step below which a cell counts as empty."""
+
+
+@dataclass
+class Occupancy:
+    """Cells of the box; only samples in occupied cells are ever evaluated.
+
+    ``occupied`` is uint8 (X, Y, Z); ``cells`` is the number of cells per box unit.
+    """
+
+    box: Box
+    cells: int
+    occupied: NDArray[np.uint8]
+    samples_a_ray: int = 16
+    """Buffer size per ray that has sufficed for marching so far; it grows when it does not."""
+
+    def __post_init__(self) -> None:
+        self._moved: dict[torch.device, Tensor] = {}
+        self._distance: dict[torch.device, Tensor] = {}
+
+    def occupied_on(self, device: torch.device) -> Tensor:
+        """Return ``occupied`` on a device. (X, Y, Z) uint8"""
+        if device not in self._moved:
+            self._moved[device] = torch.tensor(self.occupied, device=device)
+        return self._moved[device]
+
+    def distance_on(self, device: torch.device) -> Tensor:
+        """Return how far a ray may leap in each octant; see :func:`svv.core.rays.cells.leaps`. (8, X, Y, Z) uint8"""
+        if device not in self._distance:
+            self._distance[device] = kernels_of(device.type).leaps(self.occupied_on(device))
+        return self._distance[device]
+
+    @property
+    def fraction(self) -> float:
+        """Fraction of the box's cells that are occupied."""
+        return float((self.occupied > 0).mean())
+
+    @classmethod
+    def full(cls, box: Box, cells: int) -> Occupancy:
+        """Return an occupancy with every cell occupied."""
+        return cls(box, cells, np.ones(_shape(box, cells), np.uint8))
+
+    def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
+        """Return the occupancy without the cells in which a step never reaches the optical depth ``least``.
+
+        Args:
+            optical_depth: Largest optical depth of a step found in each occupied cell, in raster order, on the device
+                that is to do the work.
+            least: Threshold.
+            grow: Whether to keep the neighbours of visible cells as well (while surfaces still move).
+        """
+        occupied = self.occupied_on(optical_depth.device)
+        visible = torch.zeros_like(occupied, dtype=torch.bool)
+        visible[occupied > 0] = optical_depth >= least
+        left = occupied * (widened(visible) if grow else visible)
+        result = Occupancy(self.box, self.cells, left.cpu().numpy(), self.samples_a_ray)
+        result._moved[left.device] = left
+        return result
+
+
+def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Occupancy:
+    """Return the visual hull of the views' masks and the box around it.
+
+    A view says nothing about points outside its frame, so subjects may extend beyond the frames of some or all views.
+
+    Args:
+        masks: Pixels in which something is visible. (N, H, W)
+        cameras: One per mask.
+        cells: Cells along the longest side of the box.
+
+    Raises:
+        BadInput: The masks have no common hull: every view is empty, or cameras and images do not fit together.
+    """
+    small = _shrink(masks)
+    box = _grown(_first_box(cameras), small, cameras)
+    for resolution in (64, 96):
+        occupied = _hull(small, cameras, box, resolution)
+        filled = np.argwhere(occupied)
+        if not len(filled):
+            raise BadInput(
+                "No point is visible in all views: either the images are empty, or the cameras do not match them; "
+                "check the alpha of the images and transform_matrix."
+            )
+        corners = np.stack([filled.min(0), filled.max(0) + 1]) / resolution
+        box = Box.of_bounds(*box.to_world(corners))
+    return Occupancy(box, cells, _hull(small, cameras, box, cells))
+
+
+def least_extinction(pruned: float, largest: float) -> float:
+    """Return the extinction from which a cell counts as occupied, all in 1 / box unit.
+
+    Cells below ``pruned`` would be pruned in training; in a fog whose ``largest`` extinction is not much more, a share
+    of that applies.
+    """
+    return min(pruned, LEAST_EXTINCTION_SHARE * largest)
+
+
+def largest_in(exponent: Callable[[Tensor], Tensor], corner: Tensor, occupancy: Occupancy) -> Tensor:
+    """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)"""
+    device = corner.device
+    end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
+    largest = torch.full((len(corner),), -torch.inf, device=device)
+    for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
+        points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
+        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
+        points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
+        largest = torch.maximum(largest, exponent(points))
+    return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
+
+
+def _first_box(cameras: Sequence[Camera]) -> Box:
+    """Return a cube that surely contains a subject within the frames, about the point nearest to all lines of sight."""
+    rig = CameraRig.of(cameras)
+    centre, distance = np.array(rig.centre), rig.radius if rig.radius > 0 else 1.0
+    flat = [(c, np.tan(c.fov_x / 2) * max(1.0, c.height / c.width)) for c in cameras if c.span_x is None]
+    half = 1.1 * distance * max((tangent for _, tangent in flat), default=0.0)
+    # Cameras may be at several distances: the farthest see most.
+    farthest = 1.1 * max((np.linalg.norm(c.position - centre) * tangent for c, tangent in flat), default=0.0)
+    half = farthest if farthest > 1.01 * half else half  # within rounding, it is the same
+    half = max(half, *(0.55 * c.span_x * max(1.0, c.height / c.width) for c in cameras if c.span_x is not None), 0.0)
+    return Box.of_bounds(centre - half, centre + half)
+
+
+def _grown(box: Box, masks: NDArray[np.bool_], cameras: Sequence[Camera]) -> Box:
+    """Enlarge a cube, at most up to the nearest camera, while a subject that the frames cut off reaches its faces."""
+    cut = masks[:, [0, -1]].any() or masks[:, :, [0, -1]].any()
+    centre = box.bounds.mean(axis=0)
+    most = GREATEST_REACH * min(float(np.linalg.norm(c.position - centre)) for c in cameras)
+    while cut and 0.5 * box.size < most:
+        occupied = _hull(masks, cameras, box, 32)
+        if not any(occupied.take((0, -1), axis).any() for axis in range(3)):
+            break
+        half = min(0.75 * box.size, most)
+        box = Box.of_bounds(centre - half, centre + half)
+    return box
+
+
+def _shape(box: Box, cells: int) -> NDArray[np.int64]:
+    return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
+
+
+def _shrink(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Shrink masks to at most about MASK_SIZE pixels per side; a pixel is set if any of its parts is."""
+    n, h, w = masks.shape
+    k = max(1, max(h, w) // MASK_SIZE)
+    padded = np.pad(masks, [(0, 0), (0, -h % k), (0, -w % k)])
+    return np.asarray(padded.reshape(n, padded.shape[1] // k, k, padded.shape[2] // k, k).any(axis=(2, 4)))
+
+
+def _hull(masks: NDArray[np.bool_], cameras: Sequence[Camera], box: Box, cells: int) -> NDArray[np.uint8]:
+    n, h, w = masks.shape
+    tables = np.zeros((n, h + 1, w + 1), np.int32)
+    tables[:, 1:, 1:] = masks.cumsum(1, dtype=np.int32).cumsum(2, dtype=np.int32)
+    # The mask may be padded, so its scale is the shrink factor, not the ratio of the widths.
+    shrink = np.ceil(cameras[0].width / w)
+    lenses = np.zeros((n, 4))
+    for lens, c in zip(lenses, cameras, strict=True):
+        column, row = c.principal_point
+        focal = c.focal * box.size if c.is_orthographic else c.focal
+        lens[:] = focal / shrink, column / shrink, row / shrink, c.is_orthographic
+    rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])
+    positions = box.to_box(np.stack([c.camera_to_world[:3, 3] for c in cameras]))
+    shape = _shape(box, cells)
+    occupied = np.zeros(shape, np.uint8)
+    visual_hull(tables, rotations, positions, lenses, float(cells), shape, np.sqrt(0.75) / cells, occupied)
+    return occupied

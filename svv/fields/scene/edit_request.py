@@ -1,0 +1,51 @@
+"""One request of a command or a panel, applied to a scene as one step of its history."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from svv.errors import Progress, silent
+from svv.fields.scene.edits import EditedModel
+from svv.options.editing import SPLIT_LEVEL, SceneEdit
+
+Model = TypeVar("Model", bound=EditedModel)
+
+
+def with_edit(scene: Model, edit: SceneEdit, progress: Progress = silent) -> Model:
+    """Return the scene with everything in the request applied, as one step that can be undone.
+
+    Resets are applied first, then a split, visibility, regions, light, paint and outlines.
+
+    Raises:
+        BadInput: One of the edits cannot be made (:mod:`svv.fields.scene.edits`).
+    """
+    result, seen = scene, edit.visibility
+    if seen.reset is not None:
+        result = result.reset(*seen.reset)
+    if edit.part.split_at is not None:
+        level = SPLIT_LEVEL if edit.part.split_level is None else edit.part.split_level
+        result = result.split_at(edit.part.split_at, level, progress)
+    if seen.isolate is not None:
+        result = result.isolated(*seen.isolate)
+    if seen.hide is not None:
+        result = result.hidden(*seen.hide)
+    if seen.show is not None:
+        result = result.shown(*seen.show)
+    for region, change in edit.regions.items():
+        if change:
+            result = result.edited(region, **change.given())
+    if edit.light:
+        place = vars(result.lamp) if edit.light.light is None else edit.light.light
+        result = result.with_light(**(place | {"intensity": edit.light.intensity}))
+    if edit.paint.strength is not None:
+        result = result.with_strength(edit.paint.strength, *edit.of)
+    if edit.paint.paint_light is not None:
+        result = result.with_paint_light(edit.paint.paint_light, *edit.of)
+    if edit.paint.stroke_opacity is not None:
+        result = result.with_stroke_opacity(edit.paint.stroke_opacity, *edit.of)
+    if edit.paint.of_strokes:
+        result = result.with_strokes(*edit.of, **edit.paint.of_strokes)
+    if edit.outline:
+        ink = edit.outline
+        result = result.with_outline(ink.outline, *edit.outlined, width=ink.outline_width, colour=ink.outline_colour)
+    return result.as_one_step(scene)

@@ -1,0 +1,257 @@
+"""The parts of a scene that images are rendered from: networks, geometry and regions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.colour.colour import shift_colours
+from svv.core.colour.light import COEFFICIENTS, Lamp
+from svv.core.colour.oklab import shift_in_oklab
+from svv.core.geometry.cameras import Camera, CameraRig
+from svv.core.strokes.strokes import Floats
+from svv.errors import BadInput
+from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching, RayCaster
+from svv.fields.scene.parts import Parts
+from svv.fields.scene.region import Region
+from svv.fields.strokes.stroke_edits import UNEDITED, edited_field, edits_of_strokes, entries_of
+from svv.fields.values.time_steps import TimeSteps
+from svv.fields.values.value_function import ValueFunction
+from svv.kernels.types import Samples
+
+NETWORKS = ("base", "pcn", "styled")
+"""Names of a scene's networks, the plainest first."""
+
+JOINED_WEIGHT = 1.0 / 64.0
+"""Weight in the pixel up to which samples are joined: halves the colours evaluated in a translucent scene at a cost of
+0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Networks, geometry, regions and light. Letters: S samples, P regions."""
+
+    settings: FieldSettings
+    occupancy: Occupancy
+    marching: Marching
+    base: BaseField
+    palette_network: PaletteField | None = None
+    styled: UnrestrictedField | None = None
+    regions: tuple[Region, ...] = ()
+    camera_rig: CameraRig | None = None
+    """Placement of the cameras of its training views."""
+    made: dict[str, Any] = field(default_factory=dict)
+    stride: float = 1.0
+    """Sample distance of images, as a multiple of the training step; chosen by :mod:`svv.train.base.sampling`."""
+    joined: float = JOINED_WEIGHT
+    """Weight in a pixel up to which samples are joined; chosen by :mod:`svv.train.base.sampling`."""
+    lamp: Lamp = field(default_factory=Lamp)
+    """The light of a scene whose lighting is ``phong``."""
+    values: ValueFunction | None = None
+    """Its extinction as a function of its volume's values; None for a scene that learned its extinction otherwise."""
+    steps: TimeSteps | None = None
+    """The values themselves, at one or several time steps; None for a scene that is no function of them."""
+    parts: Parts | None = None
+    """Where regions that are parts of others are; None if no region was ever split."""
+    unsplit: tuple[Region, ...] = ()
+    """Regions whose splits were undone and may be redone."""
+    still: bool = True
+    """Whether an image may take longer to show strokes in full detail."""
+    resolved: float = 0.0
+    """Width in box units of the pixels in which strokes themselves are shown; 0 shows the lattice of their paint."""
+
+    def check_alone(self, what: str) -> None:
+        """Raise BadInput if the scene shows several transfer functions, which ``what`` does not support."""
+        if any(region.layer for region in self.regions):
+            raise BadInput(f"{what} works with scenes of one transfer function: do it before svv join.")
+
+    @property
+    def every_region(self) -> tuple[Region, ...]:
+        """Its regions, and then those whose split was undone."""
+        return self.regions + self.unsplit
+
+    @property
+    def palette_regions(self) -> tuple[Region, ...]:
+        """The regions of the palette, without those that were split off."""
+        return tuple(region for region in self.regions if region.part_of is None)
+
+    @property
+    def roots(self) -> list[int]:
+        """Number of the palette colour of each region. (regions,)"""
+        roots: list[int] = []
+        for number, region in enumerate(self.regions):
+            roots.append(number if region.part_of is None else roots[region.part_of])
+        return roots
+
+    def regions_at(self, position: Tensor) -> Tensor | None:
+        """Return the region to which each palette colour belongs at positions (S, 3), int64 (S, P).
+
+        None if every palette colour is a region everywhere.
+        """
+        if self.parts is None or not self.parts.active:
+            return None
+        count = len(self.palette_regions)
+        parents = [region.part_of for region in self.regions[count:] if region.part_of is not None]
+        return self.parts.regions_at(position, count, parents)
+
+    def region_of(self, position: Tensor, weights: Tensor) -> Tensor:
+        """Return the region of samples from their positions (S, 3) and palette weights (S, P), int64. (S,)"""
+        return of_colour(self.regions_at(position), weights.argmax(dim=1))
+
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """Which of the networks ``base``, ``pcn`` and ``styled`` it holds, the plainest first."""
+        there = (self.base, self.palette_network, self.styled)
+        return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
+
+    @property
+    def rig(self) -> CameraRig:
+        """Its camera rig.
+
+        Raises:
+            BadInput: The scene has no camera rig because it was not trained from views.
+        """
+        if self.camera_rig is None:
+            raise BadInput("The scene does not record where the cameras of its views stood; train it again.")
+        return self.camera_rig
+
+    @property
+    def device(self) -> torch.device:
+        """The device on which it is rendered."""
+        return self.base.encoding.table.device
+
+    def caster(self, cameras: Sequence[Camera]) -> RayCaster:
+        """Return what makes the rays of cameras of one image size, on the scene's device."""
+        return RayCaster(cameras, self.occupancy.box, self.device, self.settings.headlight)
+
+    @property
+    def marching_for_images(self) -> Marching:
+        """How rays are sampled for images of the unedited scene."""
+        return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
+
+    def coefficients(self) -> Tensor | None:
+        """Return each region's edited ambient, diffuse, specular and shininess (regions, 4); None without such light.
+
+        :func:`for_colours` gives those of palette colours, which samples mix.
+        """
+        if self.palette_network is None or self.palette_network.phong is None:
+            return None
+        learned = self.palette_network.phong.coefficients()
+        learned = learned if len(learned) == len(self.regions) else learned[self.roots]
+        edited = learned.new_tensor([
+            [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
+        ])  # fmt: skip
+        return torch.where(edited.isnan(), learned, edited)
+
+    def edited_colours(self, offsets: Tensor, here: Tensor | None = None) -> Tensor:
+        """Return palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)
+
+        Args:
+            offsets: Offsets of the palette colours. (S, P, 3)
+            here: Region to which each palette colour belongs (:meth:`regions_at`). (S, P)
+        """
+        assert self.palette_network is not None
+        palette, roots = self.palette_network.colours, self.roots
+        colours = palette + offsets
+        for number, region in enumerate(self.regions):
+            if region.edited_colour is None:
+                continue
+            root = roots[number]
+            own, target = palette[root].detach(), palette.new_tensor(region.edited_colour)
+            # The user edits the region's colour as shown; the palette may have drifted from it in training.
+            shown = palette.new_tensor(region.colour)
+            target = shown if bool((target == own).all()) else target
+            rows = slice(None) if here is None else (here[:, root] == number).nonzero()[:, 0]
+            shift = shift_in_oklab if region.recolour_in == "oklab" else shift_colours
+            colours[rows, root] = shift(colours[rows, root, None], shown[None], target[None])[:, 0]
+        return colours
+
+    def paint(self, samples: Samples, network: str, region: Tensor) -> Tensor | None:
+        """Return the UCN's colours (S, 3) of samples, also of unstyled regions; None for other networks.
+
+        Where strokes are to be resolved, those of each sample's region (S,) lie over these colours.
+        """
+        shown = self.paint_shown
+        if network != "styled" or shown is None:
+            return None
+        if not self.resolved or shown.brushed is None:
+            return shown(samples.position)
+        colours = None if shown.brushed.complete else shown(samples.position)
+        roots = self._with_strokes_of(shown)
+        return shown.brushed.over(colours, samples, region, roots, self.roots, self.resolved)
+
+    @property
+    def stroked(self) -> dict[int, int]:
+        """Regions with strokes, each with the number of the region whose strokes it has: itself, or its whole."""
+        return self._with_strokes_of(self.styled)
+
+    def _with_strokes_of(self, network: UnrestrictedField | None) -> dict[int, int]:
+        found: dict[int, int] = {}
+        strokes = () if network is None or network.brushed is None else network.brushed.regions
+        for number, region in enumerate(self.regions):
+            if number in strokes:
+                found[number] = number
+            elif region.part_of in found:
+                found[number] = found[region.part_of]
+        return found
+
+    @property
+    def paint_shown(self) -> UnrestrictedField | None:
+        """The network ``styled`` with the edits of its strokes."""
+        roots = self.stroked
+        if self.styled is None or all(edits_of_strokes(self.regions[k]) == UNEDITED for k in roots):
+            return self.styled
+        parts = None if self.parts is None else (self.parts.digest, self.parts.active)
+        entries = entries_of(self.regions, roots)
+        return edited_field(self.styled, self.regions, entries, (str(self.device), parts), self._painted_at)
+
+    @torch.no_grad()
+    def _painted_at(self, place: Floats) -> NDArray[np.int64]:
+        """Return the painted region with the largest palette weight at box coordinates (V, 3), -1 for none. (V,)"""
+        assert self.palette_network is not None
+        painted, found = torch.tensor([r.style is not None for r in self.regions], device=self.device), []
+        for piece in torch.from_numpy(place).split(1 << 17):
+            position = piece.to(self.device)
+            here, weights = self.regions_at(position), self.palette_network.material(position)[1]
+            best, which = weights.masked_fill(~for_colours(painted, here), -1.0).max(dim=1)
+            region = which if here is None else here.gather(1, which[:, None])[:, 0]
+            found.append(torch.where(best > 0.0, region, -1).cpu().numpy())
+        return np.concatenate(found) if found else np.zeros(0, np.int64)
+
+    def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
+        """Return diffuse colour (S, 3), replaced by the paint's (S, 3) where the sample's region (S,) is styled."""
+        if paint is None:
+            return diffuse
+        return torch.lerp(diffuse, paint, self.paint_shares[region][:, None])
+
+    @property
+    def paint_shares(self) -> Tensor:
+        """Weight of the paint in each region's colour, in [0, 1]. (regions,)"""
+        shares = [0.0 if r.style is None else r.strength for r in self.regions]
+        return torch.tensor(shares, device=self.device)
+
+
+def of_colour(here: Tensor | None, colour: Tensor) -> Tensor:
+    """Return the region of samples by their palette colours (S,), from :meth:`Model.regions_at`. (S,)"""
+    return colour if here is None else here.gather(1, colour[:, None])[:, 0]
+
+
+def for_colours(values: Tensor, here: Tensor | None) -> Tensor:
+    """Return values of regions as values of palette colours, for each sample if there are parts.
+
+    Args:
+        values: Values of each region. (regions, ...)
+        here: Region to which each palette colour belongs (:meth:`Model.regions_at`). (S, P)
+
+    Returns:
+        (P, ...) if ``here`` is None, otherwise (S, P, ...).
+    """
+    return values if here is None else values[here]

@@ -1,0 +1,180 @@
+"""Strokes that a scene keeps: its lattice of paint follows from them, and large images show them at any size.
+
+Letters: V vertices of the paint's lattice, S samples, R regions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.strokes.strokes import Brush, Floats, Strokes
+from svv.errors import Progress, silent
+from svv.fields.strokes.stroke_paint import StrokePaint
+from svv.kernels.numba import sheets as numba_sheets
+from svv.kernels.types import Samples
+
+NOBODY = 255
+"""Owner of vertices that no painted region has."""
+
+AT_A_TIME = 1 << 17
+"""Vertices that are painted between two reports of progress."""
+
+GAP, STEPS = 0.35, 1.5
+"""Distance of two samples along a ray that separates sheets: in widths of a stroke, and at least in sample steps."""
+
+
+@dataclass(eq=False)
+class Brushed:
+    """What is known about a painting by strokes."""
+
+    regions: Mapping[int, tuple[Strokes, Brush]]
+    """Strokes of regions."""
+    owner: NDArray[np.uint8] | None = None
+    """Region of each vertex, :data:`NOBODY` for none; None if the lattice also has other paint. (V,)"""
+    flats: Floats = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    """Colour of each region where no stroke reaches, RGB. (R, 3)"""
+    glazes: Mapping[int, float] = field(default_factory=dict)
+    """How much the opacity of translucent regions is to follow their strokes. Only known when they are laid: the scene
+    keeps it as an edit of the region (:mod:`svv.fields.strokes.stroke_opacity`)."""
+    _paints: dict[int, StrokePaint] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the lattice follows from the strokes."""
+        return self.owner is not None
+
+    def paint(self, region: int, soft: float) -> StrokePaint:
+        """Return the paint of a region for cells or pixels of a size, in box units; the last one is remembered."""
+        known = self._paints.get(region)
+        if known is None or abs(known.soft - soft) > 1e-3 * soft:
+            self._paints[region] = known = StrokePaint(*self.regions[region], soft)
+        return known
+
+    def baked(
+        self, place: Floats, cell: float, progress: Progress = silent, known: tuple[Brushed, Floats] | None = None
+    ) -> Floats:
+        """Return the colours of vertices of a lattice. (V, 3)
+
+        Args:
+            place: Box coordinates of the vertices. (V, 3)
+            cell: Side of the lattice's cells in box units.
+            progress: Called several times a second.
+            known: Another painting and its colours, from which regions with the same strokes are copied. (V, 3)
+        """
+        assert self.owner is not None
+        grey = np.full((NOBODY + 1 - len(self.flats), 3), 0.5, np.float32)
+        colours = np.concatenate([self.flats, grey])[self.owner]
+        for number, region in enumerate(self.regions):
+            mine = self.owner == region
+            if known is not None and known[0].regions.get(region) is self.regions[region]:
+                colours[mine] = known[1][mine]
+                continue
+            paint = self.paint(region, cell)
+            own = np.flatnonzero(mine & paint.is_near(place))
+            for first in range(0, len(own), AT_A_TIME):
+                progress((number + first / len(own)) / len(self.regions), "painting")
+                piece = own[first : first + AT_A_TIME]
+                colours[piece] = paint(place[piece]).clip(0.0, 1.0)
+        return np.asarray(colours, np.float32)
+
+    def over(
+        self, colours: Tensor | None, samples: Samples, region: Tensor, roots: Mapping[int, int],
+        wholes: Sequence[int], pixel: float,
+    ) -> Tensor:  # fmt: skip
+        """Return colours (S, 3) of samples with the strokes over them; a sheet of samples has one colour.
+
+        Args:
+            colours: Colours of the lattice, where no stroke reaches; None if all paint is strokes, so that it is not
+                needed.
+            samples: Samples of rays.
+            region: Region of each sample. (S,)
+            roots: Region with strokes -> region whose strokes it has: parts that were split off have the whole's.
+            wholes: For each region of the scene, the region of which it is a part, or itself.
+            pixel: Width of a pixel in box units.
+        """
+        apart = np.zeros(len(wholes))
+        for own, root in roots.items():
+            apart[own] = max(GAP * self.width(root), STEPS * samples.step)
+        numbers = region.cpu().numpy()
+        sheet, where = sheets_of(samples, numbers, apart)
+        of_sheet = np.empty(len(where), np.int64)
+        of_sheet[sheet[sheet >= 0]] = numbers[sheet >= 0]
+        covered = np.zeros((len(where), 4), np.float32)
+        for own, root in roots.items():
+            theirs = np.flatnonzero(of_sheet == own)
+            covered[theirs] = self.paint(root, pixel).over_ground(where[theirs])
+        if colours is None:
+            flats = np.stack([self.flats[k if k < len(self.flats) else whole] for k, whole in enumerate(wholes)])
+            out = flats[numbers]
+        else:
+            out = np.array(colours.cpu().numpy())
+        numba_sheets.cover(sheet, covered, out)
+        return torch.from_numpy(out).to(region.device)
+
+    def width(self, region: int) -> float:
+        """Return the usual width of a region's strokes, in box units."""
+        return 2.0 * float(np.median(self.regions[region][0].radius))
+
+    def to_file(self, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return plain values and arrays of a file, for a network of this name."""
+        told = {
+            "regions": {str(k): vars(brush) for k, (_, brush) in self.regions.items()},
+            "flats": self.flats.tolist(),
+            "complete": self.complete,
+        }
+        arrays = {
+            f"brushed.{name}.{k}.{key}": array
+            for k, (strokes, _) in self.regions.items()
+            for key, array in strokes.packed().items()
+        }
+        if self.owner is not None:
+            arrays[f"brushed.{name}.owner"] = self.owner[:, None]
+        return told, arrays
+
+    @classmethod
+    def from_file(
+        cls, name: str, told: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], vertices: int
+    ) -> Brushed:
+        """Invert :meth:`to_file`; raises KeyError, TypeError or ValueError if the content does not fit."""
+        regions = {}
+        for key, brush in told["regions"].items():
+            start = f"brushed.{name}.{int(key)}."
+            own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
+            regions[int(key)] = Strokes.unpacked(own), Brush.from_json(brush)
+        flats = np.asarray(told["flats"], np.float32).reshape(-1, 3)
+        owner = None
+        if told["complete"]:
+            owner = tensors[f"brushed.{name}.owner"].reshape(-1)
+            if owner.dtype != np.uint8 or len(owner) != vertices:
+                raise ValueError("the owners of paint do not fit the lattice")
+        if not all(0 <= k < NOBODY for k in regions) or len(flats) > NOBODY:
+            raise ValueError("strokes belong to regions that cannot be")
+        return cls(regions, owner, flats)
+
+
+def sheets_of(
+    samples: Samples, region: NDArray[np.int64], apart: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], Floats]:
+    """Return the sheet of each sample, -1 for none (S,), and mean positions (K, 3); see :func:`svv.core.rays.sheets.sheets`.
+
+    Args:
+        samples: Samples of rays.
+        region: Region of each sample. (S,)
+        apart: Gap in box units that separates sheets of each region; 0 for a region without sheets. (G,)
+    """
+    position, sigma, skipped, start, count = (
+        getattr(samples, name).cpu().numpy() for name in ("position", "sigma", "skipped", "start", "count")
+    )
+    number = np.empty(len(start), np.int64)
+    numba_sheets.count_sheets(position, start, count, region, apart, number)
+    own, where = np.empty(len(position), np.int64), np.empty((int(number.sum()), 4))
+    first = np.cumsum(number) - number
+    numba_sheets.sheets(position, sigma, skipped, samples.step, start, count, region, apart, first, own, where)
+    return own, np.ascontiguousarray(where[:, :3], np.float32)

@@ -1,0 +1,109 @@
+"""Paint of brush strokes, evaluated at positions of a scene."""
+
+from __future__ import annotations
+
+import copy
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.spatial import cKDTree
+
+from svv.core.strokes.strokes import NOISE, Brush, Floats, Strokes
+from svv.kernels.numba import strokes as numba_strokes
+
+MOST_BINS = 160
+"""Maximum number of bins along the box: four million in all."""
+
+BARE = 0.98
+"""Coverage below which the ground shows."""
+
+GROUND = 0.85
+"""Brightness of bare ground relative to the nearest stroke: the gaps between strokes are a little darker."""
+
+
+class StrokePaint:
+    """The paint of one region, everywhere: where no stroke reaches, the ground shows.
+
+    Args:
+        strokes: The strokes; at least one.
+        brush: How their paint looks.
+        soft: Width of soft edges in box units: the cell or pixel in which the paint is shown.
+    """
+
+    def __init__(self, strokes: Strokes, brush: Brush, soft: float) -> None:
+        self.strokes, self.brush, self.soft = strokes, brush, float(soft)
+        side = max(float(np.median(strokes.radius)), 1.0 / MOST_BINS)
+        self.size = max(int(np.ceil(1.0 / side)), 1)
+        self.side = 1.0 / self.size
+        tangent = strokes.frames[0]
+        points = strokes.where, strokes.normal, tangent, strokes.radius, strokes.inner, strokes.outer
+        self.start = np.zeros(self.size**3 + 1, np.int64)
+        none = np.empty(0, np.int32)
+        numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, none)
+        self.entries = np.empty(int(self.start[-1]), np.int32)
+        numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, self.entries)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far from the strokes' points there is paint, in box units."""
+        strokes = self.strokes
+        return max(2.0 * float(np.median(strokes.radius)), float(np.quantile(strokes.outer, 0.9)))
+
+    def is_near(self, place: Floats) -> NDArray[np.bool_]:
+        """Return whether each of the places (V, 3) is within reach of the strokes. (V,)"""
+        cells = max(int(1.0 / self.reach), 1)
+        grid = np.zeros((cells + 2,) * 3, bool)
+        grid[tuple((self.strokes.where * cells).astype(np.int64).clip(0, cells).T)] = True
+        grid = binary_dilation(grid, np.ones((3, 3, 3), bool))
+        return grid[tuple((place * cells).astype(np.int64).clip(0, cells).T)]
+
+    def with_strokes(self, strokes: Strokes) -> StrokePaint:
+        """Return the paint of strokes that differ only in their colours."""
+        other = copy.copy(self)
+        other.strokes = strokes
+        return other
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.strokes.where)
+
+    def coverage(self, position: Floats) -> Floats:
+        """Return colour times coverage, and coverage, at box coordinates (P, 3). (P, 4)"""
+        strokes, brush = self.strokes, self.brush
+        out = np.empty((len(position), 4), np.float32)
+        tangent, arc, bend, widen = strokes.frames
+        look = np.array([brush.relief, brush.dry, brush.mixed, brush.rim, brush.body, brush.grain, brush.tooth,
+                         brush.flow, brush.feather, brush.blunt])  # fmt: skip
+        numba_strokes.paint(
+            np.ascontiguousarray(position, np.float32), self.side, self.size, self.start, self.entries, NOISE,
+            strokes.where, strokes.normal, tangent, arc, bend, widen, strokes.radius, strokes.inner, strokes.outer,
+            strokes.stroke, strokes.length, strokes.colour, strokes.second, strokes.bristles, strokes.seed,
+            look, np.array(brush.light), np.array(brush.paper), strokes.unit, self.soft, out,
+        )  # fmt: skip
+        return out
+
+    def __call__(self, position: Floats) -> Floats:
+        """Return the colours at box coordinates (P, 3). (P, 3)"""
+        found = self.coverage(position)
+        colours, bare = found[:, :3], np.flatnonzero(found[:, 3] < BARE)
+        if len(bare):
+            colours[bare] += (1.0 - found[bare, 3:]) * self.ground(position[bare])
+        return np.asarray(colours, np.float32)
+
+    def over_ground(self, position: Floats) -> Floats:
+        """Return colour times coverage, and coverage, of strokes and of the ground among them. (P, 4)"""
+        found = self.coverage(position)
+        bare = np.flatnonzero((found[:, 3] < BARE) & self.is_near(position))
+        if len(bare):
+            found[bare, :3] += (1.0 - found[bare, 3:]) * self.ground(position[bare])
+            found[bare, 3] = 1.0
+        return found
+
+    def ground(self, position: Floats) -> Floats:
+        """Return the colour of the ground at box coordinates: the brush's, or the nearest stroke's, darker. (P, 3)"""
+        if self.brush.ground is not None:
+            return np.tile(np.array(self.brush.ground, np.float32), (len(position), 1))
+        nearest: NDArray[np.int64] = self._tree.query(position, workers=-1)[1]
+        return np.asarray(GROUND * self.strokes.colour[self.strokes.stroke[nearest]], np.float32)

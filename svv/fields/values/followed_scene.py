@@ -1,0 +1,239 @@
+"""A scene at another time step of its volume, without views and without training.
+
+In a scene of the encoding ``values``, extinction, colour and light are functions of the volume's values
+(:mod:`svv.fields.values.of_values`), and a transfer function shows other values in the same way. At another time step,
+only the values are new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from svv.core.geometry.box import Box
+from svv.core.volumes.classified import ClassifiedVolume, ValueGrid, grid_shape
+from svv.errors import BadInput
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
+from svv.fields.radiance.occupancy import PRUNED, Occupancy, largest_in, least_extinction
+from svv.fields.scene.joined import members, with_members
+from svv.fields.scene.model import Model
+from svv.fields.scene.variants import PaintedModel
+from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_base, fill_palette
+from svv.fields.values.time_steps import TimeSteps
+from svv.fields.values.value_function import ValueFunction
+
+Painted = TypeVar("Painted", bound=PaintedModel)
+
+CPU = torch.device("cpu")
+
+Matter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Where the matter at positions (S, 3), of a box or the world, was when it was painted. (S, 3)"""
+
+
+def at_step(scene: Painted, step: int, anew: bool = False) -> Painted:
+    """Return the scene as one of its time steps makes it, with the same palette, edits and paint.
+
+    Paint moves with the matter. The result has no other time steps.
+
+    Args:
+        scene: A scene with time steps.
+        step: Number of the step.
+        anew: Whether the own step is made from its values, too.
+
+    Raises:
+        BadInput: The scene has no such step, or is not one that can follow a volume (:func:`check_follows`).
+    """
+    steps = scene.steps
+    if steps is None or not 0 <= step < len(steps):
+        count = 0 if steps is None else len(steps)
+        told = f"it has the steps 0 to {count - 1}" if count > 1 else "it has no time steps; svv follow adds them"
+        raise BadInput(f"The scene has no time step {step}: {told}.")
+    if step == steps.own and not anew:
+        return replace(scene, steps=steps.only(step))
+    if scene.layers:
+        found = with_members(scene, [at_step(member, step, anew) for member in members(scene)])
+        return replace(found, steps=steps.only(step))
+    function, _ = check_follows(scene)
+    try:
+        grid = steps.grid(step, function.visible).over(function.interval, function.visible)
+    except ValueError as error:
+        raise BadInput(f"Time step {step} of the scene cannot be read: {error}.") from error
+    return _over(scene, grid, steps.box, steps.only(step), lambda position: steps.matter(step, position))
+
+
+def at_time(scene: Painted, time: float) -> Painted:
+    """Return the scene at the last of its time steps that is not after ``time``, or at the first."""
+    steps = scene.steps
+    if steps is None or len(steps) < 2:
+        return scene
+    return at_step(scene, step_at(steps, time))
+
+
+def step_at(steps: TimeSteps, time: float) -> int:
+    """Return the number of the last step that is not after a time; 0 before all of them."""
+    return max(0, int(np.searchsorted(steps.times, time, side="right")) - 1)
+
+
+def at_volume(
+    scene: Painted, volume: ClassifiedVolume, time: float = 0.0, matter: Matter = lambda position: position
+) -> Painted:
+    """Return the scene as another volume's values make it, with the same palette, edits and paint.
+
+    Where there was no paint before, it is that of the nearest place.
+
+    Args:
+        scene: A scene of the encoding ``values``, with a palette network and without regions that were split off.
+        volume: The other volume, classified by the scene's transfer function.
+        time: Its time.
+        matter: Where the matter at positions in the world was when the scene was painted; by default at rest.
+
+    Raises:
+        BadInput: The scene is not one of these, or the volume comes without its values.
+    """
+    function, _ = check_follows(scene)
+    if volume.values is None:
+        raise BadInput("The volume comes without its values: classify it again.")
+    grid = volume.values.over(function.interval, function.visible)
+    box = volume.box
+    return _over(scene, grid, box, TimeSteps.of(grid, box, time), lambda at: box.to_box(matter(box.to_world(at))))
+
+
+def check_follows(scene: PaintedModel) -> tuple[ValueFunction, PaletteField]:
+    """Return what a scene needs to follow its volume.
+
+    Raises:
+        BadInput: It is no function of its volume's values, or has parts or paint that cannot follow.
+    """
+    if scene.values is None or scene.palette_network is None:
+        raise BadInput(
+            "The scene does not know its volume's values, so it cannot follow them: train it with --encoding values."
+        )
+    if scene.parts is not None and scene.parts.active:
+        raise BadInput("Parts that were split off cannot follow a volume: undo the splits first.")
+    for network in (scene.styled, *(other.network for other in scene.others)):
+        if network is not None and not network.direct:
+            raise BadInput("Only paint on a lattice can follow a volume: remove this painting first.")
+    return scene.values, scene.palette_network
+
+
+@torch.no_grad()
+def _over(scene: Painted, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter) -> Painted:
+    """Return the scene over a grid of values."""
+    function, palette = check_follows(scene)
+    device, old = scene.device, scene.base.density
+    assert old is not None
+    occupancy = _occupied(scene, function, grid, box)
+    finer = occupancy.cells // scene.occupancy.cells
+    settings = replace(scene.settings, resolutions=_times(finer, scene.settings.resolutions))
+    base = BaseField(settings, occupancy, _times(finer, old.resolutions))
+    base.colour_mlp.load_state_dict(scene.base.colour_mlp.state_dict())
+    fill_base(base, function, grid, occupancy)
+    normals = None if palette.phong is None else _times(finer, palette.phong.normals.resolutions)
+    moved = PaletteField(settings, occupancy, base.geometry_width, palette.colours.detach().cpu(), normals)
+    fill_palette(moved, grid, occupancy)
+    learned = {name: value for name, value in palette.state_dict().items() if not name.endswith("table")}
+    moved.load_state_dict(learned, strict=False)
+
+    def painted(network: UnrestrictedField) -> UnrestrictedField:
+        return _carried(network, scene, occupancy, matter).to(device)
+
+    return replace(
+        scene, occupancy=occupancy, base=base.requires_grad_(False).to(device), steps=steps, parts=None,
+        settings=settings, marching=replace(scene.marching, step=scene.marching.step / finer),
+        palette_network=moved.requires_grad_(False).to(device),
+        styled=None if scene.styled is None else painted(scene.styled),
+        others=tuple(replace(other, network=painted(other.network)) for other in scene.others),
+    )  # fmt: skip
+
+
+def _times(factor: int, numbers: Sequence[int]) -> tuple[int, ...]:
+    return tuple(factor * number for number in numbers)
+
+
+def _occupied(scene: Model, function: ValueFunction, grid: ValueGrid, box: Box) -> Occupancy:
+    """Return the cells in which a grid of values shows something; one cell if there are none.
+
+    They are as large as the scene's, or nearly so, in a box of any size.
+    """
+    density, own = scene.base.density, scene.occupancy
+    assert density is not None
+    finer = 2 ** max(0, round(np.log2(box.size / own.box.size)))
+    cells, step = finer * own.cells, scene.marching.step / finer
+    longer = float(np.log(box.size / function.size))
+    rows = function.table.reshape(VALUES, SLOPES)[:, 0].cpu().numpy() + longer
+    least = least_extinction(PRUNED * grid.cells, float(np.exp(rows.max())))
+    seen = np.concatenate([[0], np.cumsum(rows > np.log(least))])  # a cell with a visible value is occupied
+    codes = grid.values()
+    row = np.minimum((codes * (VALUES - 1)).astype(np.int32), VALUES - 2)
+    low, high = row, row + 1
+    for axis in range(3):
+        first, second = (np.moveaxis(a, axis, 0) for a in (low, high))
+        low, high = (
+            np.moveaxis(np.minimum(first[1:], first[:-1]), 0, axis),
+            np.moveaxis(np.maximum(second[1:], second[:-1]), 0, axis),
+        )
+    there = seen[high + 1] > seen[low]
+    occupied = np.zeros(tuple(grid_shape(box, cells)), np.uint8)
+    marked = _at_cells(there, grid.cells, cells)
+    kept = tuple(slice(0, min(a, b)) for a, b in zip(occupied.shape, marked.shape))
+    occupied[kept] = marked[kept]
+    if not occupied.any():
+        return Occupancy(box, cells, _first_cell(occupied.shape))
+    occupancy = Occupancy(box, cells, occupied)
+    lattice = SparseLattice(occupied, cells, _times(finer, density.resolutions), 1).requires_grad_(False)
+    lattice.table.copy_(exponents_at(function, grid, lattice, occupancy)[:, None])
+    corner = occupancy.occupied_on(CPU).nonzero()
+    depth = largest_in(lambda points: lattice(points)[:, 0], corner, occupancy) * step
+    left = occupancy.pruned(depth, PRUNED, grow=False)
+    return left if left.occupied.any() else Occupancy(box, cells, _first_cell(occupied.shape))
+
+
+def _first_cell(shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    result = np.zeros(shape, np.uint8)
+    result[0, 0, 0] = 1
+    return result
+
+
+def _at_cells(marked: NDArray[np.bool_], cells: int, wanted: int) -> NDArray[np.bool_]:
+    """Return marks of cells at another number of cells per box unit, both powers of two."""
+    if wanted >= cells:
+        for axis in range(3):
+            marked = marked.repeat(wanted // cells, axis)
+        return marked
+    k = cells // wanted
+    padded = np.pad(marked, [(0, -n % k) for n in marked.shape])
+    x, y, z = (n // k for n in padded.shape)
+    return np.asarray(padded.reshape(x, k, y, k, z, k).any(axis=(1, 3, 5)))
+
+
+def _carried(network: UnrestrictedField, scene: Model, occupancy: Occupancy, matter: Matter) -> UnrestrictedField:
+    """Return paint on the vertices of other cells, on the CPU.
+
+    Each gets the paint of the place that its matter came from: interpolated where the scene is painted there, otherwise
+    that of the nearest vertex.
+    """
+    old, box = network.encoding, scene.occupancy.box
+    finer = occupancy.cells // scene.occupancy.cells
+    result = UnrestrictedField(scene.settings, occupancy, _times(finer, network.resolutions), direct=True)
+    new = result.encoding
+    assert isinstance(old, SparseLattice) and isinstance(new, SparseLattice)
+    vertices = new.vertices_of_level(0, occupancy.occupied, occupancy.cells) / new.resolutions[0]
+    place = box.to_box(occupancy.box.to_world(matter(vertices))).astype(np.float32)
+    cell = np.floor(place * scene.occupancy.cells).astype(np.int64)
+    shape = np.array(scene.occupancy.occupied.shape)
+    within = np.asarray(((cell >= 0) & (cell < shape)).all(axis=1))
+    painted = within & (scene.occupancy.occupied[tuple(np.where(within[:, None], cell, 0).T)] > 0)
+    there, elsewhere = np.flatnonzero(painted), np.flatnonzero(~painted)
+    table = old.table.detach()
+    new.table[there] = old.look_up(torch.from_numpy(place[there]).to(table.device)).cpu()
+    known = old.vertices_of_level(0, scene.occupancy.occupied, scene.occupancy.cells) / old.resolutions[0]
+    _, nearest = cKDTree(known).query(place[elsewhere], workers=-1)
+    new.table[elsewhere] = table.cpu()[torch.from_numpy(nearest)]
+    return result.requires_grad_(False)

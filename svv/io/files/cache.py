@@ -1,0 +1,190 @@
+"""A cache of limited size for results that can be computed again."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from svv.errors import BadInput
+from svv.io.files.atomic import cannot_write, make_folder
+
+Content = TypeVar("Content")
+
+BOUND = 2_000_000_000
+"""Maximum size of all results in bytes unless ``SVV_CACHE_SIZE`` is set; enough for a few hundred scenes."""
+
+UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+"""Bytes per unit of ``SVV_CACHE_SIZE``."""
+
+NAME = re.compile(r"[a-z]+-[0-9a-f]{20}-[0-9a-f]{20}-[\w.+]+")
+"""Pattern of the names of results; other files in the folder are never touched."""
+
+LEFT_BEHIND = 24 * 3600.0
+"""Seconds after which an unfinished file is taken to be left behind by a killed process."""
+
+
+def cache_folder() -> Path:
+    """Return the cache folder, ``$XDG_CACHE_HOME/svv`` or by default ``~/.cache/svv``; it may not exist."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "svv"
+
+
+def bytes_in(text: str, name: str = "SVV_CACHE_SIZE") -> int:
+    """Return a size such as '500M', '2G' or '1000000' in bytes; ``name`` is that of the variable.
+
+    Raises:
+        BadInput: The text is not a size.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)B?", text.strip().upper())
+    if found is None:
+        raise BadInput(f"{name} must be a number of bytes such as 500M or 2G (0 keeps nothing), not '{text}'.")
+    return int(float(found[1]) * UNITS[found[2]])
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A result in the cache."""
+
+    path: Path
+    """File or folder of the result."""
+    bytes: int
+    """Size in bytes."""
+    used: float
+    """Time of the last write or read, in seconds since 1970."""
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A folder of results, of which the least recently used are removed to make room for new ones.
+
+    Several processes may use it at once. No process relies on a file in it: missing results are computed again.
+    """
+
+    folder: Path
+    """Folder of the results; it may not exist."""
+    bound: int
+    """Maximum size in bytes. A single result that exceeds it is kept until the next one is written."""
+
+    @classmethod
+    def of_user(cls) -> Cache:
+        """Return the user's cache: ``SVV_CACHE``, or by default the folder ``scenes`` in :func:`cache_folder`.
+
+        Raises:
+            BadInput: ``SVV_CACHE_SIZE`` is not a size.
+        """
+        folder = os.environ.get("SVV_CACHE") or cache_folder() / "scenes"
+        size = os.environ.get("SVV_CACHE_SIZE")
+        return cls(Path(folder).expanduser(), bytes_in(size) if size else BOUND)
+
+    def entries(self) -> list[Entry]:
+        """Return the results in the cache, the least recently used first."""
+        found = []
+        for path in self._paths():
+            try:
+                used = path.stat().st_mtime
+                inside = path.rglob("*") if path.is_dir() else [path]
+                found.append(Entry(path, sum(file.stat().st_size for file in inside if file.is_file()), used))
+            except OSError:  # another process has just removed it
+                continue
+        return sorted((e for e in found if NAME.fullmatch(e.path.name)), key=lambda entry: (entry.used, entry.path))
+
+    def holds(self, name: str) -> bool:
+        """Return whether the cache contains a result of this name."""
+        return NAME.fullmatch(name) is not None and (self.folder / name).exists()
+
+    def read(self, name: str, read: Callable[[Path], Content]) -> Content | None:
+        """Return the result of this name, or None if there is none; a damaged result is removed.
+
+        Args:
+            name: Name that matches :data:`NAME`; for any other name, there is no result.
+            read: Function that reads the result from its path, or raises BadInput.
+        """
+        if not self.holds(name):
+            return None
+        path = self.folder / name
+        try:
+            content = read(path)
+        except (BadInput, OSError):  # damaged, or another process has just removed it
+            _remove(path)
+            return None
+        try:
+            os.utime(path)
+        except OSError:  # belongs to another user, or the disk is read-only: it will merely appear older than it is
+            pass
+        return content
+
+    def write(self, name: str, write: Callable[[Path], None]) -> str:
+        """Add a result, and remove others until the total size is within the bound.
+
+        Args:
+            name: Name that matches :data:`NAME`.
+            write: Function that writes the result, a file or a folder, to the path passed to it.
+
+        Returns:
+            An empty string, or one sentence that says why the result could not be kept.
+        """
+        assert NAME.fullmatch(name), name
+        if self.bound == 0:
+            return "SVV_CACHE_SIZE is 0, so nothing is kept for saved states."
+        path, unfinished = self.folder / name, self.folder / f".{name}-{secrets.token_hex(6)}"
+        try:
+            make_folder(self.folder)
+            write(unfinished)
+            if path.is_dir():  # a folder cannot replace another one
+                _remove(path)
+            os.utime(unfinished)
+            os.replace(unfinished, path)
+        except (BadInput, OSError) as error:
+            said = error if isinstance(error, BadInput) else cannot_write(path, error)
+            return f"It could not be kept for saved states: {said}"
+        finally:
+            _remove(unfinished)
+        self.trim(path)
+        return ""
+
+    def clear(self) -> int:
+        """Remove all results and return the number of bytes freed."""
+        freed = sum(entry.bytes for entry in self.entries())
+        for path in self._paths():
+            _remove(path)
+        return freed
+
+    def trim(self, newest: Path) -> None:
+        """Remove results, the least recently used first and never ``newest``, until the size is within the bound."""
+        entries = self.entries()
+        total = sum(entry.bytes for entry in entries)
+        for entry in entries:
+            if total <= self.bound:
+                break
+            if entry.path != newest:
+                _remove(entry.path)
+                total -= entry.bytes
+        for path in self._paths():
+            try:
+                if path.name.startswith(".") and path.stat().st_mtime < time.time() - LEFT_BEHIND:
+                    _remove(path)
+            except OSError:  # another process has just removed it
+                continue
+
+    def _paths(self) -> list[Path]:
+        """Return the paths of all results and of unfinished files, whose names start with a dot."""
+        try:
+            return [path for path in self.folder.iterdir() if NAME.match(path.name.removeprefix("."))]
+        except OSError:  # the folder does not exist yet
+            return []
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+        return
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:  # belongs to another user: it stays, and its size counts
+        pass

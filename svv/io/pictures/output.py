@@ -1,0 +1,321 @@
+"""Rendered pictures on disk: PNG, VTK image data (.vti) and movies (.mp4).
+
+The .vti writer does not need VTK, so the base installation can write files for ParaView. h and w are height and width
+in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at the bottom.
+"""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from svv.errors import BadInput, Progress, part, silent
+from svv.io.files.atomic import atomic_path
+
+EMPTY_REGION = 255
+"""Index of pixels without a region in a region PNG."""
+
+VTK_BLOCK = 1 << 24
+"""Bytes of an array that are compressed together."""
+
+_VTK_TYPES = {"uint8": "UInt8", "int16": "Int16", "float32": "Float32"}
+
+
+def to_bytes(image: ArrayLike) -> NDArray[np.uint8]:
+    """Return values in [0, 1] (clamped; NaN becomes 0) as rounded 8-bit levels."""
+    values = np.nan_to_num(np.asarray(image, dtype=np.float32), nan=0.0)
+    return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def write_png(path: str | Path, image: ArrayLike, made: str = "") -> None:
+    """Write a picture (h, w, 3 or 4) with straight alpha, 8-bit levels or values in [0, 1], as 8-bit PNG.
+
+    Args:
+        path: The file.
+        image: The picture.
+        made: What it was made from, for :func:`made_of`.
+
+    Raises:
+        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    """
+    values = np.asarray(image)
+    levels = values if values.dtype == np.uint8 else to_bytes(values)
+    with atomic_path(path) as temporary:
+        Image.fromarray(levels).save(temporary, format="PNG", compress_level=4, pnginfo=_text(made))
+
+
+MADE = "svv:made"
+"""Name of the text of a PNG that says what it was made from."""
+
+
+def made_of(path: Path) -> str:
+    """Return what a PNG says that it was made from; empty if there is no such file, or it does not say."""
+    try:
+        with Image.open(path) as picture:
+            return str(picture.info.get(MADE, ""))
+    except (OSError, ValueError, SyntaxError):
+        return ""
+
+
+def _text(made: str) -> PngInfo:
+    text = PngInfo()
+    if made:
+        text.add_text(MADE, made)
+    return text
+
+
+def write_small_png(path: str | Path, levels: NDArray[np.uint8], bright: bool = False) -> None:
+    """Write a picture as PNG with 256 colours, for viewing only: it has a third of the size.
+
+    Args:
+        path: The file.
+        levels: The picture, 8-bit levels. (h, w, 3)
+        bright: Whether to preserve small spots of strong colour rather than fine shades.
+
+    Raises:
+        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    """
+    method = Image.Quantize.MAXCOVERAGE if bright else Image.Quantize.MEDIANCUT
+    few = Image.fromarray(levels).quantize(256, method, dither=Image.Dither.NONE)
+    with atomic_path(path) as temporary:
+        few.save(temporary, format="PNG", optimize=True)
+
+
+def write_depth_png(path: str | Path, depth: ArrayLike, made: str = "") -> tuple[float, float]:
+    """Write depth (h, w) in world units, NaN where empty, as 16-bit greyscale PNG.
+
+    Level 0 means empty; levels 1 ... 65535 are linear from the nearest to the farthest depth, which are stored in the
+    text of the file under ``svv:near`` and ``svv:far``; for ``made``, see :func:`write_png`.
+
+    Returns:
+        The nearest and the farthest depth; NaN, NaN if the picture is empty.
+    """
+    values = np.asarray(depth, dtype=np.float64)
+    seen = np.isfinite(values)
+    near, far = (float(values[seen].min()), float(values[seen].max())) if seen.any() else (np.nan, np.nan)
+    levels = np.zeros(values.shape, np.uint16)
+    levels[seen] = 1 + np.rint(65534.0 * (values[seen] - near) / max(far - near, np.finfo(float).tiny))
+    text = _text(made)
+    text.add_text("svv:near", repr(near))
+    text.add_text("svv:far", repr(far))
+    with atomic_path(path) as temporary:
+        Image.fromarray(levels).save(temporary, format="PNG", pnginfo=text)
+    return near, far
+
+
+def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike, made: str = "") -> None:
+    """Write a region map as indexed PNG whose indices are the regions.
+
+    Args:
+        path: The file.
+        region: Integers in -1 ... 254, -1 where empty. (h, w)
+        colours: Colour in which each region is shown, in [0, 1]. (regions, 3)
+        made: See :func:`write_png`.
+    """
+    indices = np.asarray(region, dtype=np.int64)
+    table = np.full((256, 3), 255, np.uint8)
+    shown = to_bytes(colours)
+    table[: len(shown)] = shown
+    picture = Image.fromarray(np.where(indices < 0, EMPTY_REGION, indices).astype(np.uint8))
+    picture.putpalette(table.tobytes())
+    with atomic_path(path) as temporary:
+        picture.save(temporary, format="PNG", transparency=EMPTY_REGION, pnginfo=_text(made))
+
+
+def region_picture(region: ArrayLike, colours: ArrayLike) -> NDArray[np.float32]:
+    """Return a region map (h, w) as an RGBA picture (h, w, 4), transparent where -1; colours (regions, 3)."""
+    table = np.zeros((len(np.asarray(colours)) + 1, 4), np.float32)
+    table[:-1, :3] = np.asarray(colours)
+    table[:-1, 3] = 1.0
+    return table[np.asarray(region)]  # -1 is the last row
+
+
+def depth_picture(depth: ArrayLike, near: float, far: float) -> NDArray[np.float32]:
+    """Return depth (h, w) as an RGBA picture (h, w, 4): dark at ``near``, light at ``far``, transparent where empty."""
+    values = np.asarray(depth, dtype=np.float32)
+    grey = 0.1 + 0.75 * np.clip((np.nan_to_num(values, nan=far) - near) / max(far - near, 1e-30), 0.0, 1.0)
+    return np.stack([grey, grey, grey, np.isfinite(values)], axis=-1).astype(np.float32)
+
+
+def write_vti(path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: ArrayLike) -> None:
+    """Write one view as VTK image data: one slice of point scalars ``RGBA``, with ``Depth`` and ``Region``.
+
+    It uses VTK's XML format with appended, zlib-compressed arrays. Row 0 is at the bottom; the spacing is one pixel.
+
+    Args:
+        path: The file, by convention ``NAME.vti``.
+        rgba: Colour in [0, 1] with straight alpha; stored as uint8. (h, w, 4)
+        depth: Depth in world units, NaN where empty; stored as float32. (h, w)
+        region: Number of the region, -1 where empty; stored as int16. (h, w)
+
+    Raises:
+        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    """
+    arrays: dict[str, NDArray[np.generic]] = {
+        "RGBA": to_bytes(rgba),
+        "Depth": np.asarray(depth, dtype=np.float32),
+        "Region": np.asarray(region, dtype=np.int16),
+    }
+    write_volume(path, {name: np.flipud(array)[None] for name, array in arrays.items()})
+
+
+def write_volume(
+    path: str | Path,
+    arrays: Mapping[str, NDArray[np.generic]],
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    spacing: Sequence[float] = (1.0, 1.0, 1.0),
+    fields: Mapping[str, NDArray[np.float64]] | None = None,
+    progress: Progress = silent,
+) -> None:
+    """Write a regular grid of points as VTK image data.
+
+    Args:
+        path: The file, by convention ``NAME.vti``.
+        arrays: Arrays of points by name; the first one becomes the scalars. (nz, ny, nx) or (nz, ny, nx, channels)
+        origin: Position of the first point (x, y, z), world units.
+        spacing: Distance between points along each axis, world units.
+        fields: Field data by name. (n, channels)
+        progress: Called while arrays are compressed.
+
+    Raises:
+        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    """
+    depth, height, width = next(iter(arrays.values())).shape[:3]
+    entries, blocks, offset = [], [], 0
+    for number, (name, array) in enumerate(arrays.items()):
+        block = _vtk_block(array, part(progress, number / len(arrays), (number + 1) / len(arrays)))
+        components = 1 if array.ndim == 3 else array.shape[3]
+        entries.append(
+            f'<DataArray type="{_VTK_TYPES[array.dtype.name]}" Name={quoteattr(name)} '
+            f'NumberOfComponents="{components}" format="appended" offset="{offset}"/>'
+        )
+        blocks.append(block)
+        offset += len(block)
+    extent = f"0 {width - 1} 0 {height - 1} 0 {depth - 1}"
+    head = (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
+        'compressor="vtkZLibDataCompressor">\n'
+        f'<ImageData WholeExtent="{extent}" Origin="{_said(origin)}" Spacing="{_said(spacing)}">\n'
+        f'{_field_data(fields or {})}<Piece Extent="{extent}">\n'
+        f"<PointData Scalars={quoteattr(next(iter(arrays)))}>\n" + "\n".join(entries) + "\n</PointData>\n</Piece>\n"
+        '</ImageData>\n<AppendedData encoding="raw">\n_'
+    )
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(head.encode() + b"".join(blocks) + b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def _field_data(fields: Mapping[str, NDArray[np.float64]]) -> str:
+    lines = [
+        f'<DataArray type="Float64" Name={quoteattr(name)} NumberOfComponents="{values.shape[1]}" '
+        f'NumberOfTuples="{len(values)}" format="ascii">{_said(values.ravel().tolist())}</DataArray>\n'
+        for name, values in fields.items()
+    ]
+    return f"<FieldData>\n{''.join(lines)}</FieldData>\n" if lines else ""
+
+
+def _said(numbers: Sequence[float]) -> str:
+    return " ".join(f"{number:.17g}" for number in numbers)
+
+
+def _vtk_block(array: NDArray[np.generic], progress: Progress = silent) -> bytes:
+    """Return a compressed array with its header.
+
+    The header has the number of blocks, their size, that of a last smaller one or 0, and each one's compressed size.
+    """
+    content = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("<"), copy=False)).data.cast("B")
+    packed = []
+    for first in range(0, len(content), VTK_BLOCK):
+        progress(first / len(content), "compressing")
+        packed.append(zlib.compress(content[first : first + VTK_BLOCK], 3))
+    size = VTK_BLOCK if len(packed) > 1 else len(content)
+    rest = len(content) % VTK_BLOCK if len(packed) > 1 else 0
+    return struct.pack(f"<{3 + len(packed)}Q", len(packed), size, rest, *map(len, packed)) + b"".join(packed)
+
+
+def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0, crf: int = 18) -> None:
+    """Write frames (h, w, 3) uint8, all of the same size, as an H.264 movie that browsers and players can show.
+
+    An odd width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
+
+    Args:
+        path: The file.
+        frames: The frames.
+        fps: Frames per second.
+        crf: Constant rate factor of H.264: 18 looks like the frames, 30 takes a quarter of the bytes.
+
+    Raises:
+        BadInput: There is no frame, or the file cannot be written.
+    """
+    rest = iter(frames)
+    first = next(rest, None)
+    if first is None:
+        raise BadInput("A movie needs at least one frame.")
+    encoder = _encoder()
+    height, width = (size + size % 2 for size in first.shape[:2])
+    with atomic_path(path) as temporary:
+        writer = encoder.write_frames(
+            str(temporary),
+            (width, height),
+            fps=fps,
+            codec="libx264",
+            quality=None,
+            macro_block_size=2,
+            output_params=["-crf", str(crf), "-preset", "fast", "-movflags", "+faststart"],
+            ffmpeg_log_level="error",
+        )
+        count = 0
+        try:
+            writer.send(None)
+            for frame in chain([first], rest):
+                writer.send(_even(frame))
+                count += 1
+        except OSError as error:
+            if error.errno is not None:
+                raise
+            # imageio-ffmpeg raises its own error, which contains the encoder's whole log.
+            raise BadInput(f"Cannot write {path}: the movie encoder stopped; is the disk full?") from error
+        finally:
+            writer.close()
+        if not _is_whole(encoder, temporary, count):  # imageio-ffmpeg does not say how the encoder ended
+            raise BadInput(f"Cannot write {path}: the movie encoder stopped at its end; is the disk full?")
+
+
+def _encoder() -> Any:
+    """Return the package that encodes movies, which nothing else needs.
+
+    Raises:
+        BadInput: It is missing.
+    """
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise BadInput(
+            "Movies need the package imageio-ffmpeg, which is missing here: install it with "
+            "`pip install imageio-ffmpeg`, or write the frames as pictures."
+        ) from error
+    return imageio_ffmpeg
+
+
+def _is_whole(encoder: Any, movie: Path, frames: int) -> bool:
+    """Return whether a movie can be read to its end and has this number of frames; they are not decoded."""
+    read = [encoder.get_ffmpeg_exe(), "-nostdin", "-v", "error", "-i", str(movie)]
+    done = subprocess.run([*read, "-c", "copy", "-f", "framecrc", "-"], capture_output=True)
+    found = sum(not line.startswith(b"#") for line in done.stdout.splitlines())
+    return done.returncode == 0 and not done.stderr and found == frames
+
+
+def _even(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = frame.shape[:2]
+    return np.ascontiguousarray(np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge"))

@@ -1,0 +1,90 @@
+"""A single camera from a JSON file, for pictures from a chosen position."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from svv.core.geometry.cameras import NOMINAL_FOV, Camera
+from svv.core.json_values import parsed
+from svv.errors import BadInput
+from svv.io.views.transforms import camera_in
+
+DEFAULT_SIZE = (800, 800)
+"""Width and height in pixels if neither the caller nor the file gives them."""
+
+
+def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: int = 0) -> Camera:
+    """Read a camera from JSON, in one of two forms.
+
+    Our form is ``{"camera_to_world": [[...4] x 4], "fov": degrees}``, in which ``camera_angle_x`` (radians) may replace
+    ``fov``; both are the full horizontal angle of view. For an orthographic camera, ``span_x``, the width of the image
+    in world units, replaces them. ``width`` and ``height`` in pixels are optional. The other form is a
+    ``transforms.json`` (:mod:`svv.io.views.transforms`), from which ``frame`` selects a view. Matrices are OpenGL
+    camera-to-world.
+
+    Args:
+        path: The file.
+        size: (width, height) in pixels; by default ``width`` and ``height`` in the file, otherwise 800 pixels wide and
+            as high as the proportions of the view in a ``transforms.json`` require, or 800.
+        frame: Index of the view in a ``transforms_*.json``.
+
+    Raises:
+        BadInput: The file is missing, is not JSON or contains no camera, or the matrix is not a rotation.
+    """
+    content = _object(Path(path))
+    if "frames" in content:
+        frames = content["frames"]
+        if not isinstance(frames, list) or not 0 <= frame < len(frames) or not isinstance(frames[frame], dict):
+            raise BadInput(f"{path} has no frame {frame}; choose one with --frame.")
+        if "transform_matrix" in frames[frame]:
+            return _of_frame(Path(path), content, frames[frame], size)
+        content = {**content, **frames[frame]}
+    matrix = content.get("camera_to_world", content.get("transform_matrix"))
+    if matrix is None:
+        raise BadInput(f"{path} does not contain a camera: it needs camera_to_world (4 x 4) and fov (degrees).")
+    try:
+        span = float(content["span_x"]) if "span_x" in content else None
+        if "camera_angle_x" in content:
+            angle = float(content["camera_angle_x"])
+        else:
+            angle = np.radians(float(content["fov"])) if span is None or "fov" in content else NOMINAL_FOV
+        own = (int(content.get("width", 0)), int(content.get("height", 0)))
+        rotation = np.asarray(matrix, dtype=np.float64)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise BadInput(
+            f"{path} does not contain a camera: camera_to_world must be 4 x 4 numbers, and fov (degrees) or "
+            "camera_angle_x (radians) must be a number."
+        ) from error
+    width, height = size or (own if min(own) > 0 else DEFAULT_SIZE)
+    return Camera(rotation, float(angle), width, height, span)
+
+
+def _of_frame(path: Path, scene: dict[str, Any], frame: dict[str, Any], size: tuple[int, int] | None) -> Camera:
+    """Return the camera of a frame of a ``transforms.json``."""
+    try:
+        stated, own = (
+            tuple(int(frame.get(key, scene.get(key, 0))) for key in keys) for keys in (("w", "h"), ("width", "height"))
+        )
+    except (TypeError, ValueError, OverflowError):
+        raise BadInput(f"{path}: w, h, width and height must be numbers of pixels.") from None
+    camera, _ = camera_in(path, scene, frame, *(stated if min(stated) > 0 else DEFAULT_SIZE))
+    wide = DEFAULT_SIZE[0]
+    width, height = size or (own if min(own) > 0 else (wide, max(1, round(wide * camera.height / camera.width))))
+    return camera.resized(width, height)
+
+
+def _object(path: Path) -> dict[str, Any]:
+    try:
+        content = parsed(path.read_bytes())
+    except FileNotFoundError as error:
+        raise BadInput(f"There is no camera file {path}; check the path.") from error
+    except OSError as error:
+        raise BadInput(f"The camera file {path} cannot be read: {error.strerror}.") from error
+    except ValueError as error:
+        raise BadInput(f"The camera file {path} is not JSON: {error}.") from error
+    if not isinstance(content, dict):
+        raise BadInput(f"{path} does not contain a camera: it needs camera_to_world (4 x 4) and fov (degrees).")
+    return content

@@ -1,0 +1,100 @@
+"""Search for the parts of an image that can show occupied cells, one beam per tile of pixels; compiled with numba."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+TILE_SIDE = 8
+"""Pixels along the side of a tile."""
+
+LEAST_ADVANCE = 0.1
+"""Fraction of a cell; a beam that cannot advance by this much counts as meeting an occupied cell."""
+
+POSITION_ERROR = 1e-5
+"""Bound of a sample's position error in single precision, in box units."""
+
+
+@njit(cache=True)
+def _ray(column, row, lens):  # type: ignore[no-untyped-def]
+    """Return the ray through a point in pixels from the centre of the first pixel, in camera axes.
+
+    Returns:
+        The origin's x and y (its z is 0), and the unit direction (x, y, z).
+    """
+    u = (column + lens[1]) / lens[0]
+    v = -(row + lens[2]) / lens[0]
+    if lens[3] > 0.0:
+        return u, v, 0.0, 0.0, -1.0
+    norm = math.sqrt(u * u + v * v + 1.0)
+    return 0.0, 0.0, u / norm, v / norm, -1.0 / norm
+
+
+@njit(parallel=True, cache=True)
+def tiles_in_sight(rotation, position, lens, width, height, distance, cells, extent, seen):  # type: ignore[no-untyped-def]
+    """Mark the tiles of an image through which an occupied cell may be visible.
+
+    A beam is the axis of a tile together with all rays of the tile: at distance t they are within s + t k of the axis,
+    where s is the largest distance between their origins and the axis's (0 unless the camera is orthographic), and k is
+    the largest difference between their unit directions and the axis (0 if it is). Each point of the axis is the centre
+    of a cube without occupied cells, and the beam can advance until its rays might leave that cube (sphere tracing,
+    Hart 1996, in the maximum norm). Every tile with a pixel centre whose ray meets an occupied cell is marked.
+
+    Args:
+        rotation: Camera-to-box rotation, as in :mod:`svv.kernels.numba.rays`. (3, 3)
+        position: Camera position in box coordinates. (3,)
+        lens: As in :mod:`svv.kernels.numba.rays`. (4,)
+        width: Image width in pixels.
+        height: Image height in pixels.
+        distance: How far a ray may leap in each octant, 0 for occupied cells (:func:`svv.core.rays.cells.leaps`); the
+            least is the chessboard distance to the nearest occupied cell. (8, X, Y, Z)
+        cells: Cells per box unit.
+        extent: Sides of the box. (3,)
+        seen: Result, 1 for marked tiles. (rows of tiles, columns of tiles)
+    """
+    side = 1.0 / cells
+    reach = 0.0
+    for axis in range(3):
+        reach += max(abs(position[axis]), abs(extent[axis] - position[axis])) ** 2
+    reach = math.sqrt(reach)  # to the farthest corner of the box
+    for tile in prange(seen.size):
+        top, left = tile // seen.shape[1] * TILE_SIDE, tile % seen.shape[1] * TILE_SIDE
+        bottom, right = min(top + TILE_SIDE, height) - 1, min(left + TILE_SIDE, width) - 1
+        u, v, a, b, c = _ray(0.5 * (left + right), 0.5 * (top + bottom), lens)
+        radius, spread = 0.0, 0.0
+        for corner in range(4):
+            g, h, p, q, r = _ray(right if corner & 1 else left, bottom if corner & 2 else top, lens)
+            radius = max(radius, math.sqrt((g - u) ** 2 + (h - v) ** 2))
+            spread = max(spread, math.sqrt((p - a) ** 2 + (q - b) ** 2 + (r - c) ** 2))
+        end = reach + math.sqrt(u * u + v * v)
+        cell = np.zeros(3, np.int64)
+        t = 0.0
+        while t <= end:
+            away = 0.0
+            for axis in range(3):
+                x = position[axis] + rotation[axis, 0] * u + rotation[axis, 1] * v
+                x += t * (rotation[axis, 0] * a + rotation[axis, 1] * b + rotation[axis, 2] * c)
+                inside = min(max(x, 0.0), extent[axis])
+                away = max(away, abs(x - inside))
+                cell[axis] = min(int(inside * cells), distance.shape[1 + axis] - 1)
+            nearest = distance[0, cell[0], cell[1], cell[2]]
+            for octant in range(1, 8):
+                nearest = min(nearest, distance[octant, cell[0], cell[1], cell[2]])
+            # Outside the box, nothing in it is nearer than the box itself.
+            free = max(away, (float(nearest) - 1.0) * side)
+            step = free - (radius + t * spread) - POSITION_ERROR
+            if step < LEAST_ADVANCE * side:
+                seen[tile // seen.shape[1], tile % seen.shape[1]] = 1
+                break
+            t += step
+
+
+def pixels_of(seen: NDArray[np.uint8], width: int, height: int) -> NDArray[np.int64]:
+    """Return the flat indices of the pixels in marked tiles, tile by tile, so that neighbours stay together."""
+    row, column = (TILE_SIDE * place[:, None, None] for place in np.nonzero(seen))
+    rows, columns = np.broadcast_arrays(row + np.arange(TILE_SIDE)[:, None], column + np.arange(TILE_SIDE))
+    within = (rows < height) & (columns < width)
+    return (rows * width + columns)[within]

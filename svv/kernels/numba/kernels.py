@@ -1,0 +1,197 @@
+"""The kernels on the CPU: numba, working in the tensors' memory. See :class:`svv.kernels.types.Kernels`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.kernels.numba import beams as numba_beams
+from svv.kernels.numba import bfloat16
+from svv.kernels.numba import hashing as numba_hashing
+from svv.kernels.numba import image as numba_image
+from svv.kernels.numba import lattice as numba_lattice
+from svv.kernels.numba import leaping as numba_leaping
+from svv.kernels.numba import marching as numba_marching
+from svv.kernels.numba import networks as numba_networks
+from svv.kernels.numba import rays as numba_rays
+from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
+
+NAME = "numba"
+RAYS = 1 << 13
+"""Rays of an image at a time: few enough that activations stay in the CPU cache (1 << 16 took 1.2 times as long)."""
+SAMPLES = 1 << 14
+"""Samples at a time: few enough that activations stay in the CPU cache."""
+IMAGE: ImageKernels | None = numba_image
+
+
+def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
+    out = torch.empty(len(x), len(where.scales) * table.shape[1])
+    x = x.contiguous()  # each layout of an array would be compiled separately
+    numba_lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), (0.0,) * table.shape[1], out.numpy())
+    return out
+
+
+def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
+    width = (0.0,) * gradient.shape[1]
+    x, g = x.contiguous(), g.contiguous()
+    numba_lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), width, gradient.numpy(), used.numpy())
+
+
+def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
+    out = torch.empty(len(x), len(resolutions) * table.shape[1])
+    numba_hashing.encode(x.numpy(), resolutions.numpy(), offsets.numpy(), table.detach().numpy(), out.numpy())
+    return out
+
+
+def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor) -> None:
+    numba_hashing.encode_backward(
+        x.numpy(), g.numpy(), resolutions.numpy(), offsets.numpy(), gradient.numpy(), used.numpy()
+    )
+
+
+def adam(
+    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
+    constants: tuple[float, float, float], pull: float, finer: int,
+) -> None:  # fmt: skip
+    first, second = moments.numpy()
+    numbers = (np.float32(v) for v in (rate, *constants, pull))
+    numba_lattice.adam(
+        table.detach().numpy(), gradient.numpy(), used.numpy(), first, second, age.numpy(), *numbers,
+        _bias_corrections(*constants[:2]), finer,
+    )  # fmt: skip
+
+
+def marked_rows(marks: Tensor) -> Tensor:
+    rows = torch.empty(int(np.count_nonzero(marks.numpy())), dtype=torch.int64)
+    numba_lattice.marked_rows(marks.numpy(), rows.numpy())
+    return rows
+
+
+def pixel_rays(
+    pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
+) -> tuple[Tensor, Tensor]:
+    origins, directions = torch.empty(len(pixels), 3), torch.empty(len(pixels), 3)
+    arrays = (camera.numpy() for camera in cameras)
+    numba_rays.pixel_rays(pixels.numpy(), *arrays, width, height, origins.numpy(), directions.numpy())
+    return origins, directions
+
+
+def pixels_in_sight(
+    camera: tuple[Tensor, Tensor, Tensor], width: int, height: int, distance: Tensor, cells: int,
+    extent: Sequence[float],
+) -> Tensor:  # fmt: skip
+    """Leave out whole tiles that miss all occupied cells, because marching their rays would take as long as others."""
+    rotation, position, lens = (part.numpy().astype(np.float64) for part in camera)
+    seen = np.zeros((-(-height // numba_beams.TILE_SIDE), -(-width // numba_beams.TILE_SIDE)), np.uint8)
+    numba_beams.tiles_in_sight(
+        rotation, position, lens, width, height, distance.numpy(), float(cells), np.asarray(extent, np.float64),
+        seen,
+    )  # fmt: skip
+    if seen.all():
+        return torch.arange(width * height)
+    return torch.from_numpy(numba_beams.pixels_of(seen, width, height))
+
+
+def march(
+    origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
+    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+    first_ray: int = 0,
+) -> tuple[Samples, int]:  # fmt: skip
+    """March blocks of rays, each into a separate part of the buffers, and pack the parts afterwards."""
+    count, blocks = len(origins), -(-len(origins) // numba_marching.RAYS_A_BLOCK)
+    start, number = np.empty(count, np.int64), np.empty(count, np.int64)
+    tail = np.empty(count, np.float32)
+    while True:
+        # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
+        buffers = _sample_buffers(blocks * numba_marching.RAYS_A_BLOCK * room)
+        full = np.zeros(blocks, np.uint8)
+        numba_marching.march(
+            origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
+            np.float32(limits.step), seed, first_ray, *_layout(where), table.detach().numpy()[:, 0],
+            np.float32(ceiling),
+            *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
+            *buffers, start, number, tail, full,
+        )  # fmt: skip
+        if not full.any():
+            break
+        room *= 2
+    packed = _sample_buffers(int(number.sum()))
+    numba_marching.gather(start, number, np.cumsum(number) - number, *buffers, *packed)
+    position, skipped, sigma, ray = packed
+    found = (torch.from_numpy(a) for a in (position, sigma, skipped, ray, start, number, tail))
+    return Samples(*found, limits.step), room  # type: ignore[arg-type, call-arg]
+
+
+def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
+    own, start, count = (samples.sigma * samples.step).numpy(), samples.start.numpy(), samples.count.numpy()
+    begin, end, taken = np.empty_like(own), np.empty_like(own), np.empty_like(count)
+    numba_marching.cut(samples.skipped.numpy(), own, start, count, np.float32(every), shift.numpy(), begin, end, taken)
+    rows, place = np.empty(int(taken.sum()), np.int64), np.empty(len(own), np.int64)
+    numba_marching.choose(start, count, begin, end, np.cumsum(taken) - taken, rows, place)
+    return torch.from_numpy(rows), torch.from_numpy(place)
+
+
+def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
+    rays, channels = len(samples.start), values.shape[1]
+    out, transmittance, weights = torch.empty(rays, channels), torch.empty(rays), torch.empty(len(sigma))
+    numba_marching.composite(
+        sigma.numpy(), samples.skipped.numpy(), values.numpy(), samples.start.numpy(), samples.count.numpy(),
+        samples.tail.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), weights.numpy(),
+    )  # fmt: skip
+    return out, transmittance, weights
+
+
+def composite_backward(
+    sigma: Tensor, values: Tensor, weights: Tensor, samples: Samples, out: Tensor, transmittance: Tensor,
+    g_out: Tensor, g_transmittance: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    g_sigma, g_values = torch.empty(len(sigma)), torch.empty(*values.shape)
+    numba_marching.composite_backward(
+        sigma.numpy(), samples.skipped.numpy(), values.numpy(), weights.numpy(), samples.start.numpy(),
+        samples.count.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), g_out.numpy(),
+        g_transmittance.numpy(), g_sigma.numpy(), g_values.numpy(),
+    )  # fmt: skip
+    return g_sigma, g_values
+
+
+def leaps(occupied: Tensor) -> Tensor:
+    out = torch.empty(8, *occupied.shape, dtype=torch.uint8)
+    numba_leaping.leaps(occupied.numpy(), out.numpy())
+    return out
+
+
+def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
+    out = torch.empty(len(ray), 16)
+    numba_rays.harmonics(directions.contiguous().numpy(), ray.numpy(), out.numpy())
+    return out
+
+
+def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
+    if rough and len(x) >= bfloat16.LEAST_SAMPLES and bfloat16.cpu_has_bfloat16():
+        return bfloat16.HalfNetwork.apply(x, *weights)
+    return numba_networks.Network.apply(x, *weights)
+
+
+@cache
+def _bias_corrections(beta1: float, beta2: float) -> NDArray[np.float32]:
+    return numba_lattice.bias_corrections(np.float32(beta1), np.float32(beta2))
+
+
+def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:
+    return where.shapes.numpy(), where.scales.numpy(), where.bases.numpy(), where.index.numpy()
+
+
+def _sample_buffers(capacity: int) -> tuple[NDArray[Any], ...]:
+    """Return buffers for position, skipped, sigma and ray of samples (only pages that are written take up memory)."""
+    return (
+        np.empty((capacity, 3), np.float32),
+        np.empty(capacity, np.float32),
+        np.empty(capacity, np.float32),
+        np.empty(capacity, np.int32),
+    )

@@ -1,0 +1,287 @@
+"""Paint of brush strokes at positions: :func:`svv.core.strokes.stroke_reference.paint_at` through a grid of bins.
+
+Every bin lists the stroke points whose paint may reach into it, the topmost stroke first, so a position looks at few
+strokes and stops where they are opaque. Letters: P positions, N strokes, K points, B entries of bins. Compiled with
+numba for the CPU.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from svv.core.fast_math import FAST_MATH
+from svv.core.strokes.strokes import (
+    FADES,
+    FINER,
+    FLOW,
+    LEAST_PIGMENT,
+    NOISE,
+    OPAQUE,
+    RAGGED,
+    RIM,
+    SHRUNK,
+    SPREAD,
+    STEEP,
+    TAPER,
+    USES,
+    WAVE,
+    WAVY,
+    WET,
+)  # fmt: skip
+
+SIDES, END, PHASE, COARSE, FINE, MIXED, PAPER = (
+    USES[name] for name in ("sides", "end", "phase", "coarse", "fine", "mixed", "paper")
+)
+SPREAD0, SPREAD1, SPREAD2 = SPREAD
+LAST = len(NOISE) - 1
+
+
+@njit(cache=True)
+def _reach(k, axis, where, normal, tangent, radius, inner, outer, soft, side, size, out):  # type: ignore[no-untyped-def]
+    """Write the first and last bin along an axis that a point's paint may reach into."""
+    n, t = normal[k, axis], tangent[k, axis]
+    r = 1.2 * radius[k] + soft
+    b2 = max(1.0 - n * n - t * t, 0.0)
+    wide = 2.0 * r * abs(t) + r * np.sqrt(b2)
+    low = where[k, axis] - wide - max(inner[k] * n, -outer[k] * n)
+    high = where[k, axis] + wide + max(outer[k] * n, -inner[k] * n)
+    out[0] = min(max(int(low / side), 0), size - 1)
+    out[1] = min(max(int(high / side), 0), size - 1)
+
+
+@njit(cache=True)
+def sort_into_bins(where, normal, tangent, radius, inner, outer, soft, side, size, start, entries):  # type: ignore[no-untyped-def]
+    """List the points in the bins of a grid of size^3, whose side is ``side``; the last points come first.
+
+    With ``entries`` empty, ``start`` (size^3 + 1,) receives the number of entries before each bin; afterwards,
+    ``entries`` (B,) receives the points.
+    """
+    x, y, z = np.empty(2, np.int64), np.empty(2, np.int64), np.empty(2, np.int64)
+    counting = len(entries) == 0
+    for k in range(len(where) - 1, -1, -1):
+        _reach(k, 0, where, normal, tangent, radius, inner, outer, soft, side, size, x)
+        _reach(k, 1, where, normal, tangent, radius, inner, outer, soft, side, size, y)
+        _reach(k, 2, where, normal, tangent, radius, inner, outer, soft, side, size, z)
+        for i in range(x[0], x[1] + 1):
+            for j in range(y[0], y[1] + 1):
+                for m in range(z[0], z[1] + 1):
+                    b = (i * size + j) * size + m
+                    if counting:
+                        start[b + 1] += 1
+                    else:
+                        entries[start[b]] = k
+                        start[b] += 1
+    if counting:
+        for b in range(size * size * size):
+            start[b + 1] += start[b]
+    else:  # the entries have moved every start to the next bin's
+        for b in range(size * size * size, 0, -1):
+            start[b] = start[b - 1]
+        start[0] = 0
+
+
+@njit(cache=True, fastmath=FAST_MATH)
+def _noise(table, x, first):  # type: ignore[no-untyped-def]
+    low = np.floor(x)
+    part = x - low
+    part = part * part * (3.0 - 2.0 * part)
+    index = int(low) + first
+    left, right = table[index & LAST], table[(index + 1) & LAST]
+    return left + (right - left) * part
+
+
+@njit(cache=True, fastmath=FAST_MATH)
+def _rough(table, x, y, z, first):  # type: ignore[no-untyped-def]
+    a, b, c = np.floor(x), np.floor(y), np.floor(z)
+    x, y, z = x - a, y - b, z - c
+    x, y, z = x * x * (3.0 - 2.0 * x), y * y * (3.0 - 2.0 * y), z * z * (3.0 - 2.0 * z)
+    i, j, k = int(a), int(b), int(c)
+    total = 0.0
+    for m in range(2):
+        for n in range(2):
+            hashed = ((i + m) * SPREAD0) ^ ((j + n) * SPREAD1)
+            low = table[(hashed ^ (k * SPREAD2)) + first & LAST]
+            high = table[(hashed ^ ((k + 1) * SPREAD2)) + first & LAST]
+            total += (x if m == 1 else 1.0 - x) * (y if n == 1 else 1.0 - y) * (low + (high - low) * z)
+    return total
+
+
+@njit(cache=True, fastmath=FAST_MATH)
+def _twice(table, x, y, z, size, soft, first):  # type: ignore[no-untyped-def]
+    coarse, fine = min(max(size / soft - 0.5, 0.0), 1.0), min(max(0.5 * size / soft - 0.5, 0.0), 1.0)
+    found = 0.0
+    if coarse > 0.0:
+        found += coarse * _rough(table, x / size, y / size, z / size, first)
+    if fine > 0.0:
+        half = 0.5 * size
+        found += 0.5 * fine * _rough(table, x / half + 0.37, y / half + 0.37, z / half + 0.37, first + 77)
+    return found
+
+
+@njit(cache=True, fastmath=FAST_MATH)
+def _over(colour, alpha, gain, density, body, left, total):  # type: ignore[no-untyped-def]
+    """Lay one channel of a colour under what is above: returns what that lets through, and the sum of paint."""
+    kept = 1.0 - alpha
+    if body < 1.0:
+        kept += alpha * (1.0 - body) * colour**density
+    if gain < 0.0:
+        colour *= 1.0 + gain
+    else:
+        colour += gain * (0.6 * (1.0 - colour) + 0.3 * colour)
+    return left * kept, total + left * min(max(colour, 0.0), 1.0) * alpha * body
+
+
+@njit(parallel=True, cache=True, fastmath=FAST_MATH)
+def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would be a dozen parameters
+    place, side, size, start, entries, table, where, normal, tangent, arc, bend, widen, radius, inner, outer, stroke,
+    length, colour, second, bristles, seed, look, light, ground, unit, soft, out,
+):  # fmt: skip
+    """Compute the paint at positions (P, 3); ``out`` (P, 4) receives colour times coverage, and coverage.
+
+    ``look``: the brush's relief, dry, mixed, rim, body, grain, tooth, flow, feather and blunt (10,); ``ground``: its
+    paper (3,); ``unit``: median width of strokes.
+    """
+    relief, dry, mixed, rim, body, grain = look[0], look[1], look[2], look[3], look[4], look[5]
+    tooth, flow, feather, blunt = look[6] * unit, look[7], look[8], look[9]
+    lift, ragged, run_size = TAPER + blunt * (1.0 - TAPER), RAGGED * (1.0 - blunt), FLOW * unit
+    sharp = max(0.5 * RIM * unit, soft)
+    rim *= 0.5 * RIM * unit / sharp
+    for p in prange(len(place)):
+        a = min(max(int(place[p, 0] / side), 0), size - 1)
+        b = min(max(int(place[p, 1] / side), 0), size - 1)
+        c = min(max(int(place[p, 2] / side), 0), size - 1)
+        cell = (a * size + b) * size + c
+        i, end = start[cell], start[cell + 1]
+        bare, red, green, blue, nearer = 1.0, 0.0, 0.0, 0.0, 0.0
+        left0, left1, left2 = 1.0, 1.0, 1.0
+        paper = 0.0
+        wash, weights, deepest, covers, runs, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if grain > 0.0:
+            paper = _twice(table, place[p, 0], place[p, 1], place[p, 2], tooth, soft, PAPER)
+        while i < end and (left0 > 1.0 - OPAQUE or left1 > 1.0 - OPAQUE or left2 > 1.0 - OPAQUE):
+            q = stroke[entries[i]]
+            best, nearest, u, v, above = np.inf, -1, 0.0, 0.0, 0.0
+            while i < end:
+                k = entries[i]
+                if stroke[k] != q:
+                    break
+                i += 1
+                x, y, z = place[p, 0] - where[k, 0], place[p, 1] - where[k, 1], place[p, 2] - where[k, 2]
+                n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
+                height = x * n0 + y * n1 + z * n2
+                if height > outer[k] or height < -inner[k]:
+                    continue
+                t0, t1, t2 = tangent[k, 0], tangent[k, 1], tangent[k, 2]
+                along = x * t0 + y * t1 + z * t2
+                reach = 1.2 * radius[k] + soft
+                if abs(along) >= 2.0 * reach:
+                    continue
+                across = x * (n1 * t2 - n2 * t1) + y * (n2 * t0 - n0 * t2) + z * (n0 * t1 - n1 * t0)
+                across -= 0.5 * bend[k] * along * along
+                if abs(across) >= reach:
+                    continue
+                away = along * along + across * across
+                # Points are visited from the last to the first: of two equally near ones, the first counts.
+                if away <= best:
+                    best, nearest, u, v, above = away, k, along, across, height
+            if nearest < 0:
+                continue
+            k = nearest
+            r = max(radius[k] + widen[k] * u, 1e-6)
+            u += arc[k]
+            first = seed[q]
+            wet = bristles[q] < WET
+            run, shrunk = 0.0, 0.0
+            if wet and flow > 0.0:
+                run = _twice(table, place[p, 0], place[p, 1], place[p, 2], run_size, soft, first)
+                shrunk = SHRUNK * flow * min(max(0.5 + 1.2 * run, 0.0), 1.0)
+            wide = r * (1.0 + WAVY * _noise(table, WAVE * u / r, first + SIDES)) * (1.0 - shrunk)
+            set_down = min(u / r + 1.0 - shrunk, 1.0)
+            if set_down <= 0.0:
+                continue
+            lifted = (length[q] - u) / r + 1.0 - shrunk + ragged * _noise(table, 2.5 * v / r + 7.3, first + END)
+            lifted = min(lifted / lift, 1.0)
+            if lifted <= 0.0:
+                continue
+            begins, ends = set_down * (2.0 - set_down), lifted * (1.0 + blunt * (1.0 - lifted))
+            taper = max(min(begins, ends), 0.0)
+            edge = wide * np.sqrt(taper) - abs(v)
+            alpha = min(max(0.5 + (edge - 0.5 * feather * r) / (soft + feather * r), 0.0), 1.0)
+            if alpha <= 0.0:
+                continue
+            fade = min((1.0 - (above / outer[k] if above > 0.0 else -above / inner[k])) / FADES, 1.0)
+            if fade <= 0.0:
+                continue
+            part = min(max(u / max(length[q], 1e-6), 0.0), 1.0)
+            marks, slope, coarse = 0.0, 0.0, 0.0
+            if wet:
+                streak = min(max(0.5 + 1.2 * run, 0.0), 1.0) * mixed
+            else:
+                n = bristles[q]
+                x = v / wide + 0.2 * _noise(table, 0.3 * u / r, first + PHASE)
+                coarse = min(max(r / (n * soft) - 0.5, 0.0), 1.0)
+                fine = min(max(r / (FINER * n * soft) - 0.5, 0.0), 1.0)
+                if coarse > 0.0:
+                    marks = coarse * _noise(table, n * x, first + COARSE)
+                    slope = _noise(table, n * x + 0.3, first + COARSE) - _noise(table, n * x - 0.3, first + COARSE)
+                if fine > 0.0:
+                    marks += 0.5 * fine * _noise(table, FINER * n * x, first + FINE)
+                gaps = dry * (0.25 + part) * (0.5 - marks - grain * STEEP * paper)
+                alpha *= 1.0 - min(max(gaps, 0.0), 1.0)
+                streak = min(max(0.5 + 0.8 * _noise(table, 0.6 * n * x + 17.0, first + MIXED), 0.0), 1.0) * mixed
+            if grain > 0.0:
+                alpha = max(alpha - grain * body * min(max(0.5 + STEEP * paper, 0.0), 1.0), 0.0)
+            if alpha <= 0.0:
+                continue
+            nearer = max(nearer, fade)
+            alpha *= fade
+            if weights > 0.0 and bristles[q] != wash:  # what is above has been another wash
+                dark = rim * np.exp(-deepest / sharp)
+                density = max(1.0 + dark + flow * runs / weights + grain * paper, LEAST_PIGMENT)
+                left0, red = _over(c0 / weights, covers, -dark, density, body, left0, red)
+                left1, green = _over(c1 / weights, covers, -dark, density, body, left1, green)
+                left2, blue = _over(c2 / weights, covers, -dark, density, body, left2, blue)
+                bare *= 1.0 - covers
+                weights = 0.0
+            value0 = colour[q, 0] + streak * (second[q, 0] - colour[q, 0])
+            value1 = colour[q, 1] + streak * (second[q, 1] - colour[q, 1])
+            value2 = colour[q, 2] + streak * (second[q, 2] - colour[q, 2])
+            if wet:
+                rate = 2.0 - 2.0 * set_down if begins < ends else (1.0 + blunt * (1.0 - 2.0 * lifted)) / lift
+                rate = rate / r if taper < 1.0 else 0.0
+                steep = np.sqrt(rate * rate + (2.0 * v / (wide * wide)) ** 2)
+                inside = max(taper - (v / wide) ** 2, 0.0) / max(steep, 1.0 / wide)
+                weight = alpha * (min(inside / r, 1.0) ** 2 + 0.01)
+                if weights <= 0.0:
+                    wash, deepest, covers, runs, c0, c1, c2 = bristles[q], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                weights += weight
+                runs += weight * run
+                c0, c1, c2 = c0 + weight * value0, c1 + weight * value1, c2 + weight * value2
+                deepest, covers = max(deepest, inside), max(covers, alpha)
+                continue
+            edge = min(max((abs(v) / wide - 0.45) / 0.55, 0.0), 1.0)
+            edge = edge if v > 0.0 else -edge
+            n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
+            t0, t1, t2 = tangent[k, 0], tangent[k, 1], tangent[k, 2]
+            toward = light[0] * (n1 * t2 - n2 * t1) + light[1] * (n2 * t0 - n0 * t2) + light[2] * (n0 * t1 - n1 * t0)
+            gain = relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks)
+            density = max(1.0 + grain * paper, LEAST_PIGMENT)
+            left0, red = _over(value0, alpha, gain, density, body, left0, red)
+            left1, green = _over(value1, alpha, gain, density, body, left1, green)
+            left2, blue = _over(value2, alpha, gain, density, body, left2, blue)
+            bare *= 1.0 - alpha
+        if weights > 0.0:
+            dark = rim * np.exp(-deepest / sharp)
+            density = max(1.0 + dark + flow * runs / weights + grain * paper, LEAST_PIGMENT)
+            left0, red = _over(c0 / weights, covers, -dark, density, body, left0, red)
+            left1, green = _over(c1 / weights, covers, -dark, density, body, left1, green)
+            left2, blue = _over(c2 / weights, covers, -dark, density, body, left2, blue)
+            bare *= 1.0 - covers
+        cover = 1.0 - bare
+        whole = min(cover / max(nearer, 1e-6), 1.0)
+        scale = whole / max(cover, 1e-6)
+        out[p, 0] = scale * (red + (left0 - bare) * ground[0])
+        out[p, 1] = scale * (green + (left1 - bare) * ground[1])
+        out[p, 2] = scale * (blue + (left2 - bare) * ground[2])
+        out[p, 3] = whole

@@ -1,0 +1,130 @@
+"""Clicks into views, for the buttons of panels that start and stop them.
+
+Client code, as in :mod:`svv.pv.panel.undo`: the client has the mouse and the views.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from vtkmodules.vtkCommonCore import vtkWeakReference
+
+from svv.pv.client.observers import Watched
+
+CROSS, ARROW = 10, 0
+"""VTK_CURSOR_CROSSHAIR and VTK_CURSOR_DEFAULT, which not every version of VTK exposes to Python."""
+
+STILL = 3
+"""Pixels that the mouse may move during a click; a longer motion drags the picture."""
+
+FIRST = 2.0
+"""Priority of the observers: before those that pass the mouse on to another view (:mod:`svv.pv.client.mouse`)."""
+
+Act = Callable[[Any, Any, Sequence[int]], None]
+"""What a click does, given the filter's proxy, the view, and the pixel from the view's lower left."""
+
+_watched: Watched[list[Callable[[Any, str, str], None]]] = Watched()
+"""What is called for each filter whose buttons are being watched."""
+
+_clicks: list[Clicks] = []
+"""The active handler, at most one; without this reference Python would collect it, because VTK holds none."""
+
+
+def watch_buttons(filter: Any, pressed: Callable[[Any, str, str], None]) -> None:
+    """Call a function with proxy, event and name when a button of a filter's panel is pressed, from now on."""
+    proxy = filter.SMProxy
+    known = _watched.get(proxy) or []
+    if pressed not in known:
+        _watched.put(proxy, [*known, pressed])
+        pressed.CallDataType = "string0"  # type: ignore[attr-defined]
+        proxy.AddObserver("UpdatePropertyEvent", pressed)
+
+
+class Clicks:
+    """Click handler of some views for one button of a filter's panel."""
+
+    def __init__(self, filter: Any, button: str, views: Sequence[Any], act: Act) -> None:
+        self.button, self._act = button, act
+        self.filter = vtkWeakReference()  # does not keep a deleted filter alive
+        self.filter.Set(filter.SMProxy)
+        self._down: tuple[int, int] | None = None
+        self._views = [view for view in views if view.GetInteractor() is not None]
+        self._tags = []
+        for view in self._views:
+            interactor = view.GetInteractor()
+            for event, do in (("LeftButtonPressEvent", self._press), ("LeftButtonReleaseEvent", self._release)):
+                self._tags.append((interactor, interactor.AddObserver(event, do, FIRST)))
+            view.GetRenderWindow().SetCurrentCursor(CROSS)
+
+    def _press(self, interactor: Any, event: str) -> None:
+        self._down = interactor.GetEventPosition()
+
+    def _release(self, interactor: Any, event: str) -> None:
+        at, proxy = interactor.GetEventPosition(), self.filter.Get()
+        if proxy is None:
+            self.stop()
+        elif self._down is not None and math.dist(at, self._down) <= STILL:
+            (view,) = (v for v in self._views if v.GetInteractor() == interactor)
+            self._act(_python(proxy), view, at)
+
+    def stop(self) -> None:
+        """Stop handling clicks."""
+        for interactor, tag in self._tags:
+            interactor.RemoveObserver(tag)
+        for view in self._views:
+            view.GetRenderWindow().SetCurrentCursor(ARROW)
+        self._tags, self._views = [], []
+
+
+def stopped(filter: Any, button: str) -> bool:
+    """Stop the active handler, if any; return whether it was the one of this button of this filter."""
+    again = False
+    while _clicks:
+        old = _clicks.pop()
+        again = old.button == button and old.filter.Get() is filter.SMProxy
+        old.stop()
+    return again
+
+
+def start(filter: Any, button: str, views: Sequence[Any], act: Act) -> None:
+    """Let clicks into some views act for a button, until another one is pressed or the same one again."""
+    _clicks.append(Clicks(filter, button, views, act))
+
+
+def place_under(view: Any, at: Sequence[int]) -> tuple[float, float]:
+    """Return the point in an image's plane that is under a pixel of its view."""
+    renderer = view.SMProxy.GetRenderer()
+    ends = []
+    for depth in (0.0, 1.0):
+        renderer.SetDisplayPoint(at[0], at[1], depth)
+        renderer.DisplayToWorld()
+        x, y, z, w = renderer.GetWorldPoint()
+        ends.append((x / w, y / w, z / w))
+    near, far = ends
+    along = 0.0 if near[2] == far[2] else near[2] / (near[2] - far[2])
+    return near[0] + along * (far[0] - near[0]), near[1] + along * (far[1] - near[1])
+
+
+def pixel_at(place: Sequence[float], sizes: Sequence[int]) -> tuple[int, int] | None:
+    """Return the pixel of a picture's file, x from the left and y from the top, at a point in the image that shows it.
+
+    Args:
+        place: Point in the image's coordinates, whose rows are counted from the bottom.
+        sizes: Width and height of the image, then those of the file.
+
+    Returns:
+        The pixel, or None outside the picture.
+    """
+    width, height, own_width, own_height = sizes
+    column, row = place[0] + 0.5, height - place[1] - 0.5  # an image's point lies at the centre of its pixel
+    if not (0 <= column < width and 0 <= row < height):
+        return None
+    return math.floor(column * own_width / width), math.floor(row * own_height / height)
+
+
+def _python(proxy: Any) -> Any:
+    from paraview import servermanager
+
+    return servermanager._getPyProxy(proxy)

@@ -1,0 +1,178 @@
+"""The property Follow Camera: watch the image filters, and start and stop the live camera as they ask.
+
+Client code. Views and layouts must not be changed while ParaView draws them or loads a state, so changes are deferred:
+to a timer in the window, to the next rendering in a script.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vtkmodules.vtkCommonCore import VTK_INT, vtkWeakReference
+
+from svv.pv.client.linked_camera import busy, follow, follower_of, followers, placed, stop_following, view_to_follow
+from svv.pv.client.observers import Watched
+
+PROPERTY = "FollowCamera"
+
+PAUSE = 50
+"""Interval of the window's timer, in milliseconds."""
+
+_watched: Watched[None] = Watched()
+"""The observed filters and views."""
+
+_waiting: list[Any] = []
+"""Weak references to the filters with a new image or a newly set property."""
+
+_beginning: list[bool] = []
+"""Non-empty while views are being arranged."""
+
+_timers: list[Timer] = []
+"""The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
+
+
+class Timer:
+    """One-shot timer that processes the waiting filters from a window's event loop."""
+
+    def __init__(self, interactor: Any) -> None:
+        self._interactor = vtkWeakReference()
+        self._interactor.Set(interactor)
+        self._do = self._tick
+        self._tag = interactor.AddObserver("TimerEvent", self._do)
+        self._id = interactor.CreateOneShotTimer(PAUSE)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the window still exists."""
+        return self._interactor.Get() is not None
+
+    def _tick(self, *_: Any) -> None:
+        interactor: Any = self._interactor.Get()
+        interactor.RemoveObserver(self._tag)
+        interactor.DestroyTimer(self._id)
+        _timers.remove(self)
+        _begin()
+
+
+def watch_camera(filter: Any) -> None:
+    """Make a filter's property Follow Camera work, from now on.
+
+    Args:
+        filter: Proxy of StyleRF Render or StyleRF Stylized View.
+    """
+    if _new(filter.SMProxy):
+        filter.SMProxy.AddObserver("UpdatePropertyEvent", _pushed)
+        filter.SMProxy.AddObserver("UpdateDataEvent", _updated)
+
+
+def watch_view(view: Any) -> None:
+    """Process the waiting filters whenever a view has been drawn.
+
+    Args:
+        view: Proxy of a 3D view.
+    """
+    if _new(view.SMProxy):
+        view.SMProxy.AddObserver("EndEvent", _drawn)
+
+
+def _new(proxy: Any) -> bool:
+    """Return whether a proxy was not observed yet, and mark it as observed."""
+    new = proxy not in _watched
+    if new:
+        _watched.put(proxy, None)
+    return new
+
+
+def _wait_for(proxy: Any) -> None:
+    if all(known.Get() is not proxy for known in _waiting):
+        _waiting.append(vtkWeakReference())
+        _waiting[-1].Set(proxy)
+
+
+def _pushed(proxy: Any, event: str, name: str) -> None:
+    if name != PROPERTY:
+        return
+    filter = _python(proxy)
+    if not filter.FollowCamera:
+        stop_following(filter)
+        filter.Moving = 0
+    elif follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
+        _wait_for(proxy)
+        if not _soon():
+            _begin()
+
+
+_pushed.CallDataType = "string0"  # type: ignore[attr-defined]
+
+
+def _updated(proxy: Any, event: str) -> None:
+    filter = _python(proxy)
+    follower = follower_of(filter)
+    if filter.FollowCamera and not (follower is not None and follower.drawing):
+        _wait_for(proxy)
+        _soon()
+
+
+def _drawn(proxy: Any, event: str, interactive: int) -> None:
+    for follower in followers():
+        # Cameras are moved by buttons, links and scripts, too; while the mouse moves one, the follower hears of it.
+        late = follower.behind or (not interactive and follower.strayed(proxy))
+        if late and not follower.drawing:
+            _wait_for(follower.filter.SMProxy)
+    if _waiting and not _soon():
+        _begin()
+
+
+_drawn.CallDataType = VTK_INT  # type: ignore[attr-defined]
+
+
+def _soon() -> bool:
+    """Start the window's timer for the waiting filters; return False if there is no window (in a script)."""
+    from paraview import simple
+
+    _timers[:] = [timer for timer in _timers if timer.alive]
+    if _timers:
+        return True
+    for view in simple.GetRenderViews():
+        interactor = view.GetInteractor()
+        if interactor is not None and interactor.GetClassName().startswith("QVTK"):  # only Qt's has an event loop
+            _timers.append(Timer(interactor))
+            return True
+    return False
+
+
+def _begin() -> None:
+    """Start following, or update the follower, for each waiting filter that has an image."""
+    from paraview import servermanager
+
+    if _beginning:  # showing an image draws a view, which would call this again
+        return
+    if busy() or servermanager.ProxyManager().GetInLoadXMLState():
+        _soon()
+        return
+    waiting = [reference.Get() for reference in _waiting]
+    _waiting.clear()
+    _beginning.append(True)
+    try:
+        _follow(waiting)
+    finally:
+        _beginning.clear()
+        _waiting.clear()
+
+
+def _follow(waiting: list[Any]) -> None:
+    for proxy in waiting:
+        filter = None if proxy is None else _python(proxy)
+        if filter is None or not filter.FollowCamera or not filter.GetDataInformation().GetNumberOfPoints():
+            continue
+        follower = follower_of(filter)
+        if follower is not None:
+            follower.update(False)
+        elif not placed(filter) and view_to_follow(filter) is not None:  # a picture needs no view of its own
+            follow(filter)
+
+
+def _python(proxy: Any) -> Any:
+    from paraview import servermanager
+
+    return servermanager._getPyProxy(proxy)

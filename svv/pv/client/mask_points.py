@@ -1,0 +1,101 @@
+"""Points of a mask, set by clicking into the view of the picture: the buttons of StyleRF Stylize's panel.
+
+Client code. A click changes the text of a region's points, which the panel then shows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from vtkmodules.vtkCommonCore import vtkOutputWindow
+
+from svv.pv.client.clicks import pixel_at, place_under, start, stopped, watch_buttons
+
+KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": ""}
+"""Button -> the points of the Shown Mask's region to which clicks add; '' if they remove a point."""
+
+MASK = 1
+"""The output port that shows the picture."""
+
+
+def watch_points(filter: Any) -> None:
+    """Make a filter's buttons work, from now on.
+
+    Args:
+        filter: Proxy of StyleRF Stylize.
+    """
+    watch_buttons(filter, _pressed)
+
+
+def _pressed(proxy: Any, event: str, name: str) -> None:
+    """Start handling clicks for a button; if it is pressed again, stop."""
+    if name not in KINDS:
+        return
+    paint = _python(proxy)
+    if stopped(paint, name):
+        return
+    views = views_of_mask(paint)
+    if not views:
+        vtkOutputWindow.GetInstance().DisplayWarningText(
+            "StyleRFStylize: No view shows the picture: switch Preview Only on, press Apply, and show the second "
+            "output, Mask.\n"
+        )
+        return
+    start(paint, name, views, lambda filter, view, at: set_point(filter, place_under(view, at), name))
+
+
+def views_of_mask(paint: Any) -> list[Any]:
+    """Return the views that show the picture of StyleRF Stylize."""
+    from paraview import simple
+
+    def shows(display: Any) -> bool:
+        given = getattr(display, "Input", None)
+        return given is not None and given.SMProxy == paint.SMProxy and given.Port == MASK and bool(display.Visibility)
+
+    return [view for view in simple.GetRenderViews() if any(map(shows, view.Representations))]
+
+
+def set_point(paint: Any, place: Sequence[float], button: str) -> None:
+    """Set or remove a point, depending on the button.
+
+    Args:
+        paint: Proxy of StyleRF Stylize.
+        place: Point in the coordinates of its second output.
+        button: One of :data:`KINDS`.
+    """
+    paint.UpdatePropertyInformation()
+    sizes = [int(n) for n in (paint.GetProperty("PictureSize").GetData() or "").split()]
+    at = pixel_at(place, sizes) if sizes else None
+    if at is None:
+        return
+    rows = {kind: paint.GetProperty(f"Region{paint.ShownMask}{kind}") for kind in KINDS.values() if kind}
+    if KINDS[button]:
+        row = rows[KINDS[button]]
+        row.SetData("; ".join(filter(str.strip, [row.GetData() or "", f"{at[0]},{at[1]}"])))
+    else:
+        _without_nearest(rows, at)
+    if paint.PreviewOnly:  # otherwise this would start painting; the panel waits for Apply
+        from paraview import simple
+
+        paint.SMProxy.UpdateVTKObjects()
+        simple.RenderAllViews()
+
+
+def _without_nearest(rows: dict[str, Any], at: tuple[int, int]) -> None:
+    """Remove the point that is nearest to a pixel from the properties' texts."""
+    from svv.pv.filters.style_masks import points_in
+
+    known = [(kind, point) for kind, row in rows.items() for point in points_in(row.GetData() or "", kind)]
+    if not known:
+        return
+    kind, nearest = min(known, key=lambda one: math.dist(one[1], at))
+    left = [point for k, point in known if k == kind and point != nearest]
+    rows[kind].SetData("; ".join(f"{x:g},{y:g}" for x, y in left))
+
+
+def _python(proxy: Any) -> Any:
+    from paraview import servermanager
+
+    return servermanager._getPyProxy(proxy)

@@ -1,0 +1,74 @@
+"""Pictures in the 3D view: StyleRF Place In View, whose image is rendered for the camera of the view that shows it.
+
+Client code. Before a view is drawn, the images of the pictures in it that follow a camera are given the view's: small
+ones while the mouse moves, sharp ones otherwise. So scripts, links between cameras, and buttons that turn a view work
+like the mouse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+from vtkmodules.vtkCommonCore import VTK_INT
+
+from svv.pv.client.before_render import before_drawing
+from svv.pv.client.linked_camera import IMAGES, PLACED, busy, look_through, timed
+
+DISPLAY = "GeometryRepresentation"
+"""XML name of the representation with which ParaView shows a surface in a 3D view."""
+
+
+def as_placed(display: Any) -> bool:
+    """Show a picture in its own colours, unlit, and let its image follow; return False if it is something else."""
+    if display.Input.SMProxy.GetXMLName() != PLACED:
+        return False
+    display.Representation = "Surface"
+    display.ColorArrayName = ["POINTS", "RGBA"]
+    display.MapScalars = 0
+    display.Ambient, display.Diffuse, display.Specular = 1.0, 0.0, 0.0
+    image = _image_of(display)
+    if image is not None and not image.FollowCamera:
+        image.FollowCamera = 1
+    return True
+
+
+def watch_pictures(view: Any) -> None:
+    """Render the images of a 3D view's pictures for its camera before it is drawn, from now on."""
+    before_drawing(view, _before_drawing)
+
+
+def pictures_in(view: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the pictures that a view shows, with the filters of their images."""
+    for display in view.Representations:
+        given = getattr(display, "Input", None)
+        if given is not None and display.Visibility and given.SMProxy.GetXMLName() == PLACED:
+            image = _image_of(display)
+            if image is not None:
+                yield given, image
+
+
+def _image_of(display: Any) -> Any:
+    """Return the filter whose image a picture shows; None if it is no image of a scene."""
+    from paraview import servermanager
+
+    given = display.Input.Input
+    known = given is not None and given.SMProxy.GetXMLName() in IMAGES
+    return servermanager._getPyProxy(given.SMProxy) if known else None
+
+
+def _before_drawing(proxy: Any, event: str, interactive: int) -> None:
+    from paraview import servermanager
+
+    view = servermanager._getPyProxy(proxy)
+    turned = False
+    for picture, image in list(pictures_in(view)):
+        if image.FollowCamera and not busy() and look_through(image, view, bool(interactive)):
+            timed(image, partial(picture.UpdatePipeline, view.ViewTime))
+            turned = True
+    if turned and interactive:
+        proxy.Update()  # ParaView updates views before still images only
+
+
+_before_drawing.CallDataType = VTK_INT  # type: ignore[attr-defined]

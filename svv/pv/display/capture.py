@@ -1,0 +1,241 @@
+"""Copy how a volume is displayed from the client's active view into a filter's panel.
+
+Only the client knows the views, so this is client code: it sets properties, which ParaView then sends to the server
+like any others. ``paraview.simple`` and ``servermanager`` are imported only when they are needed: in a program that
+is just starting, importing them would create an additional session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
+
+from svv.errors import BadInput
+from svv.pv.client import linked_camera, placing
+from svv.pv.client.follow_property import watch_camera, watch_view
+from svv.pv.client.mask_points import watch_points
+from svv.pv.client.observers import Watched
+from svv.pv.client.part_picking import watch_picks
+from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
+from svv.pv.display.shown import PLAIN
+from svv.pv.display.volume_display import as_volume, watch_volumes
+from svv.pv.panel.cached_names import KEEPING, watch_kept
+from svv.pv.panel.undo import watch
+
+CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
+"""Filters that read a volume's display."""
+
+BUTTONS = ("StyleRFEdit", "StyleRFPalette")
+"""Filters with buttons that set their panel (:mod:`svv.pv.panel.undo`)."""
+
+PICKS = "StyleRFEdit"
+"""The filter whose parts can be chosen in views (:mod:`svv.pv.client.part_picking`)."""
+
+POINTS = "StyleRFStylize"
+"""The filter whose points can be set in a view (:mod:`svv.pv.client.mask_points`)."""
+
+IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader", "StyleRFStylize")
+"""Filters and readers whose output is an image of colours."""
+
+DISPLAY = "UniformGridRepresentation"
+"""XML name of the representation with which ParaView shows a ``vtkImageData`` in a 3D view."""
+
+COEFFICIENTS = ("Diffuse", "Specular", "SpecularPower")
+"""Properties of how a display is lit."""
+
+UNKNOWN = (
+    "How the volume is shown could not be read ({error}): show it as a volume in the active view, and please report "
+    "this."
+)
+
+SEEN = "StyleRF.seen"
+"""Annotation of a representation that has been set up once; afterwards it is left to the user."""
+
+_observed: Watched[None] = Watched()
+"""The observed sessions."""
+
+
+def volume_display(source: Any, view: Any = None) -> Any:
+    """Return the representation that shows a source as a volume.
+
+    Args:
+        source: Proxy of a source or filter, as in ``paraview.simple``.
+        view: View that shows it; by default the active view, then any other.
+
+    Raises:
+        BadInput: No view shows it as a volume.
+    """
+    source = getattr(source, "SMProxy", source)
+    from paraview import simple
+
+    first = view or simple.GetActiveView()
+    for candidate in [v for v in (first, *simple.GetRenderViews()) if v is not None]:
+        for display in candidate.Representations:
+            given = getattr(display, "Input", None)
+            kind = getattr(display, "Representation", "")
+            if given is not None and given.SMProxy == source and kind == "Volume":
+                return display
+    raise BadInput(
+        "No view shows the input as a volume: set its representation to Volume in the active view, which gives it a "
+        "transfer function."
+    )
+
+
+def shown_as(display: Any) -> dict[str, Any]:
+    """Return how a representation shows a volume, as values for the filters' properties, by property name.
+
+    Args:
+        display: Proxy of a representation.
+
+    Raises:
+        BadInput: It shows the volume in a way that is not supported; the message says what to do.
+    """
+    refused = refused_by(display)
+    if refused:
+        raise BadInput(refused)
+    table = display.LookupTable
+    if table is None:
+        raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
+    # Representations of unstructured grids have neither light nor some of the other properties.
+    shade = int(getattr(display, "Shade", 0))
+    light = next(map(light_of, _views_of(display)), "") if shade else ""
+    if light == LIGHTS:
+        raise BadInput(LIGHTS)
+    if display.ScalarOpacityFunction is not None:
+        table.ScalarOpacityFunction = display.ScalarOpacityFunction
+    names = {name: name_in(display, name) for name in (*COEFFICIENTS, *PLAIN)}
+    return {
+        "TransferFunction": table,
+        "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
+        "OpacityUnitDistance": display.ScalarOpacityUnitDistance,
+        "Shade": shade,
+        "Ambient": 0.0 if light == LIGHT_KIT else getattr(display, "Ambient", 0.0),
+        "Notice": light,
+        **{name: value_of(display, own) for name, own in names.items() if own is not None},
+    }
+
+
+def _views_of(display: Any) -> list[Any]:
+    """Return the 3D views with a representation."""
+    from paraview import simple
+
+    return [view for view in simple.GetRenderViews() if display in view.Representations]
+
+
+def capture(filter: Any, view: Any = None) -> None:
+    """Copy how the display of a filter's input shows it to the filter's panel: transfer function, shading, place ...
+
+    Args:
+        filter: Proxy of a StyleRF filter.
+        view: View that shows its input; by default the active view.
+
+    Raises:
+        BadInput: The input is not shown as a volume, or in a way that is not supported; the filter then refuses to draw
+            it, for the same reason.
+    """
+    display = volume_display(filter.Input, view)
+    try:
+        shown = shown_as(display)
+    except BadInput as error:
+        filter.Refusal = str(error)
+        raise
+    for name, value in {**shown, "Refusal": ""}.items():
+        setattr(filter, name, value)
+
+
+def watch_new_filters() -> None:
+    """Set up every StyleRF filter when it is created, and capture the display of its input if it has one.
+
+    A new filter has no transfer function; capturing one saves the user from linking it by hand, both in the window and
+    in scripts. The plugin calls this in the client.
+    """
+    manager = vtkSMProxyManager.GetProxyManager()
+    # A plugin loaded at startup runs before the session exists, and connecting to a server creates another session.
+    manager.AddObserver(manager.ActiveSessionChanged, _session_changed)
+    _watch_session(manager.GetActiveSessionProxyManager())
+
+
+def _session_changed(manager: Any, *_: Any) -> None:
+    _watch_session(manager.GetActiveSessionProxyManager())
+
+
+def _watch_session(session: Any) -> None:
+    if session is not None and session not in _observed:
+        _observed.put(session, None)
+        session.AddObserver("RegisterEvent", _registered)
+
+
+def _registered(session: Any, *_: Any) -> None:
+    for name in CAPTURED:
+        # The event does not identify the proxy, but a new one has no transfer function yet.
+        for filter in _proxies(session, name):
+            if filter.TransferFunction is None and filter.Input is not None:
+                _capture_if_shown(filter)
+    for name in BUTTONS:
+        for filter in _proxies(session, name):
+            watch(filter)
+    for name in KEEPING:
+        for filter in _proxies(session, name):
+            watch_kept(filter)
+    for filter in _proxies(session, PICKS):
+        watch_picks(filter)
+    for filter in _proxies(session, POINTS):
+        watch_points(filter)
+    for name in linked_camera.IMAGES:
+        for filter in _proxies(session, name):
+            watch_camera(filter)
+    for view in _proxies(session, "RenderView", "views"):
+        watch_view(view)
+        watch_volumes(view)
+        placing.watch_pictures(view)
+    loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
+    for display in _new_displays(session, placing.DISPLAY):
+        if not loading:
+            placing.as_placed(display)
+    for display in _new_displays(session, DISPLAY):
+        if loading or as_volume(display):
+            continue
+        if display.Input.SMProxy.GetXMLName() in IMAGES:
+            as_it_is(display)
+
+
+def _capture_if_shown(filter: Any) -> None:
+    """Capture the display of a new filter's input; whatever goes wrong must not keep others from being set up."""
+    try:
+        capture(filter)
+    except BadInput:
+        pass  # the filter reports what is missing when it is applied
+    except Exception as error:
+        filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
+
+
+def _new_displays(session: Any, kind: str) -> Iterator[Any]:
+    """Yield the representations of a kind that have not been seen before."""
+    for display in _proxies(session, kind, "representations"):
+        if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
+            display.SMProxy.SetAnnotation(SEEN, "1")
+            yield display
+
+
+def as_it_is(display: Any) -> None:
+    """Show an image's colours directly, not through a colour map."""
+    display.Representation = "Slice"
+    display.ColorArrayName = ["POINTS", "RGBA"]
+    display.MapScalars = 0
+
+
+def _proxies(session: Any, kind: str, group: str = "sources") -> list[Any]:
+    from paraview import servermanager
+
+    iterator = vtkSMProxyIterator()
+    iterator.SetSessionProxyManager(session)
+    iterator.SetModeToOneGroup()
+    iterator.Begin(group)
+    found = []
+    while not iterator.IsAtEnd():
+        if iterator.GetProxy().GetXMLName() == kind:
+            found.append(servermanager._getPyProxy(iterator.GetProxy()))
+        iterator.Next()
+    return found

@@ -1,0 +1,141 @@
+"""A volume as a display shows it: the array chosen, moved, scaled, cropped and interpolated as the panel says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkRenderingCore import vtkVolume
+
+from svv.dvr.draw.appearance import Appearance, put, without_duplicates
+from svv.dvr.read.grids import (
+    ORTHOGONAL_TOLERANCE,
+    as_volume,
+    from_array,
+    index_to_world,
+    pick_scalars,
+    set_geometry,
+    to_array,
+)
+from svv.errors import BadInput
+
+Array = NDArray[np.float64]
+
+PLAIN: dict[str, Any] = {
+    "InterpolationType": "Linear",
+    "UseCropping": False,
+    "CroppingOrigin": (0.0, 0.0, 0.0),
+    "CroppingScale": (1.0, 1.0, 1.0),
+    "Position": (0.0, 0.0, 0.0),
+    "Scale": (1.0, 1.0, 1.0),
+    "Orientation": (0.0, 0.0, 0.0),
+    "Origin": (0.0, 0.0, 0.0),
+}
+"""Properties of a display, which the panels have under the same names, with values at which they change nothing."""
+
+SHEARED = (
+    "The display scales a volume whose axes are turned differently along x, y and z, which shears it: give Scale three "
+    "equal numbers, or insert the filter Resample To Image before."
+)
+TURNED = (
+    "The display crops a volume whose axes are turned, where ParaView itself crops in wrong places: turn Use Cropping "
+    "off and insert the filter Extract Subset."
+)
+DIVIDED = (
+    "With several ranks, a display can neither crop, move nor scale a volume, nor show it without interpolation: use "
+    "one process, or filters such as Extract Subset."
+)
+
+
+def chosen_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of a panel's values with which a display changes a volume."""
+    given = {name: values.get(name, plain) for name, plain in PLAIN.items()}
+    given = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    if not given["UseCropping"]:
+        given |= {name: PLAIN[name] for name in ("CroppingOrigin", "CroppingScale")}
+    return {name: value for name, value in given.items() if value != PLAIN[name] and (name, value) != CUBIC}
+
+
+CUBIC = ("InterpolationType", "Cubic")
+"""ParaView's default, at which VTK's ray casters interpolate linearly."""
+
+
+def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The input") -> vtkImageData:
+    """Return the volume that a display shows (see :func:`svv.dvr.read.grids.as_volume`), placed in the world as it is there.
+
+    Args:
+        data: The display's input.
+        values: A panel's values.
+        name: Name of the input in messages.
+
+    Raises:
+        BadInput: Any reason of :func:`svv.dvr.read.grids.as_volume`, or the display shears the volume.
+    """
+    data, chosen = without_duplicates(data), (values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
+    image, (_, on_cells) = as_volume(data, *chosen), pick_scalars(data, *chosen)
+    given = {**PLAIN, **chosen_of(values)}
+    crop = _crop(data, image, given, on_cells) if given["UseCropping"] else None
+    if on_cells:
+        image, crop = _with_outer_halves(image, crop)
+    place = index_to_world(image)
+    moved = matrix_of(given) @ place
+    longer = np.linalg.norm(moved[:3, :3], axis=0) / np.linalg.norm(place[:3, :3], axis=0)
+    if longer.min() <= 0:
+        raise BadInput("The display scales the volume to nothing: no number of Scale may be 0.")
+    axes = moved[:3, :3] / np.linalg.norm(moved[:3, :3], axis=0)
+    if np.abs(axes.T @ axes - np.eye(3)).max() > ORTHOGONAL_TOLERANCE:
+        raise BadInput(SHEARED)
+    set_geometry(image, moved[:3, :3], moved[:3, 3])
+    stretch = longer / np.cbrt(longer.prod())
+    nearest = given["InterpolationType"] == "Nearest"
+    put(image, replace(Appearance.of(image), crop=crop, nearest=nearest, stretch=stretch))
+    return image
+
+
+def scale_of(values: Mapping[str, Any]) -> float:
+    """Return how much longer the volume is in the world than in its data, the mean of its axes."""
+    return float(np.cbrt(np.abs(np.prod(values.get("Scale", PLAIN["Scale"])))))
+
+
+def matrix_of(given: Mapping[str, Any]) -> Array:
+    """Return the matrix from the data to the world of a display with these properties. (4, 4)"""
+    prop = vtkVolume()
+    prop.SetPosition(*given["Position"])
+    prop.SetScale(*given["Scale"])
+    prop.SetOrientation(*given["Orientation"])
+    prop.SetOrigin(*given["Origin"])
+    matrix = prop.GetMatrix()
+    return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+
+
+def _with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImageData, Array]:
+    """Return an image of cells with another layer around it, and a part (2, 3) that ends at its outermost cells' faces.
+
+    Voxels lie at the centres of cells. Beyond those of the outermost cells, ParaView shows their values.
+    """
+    shown, axes = Appearance.of(image), index_to_world(image)
+    wider = from_array(np.pad(to_array(image), 1, mode="edge"), name=image.GetPointData().GetScalars().GetName())
+    set_geometry(wider, axes[:3, :3], axes[:3, 3] - axes[:3, :3].sum(axis=1))
+    put(wider, Appearance(None if shown.blank is None else np.pad(shown.blank, 1, mode="edge")))
+    whole = np.array([np.full(3, 0.5), np.array(image.GetDimensions()) + 0.5])
+    if crop is None:
+        return wider, whole
+    return wider, np.array([np.maximum(whole[0], crop[0] + 1.0), np.minimum(whole[1], crop[1] + 1.0)])
+
+
+def _crop(data: vtkImageData, image: vtkImageData, given: Mapping[str, Any], on_cells: bool) -> Array:
+    """Return the corners of the part of its data that a display shows, as indices of the image's voxels. (2, 3)"""
+    place = index_to_world(image)
+    if np.abs(place[:3, :3] - np.diag(np.diag(place[:3, :3]))).max() > 1e-6 * np.abs(place[:3, :3]).max():
+        raise BadInput(TURNED)
+    bounds = np.array(data.GetBounds()).reshape(3, 2).T
+    corners = np.array(given["CroppingOrigin"]) + bounds * np.array(given["CroppingScale"])
+    index = (corners - place[:3, 3]) / np.diag(place[:3, :3])
+    if not on_cells:
+        # As ParaView draws it: VTK's ray caster mistakes the outermost points for the edges of their texels.
+        index = index / (1.0 - 1.0 / np.array(image.GetDimensions())) - 0.5
+    return np.sort(index, axis=0)

@@ -1,0 +1,4 @@
+"""The filters, readers and the writer: what happens on *Apply*, and how results are kept.
+
+``base`` has their common class, ``engine`` calls the layers below.
+"""

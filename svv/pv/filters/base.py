@@ -1,0 +1,323 @@
+"""Base classes of the StyleRF filters: property values, progress, error messages, and kept results.
+
+Errors reach the user as one sentence in Output Messages, never as a crash: a filter that fails outputs its previous
+result, or nothing.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Iterator, MutableMapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import vtkmodules.vtkRenderingCore  # noqa: F401  (lets Python know the class of the server's transfer functions)
+from paraview.util.vtkAlgorithm import VTKPythonAlgorithmBase
+from vtkmodules.vtkCommonCore import vtkOutputWindow
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+from vtkmodules.vtkParallelCore import vtkMultiProcessController
+
+from svv.ending import is_lack_of_memory, said_of
+from svv.errors import BadInput, Cancelled, Progress
+from svv.measure import give_memory_back
+from svv.pv.client.connection import client_gone
+from svv.pv.filters.time_steps import Steps
+from svv.pv.filters.vtk_data import forget_scenes, put_views
+
+Result = TypeVar("Result")
+
+ORBIT = 181
+"""Frames of the orbit around a scene."""
+
+UNEXPECTED = (
+    "This should not have failed ({error} in {place}): please report it, with the input and this line. Other filters, "
+    "and this one with another input, go on working."
+)
+
+NO_MEMORY = "There is not enough memory for this: choose fewer or smaller views, or a smaller preset."
+
+NOT_INSTALLED = (
+    "{name} is missing in ParaView's Python, and StyleRF needs it: start ParaView with `svv paraview` (a server with "
+    "`svv pvserver`), which provides it."
+)
+
+WHOLE = ("vtkTable", "vtkImageData", "vtkPolyData")
+"""Types of the outputs of StyleRF filters."""
+
+_forgetters: list[Callable[[Any, str], None]] = []
+"""Deletion observers, one per existing filter; if only the filters held them, Python would collect them too early."""
+
+_working: list[str] = []
+"""Name of the filter that is training, if any; ParaView handles events meanwhile, so a second one could be started."""
+
+
+class Filter(VTKPythonAlgorithmBase):
+    """Base class of filters whose class is decorated with :func:`svv.pv.panel.properties.panel`.
+
+    ``values`` holds the value of every property by name.
+    """
+
+    defaults: ClassVar[dict[str, Any]] = {}
+
+    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
+        super().__init__(nInputPorts=inputs, nOutputPorts=outputs, outputType=kind)
+        self.values = dict(self.defaults)
+        self._status = ""
+        self._kept: dict[str, tuple[Any, Any]] = {}
+        self.steps: Steps[Any] = Steps()
+        self.AddObserver("DeleteEvent", _forgetter(self._kept, self.steps.results))
+
+    # --- the pipeline's requests --------------------------------------------------------------------------------------
+
+    def ProcessRequest(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Answer a request of the pipeline; an error in it is said, for it would not get past VTK."""
+        try:
+            return int(super().ProcessRequest(request, in_info, out_info))
+        except Exception as error:
+            self.say(sentence_on(error))
+            return 1
+
+    def FillInputPortInformation(self, port: int, info: Any) -> int:
+        """Accept any data, so that the filter itself can explain which input it needs."""
+        info.Set(self.INPUT_REQUIRED_DATA_TYPE(), "vtkDataObject")
+        return 1
+
+    def RequestUpdateExtent(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Request the whole input, because the output's extent is that of an image and unrelated to the input's.
+
+        All ranks do, or the filters before this one would not be executed on the same ranks: those that draw a volume
+        together would wait for each other in vain. Only the first rank's scenes and images are not empty.
+        """
+        executive = self.GetExecutive()
+        connected = [
+            (n, k, port) for n, port in enumerate(in_info) for k in range(port.GetNumberOfInformationObjects())
+        ]
+        for number, connection, port in connected:
+            info = port.GetInformationObject(connection)
+            if info.Has(executive.WHOLE_EXTENT()):
+                info.Set(executive.UPDATE_EXTENT(), info.Get(executive.WHOLE_EXTENT()), 6)
+            data = self.GetInputDataObject(number, connection)
+            if self.first_rank or (data is not None and any(map(data.IsA, WHOLE))):
+                info.Set(executive.UPDATE_PIECE_NUMBER(), 0)
+                info.Set(executive.UPDATE_NUMBER_OF_PIECES(), 1)
+        return 1
+
+    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Do the work on the first rank only; the other ranks would do the same work."""
+        if not self.first_rank:
+            return 1
+        self.SetAbortExecute(0)  # an abort of the last run must not stop this one
+        inputs = [vtkDataObject.GetData(port, 0) for port in in_info]
+        outputs = [vtkDataObject.GetData(out_info, port) for port in range(self.GetNumberOfOutputPorts())]
+        try:
+            said = self.work(inputs, outputs, out_info) or "Done."
+            self._status = " ".join(filter(None, [said, self.values.get("Notice")]))
+        except Cancelled:
+            self.say("Stopped; the previous result is kept. Press Apply again to resume.", error=False)
+            self.before(outputs)
+        except Exception as error:
+            self.say(sentence_on(error))
+            self.before(outputs)
+        self.UpdateProgress(1.0)
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str | None:
+        """Fill the outputs; return a line for the panel.
+
+        Raises:
+            BadInput: The work failed; the message is a sentence for the user.
+            Cancelled: The user stopped it.
+        """
+        raise NotImplementedError
+
+    def before(self, outputs: list[Any]) -> None:
+        """Fill the outputs with the previous result after the work has failed; by default do nothing."""
+
+    # --- for subclasses -----------------------------------------------------------------------------------------------
+
+    @property
+    def first_rank(self) -> bool:
+        """Whether this process is the one of a parallel server's processes that does the work."""
+        controller = vtkMultiProcessController.GetGlobalController()
+        return controller is None or controller.GetLocalProcessId() == 0
+
+    def progress(self, fraction: float, label: str) -> None:
+        """Show progress in ParaView's progress bar.
+
+        Raises:
+            Cancelled: The user pressed Abort, or the client of this server has gone.
+        """
+        if client_gone():
+            raise Cancelled
+        self.SetProgressText(label)
+        self.UpdateProgress(min(max(fraction, 0.0), 1.0))
+        check = getattr(self, "CheckAbort", None)  # from VTK 9.3 on
+        if self.GetAbortExecute() or (check is not None and check()):
+            raise Cancelled
+
+    @contextmanager
+    def training(self) -> Iterator[Progress]:
+        """Provide the progress callback for long work, which only one filter may do at a time.
+
+        Raises:
+            BadInput: Another filter is doing long work.
+        """
+        if _working:
+            raise BadInput(f"{_working[0]} is at work: stop it, or apply this filter again when it is done.")
+        _working.append(type(self).__name__)
+        try:
+            yield self.progress
+        finally:
+            _working.clear()
+            give_memory_back()
+
+    def kept(self, name: str, key: Any, make: Callable[[], Result]) -> Result:
+        """Return the result kept under a name, and call ``make`` only if the key differs from the last one's."""
+        if name not in self._kept or self._kept[name][0] != key:
+            self._kept[name] = (key, make())
+        result: Result = self._kept[name][1]
+        return result
+
+    def last(self, name: str) -> Any:
+        """Return the last result that was kept under this name, or None."""
+        return self._kept[name][1] if name in self._kept else None
+
+    def forget(self, *names: str) -> None:
+        """Forget these results, so that they are made again next time."""
+        for name in names:
+            self._kept.pop(name, None)
+        self.Modified()
+
+    def say(self, sentence: str, error: bool = True) -> None:
+        """Report a sentence to the user, in Output Messages and in the property Status."""
+        self._status = sentence
+        window = vtkOutputWindow.GetInstance()
+        (window.DisplayErrorText if error else window.DisplayWarningText)(f"{type(self).__name__}: {sentence}\n")
+
+    def GetStatus(self) -> str:
+        """Return what the filter did last, or why it failed."""
+        return self._status
+
+    def TakeAsEdited(self) -> None:
+        """Update the result to the current transfer function and time step."""
+        self.steps.ask()
+        self.Modified()
+
+
+def sentence_on(error: Exception) -> str:
+    """Return one sentence for the user about an error in a filter."""
+    if isinstance(error, BadInput):
+        return str(error)
+    if isinstance(error, ImportError):
+        return NOT_INSTALLED.format(name=error.name or str(error))
+    if isinstance(error, OSError):  # a disk that fails
+        return said_of(error)
+    if is_lack_of_memory(error):
+        return NO_MEMORY
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}" if frames else "an unknown place"
+    return UNEXPECTED.format(error=f"{type(error).__name__}: {error}", place=place)
+
+
+def _forgetter(kept: MutableMapping[Any, Any], results: MutableMapping[Any, Any]) -> Callable[[Any, str], None]:
+    """Return an observer that clears a deleted filter's results; VTK may keep its Python attributes much longer.
+
+    Args:
+        kept: What is made again in no time.
+        results: Results of long work, whose memory is given back.
+    """
+
+    def forget(_: Any, event: str) -> None:
+        large = bool(results)
+        kept.clear()
+        results.clear()
+        _forgetters.remove(forget)
+        if not _forgetters:
+            forget_scenes()
+        if large or not _forgetters:  # it takes a fifth of a second in a process as large as ParaView's
+            give_memory_back()
+
+    _forgetters.append(forget)
+    return forget
+
+
+def set_image_information(filter: Filter, out_info: Any, width: int, height: int, port: int = 0) -> None:
+    """Announce the size of the output image to the pipeline.
+
+    It is empty on all ranks but the first. Otherwise, those ranks would be executed at every update, without the first.
+    """
+    info = out_info.GetInformationObject(port)
+    extent = (0, width - 1, 0, height - 1, 0, 0) if filter.first_rank else (0, -1, 0, -1, 0, -1)
+    info.Set(filter.GetExecutive().WHOLE_EXTENT(), extent, 6)
+    info.Set(vtkDataObject.SPACING(), (1.0, 1.0, 1.0), 3)
+    info.Set(vtkDataObject.ORIGIN(), (0.0, 0.0, 0.0), 3)
+
+
+def time_asked_for(filter: Filter) -> float | None:
+    """Return the time that was requested of the first input; None if there was none."""
+    executive = filter.GetExecutive()
+    info, key = executive.GetInputInformation(0, 0), executive.UPDATE_TIME_STEP()
+    return float(info.Get(key)) if info is not None and info.Has(key) else None
+
+
+class ViewsOutput(Filter):
+    """A filter whose outputs are one view as an image (property ``ShownView``), and all cameras as points."""
+
+    last_view = 0
+    """Number of the last view that exists or will exist."""
+
+    def FillOutputPortInformation(self, port: int, info: Any) -> int:
+        """Declare the outputs: an image, and points."""
+        info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
+        return 1
+
+    def show(self, views: Any, outputs: list[Any], key: str = "") -> None:
+        """Output views; show the last one if the panel asks for a later one. ``key`` is as for ``put_views``."""
+        image, cameras = outputs
+        put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), image, cameras, key)
+
+    def GetViewNumbers(self) -> tuple[int, int]:
+        """Return the range of ``ShownView``."""
+        return 0, self.last_view
+
+
+class ImageOutput(Filter):
+    """A filter whose output is an image of a scene."""
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Announce the image's size; the time steps are those of the input."""
+        set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
+        return 1
+
+
+class VolumeOutput(Filter):
+    """A filter whose output is a regular grid of points that depends on the input's scene."""
+
+    def grid_for(self, data: Any) -> Any:
+        """Return the grid of the output for a scene's table; raises BadInput if there is none."""
+        raise NotImplementedError
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Announce the grid of the input's scene.
+
+        The input is therefore updated first: filters behind this one need to know the grid before they ask for data.
+        """
+        connection = self.GetInputConnection(0, 0)
+        connection.GetProducer().Update(connection.GetIndex())
+        try:
+            grid = self.grid_for(vtkDataObject.GetData(in_info[0], 0)) if self.first_rank else None
+        except (BadInput, ImportError):  # RequestData reports it
+            grid = None
+        self.announce(out_info, grid)
+        return 1
+
+    def announce(self, out_info: Any, grid: Any) -> None:
+        """Announce a grid to the pipeline, or an empty one (see :func:`set_image_information`)."""
+        info = out_info.GetInformationObject(0)
+        shape = (0, 0, 0) if grid is None else grid.shape
+        origin, spacing = ((0.0,) * 3, 1.0) if grid is None else (grid.origin, grid.spacing)
+        extent = [end for count in shape for end in (0, count - 1)]
+        info.Set(self.GetExecutive().WHOLE_EXTENT(), extent, 6)
+        info.Set(vtkDataObject.SPACING(), (spacing,) * 3, 3)
+        info.Set(vtkDataObject.ORIGIN(), origin, 3)

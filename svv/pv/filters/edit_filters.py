@@ -1,0 +1,153 @@
+"""The filters under Filters > StyleRF that change a scene at once: its edits, and several scenes in one.
+
+Each class is a list of properties and a few calls into :mod:`svv.pv.filters.editing` and
+:mod:`svv.fields.scene.joined`. ParaView shows its docstring as help.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smproxy
+
+from svv.errors import BadInput
+from svv.options.editing import PaintEdit
+from svv.pv.filters.cached import Keeping
+from svv.pv.filters.vtk_data import key_of_scene, put_scene, scene_of
+from svv.pv.panel.groups import (
+    REGIONS,
+    light_properties,
+    menu,
+    outline_properties,
+    part_properties,
+    region_properties,
+    stroke_properties,
+    takes_scene,
+    takes_scenes,
+)
+from svv.pv.panel.option_panel import properties_of
+from svv.pv.panel.properties import Property, button, file, integer, panel, status, switch, text
+
+__all__ = ["StyleRFEdit", "StyleRFJoin"]
+
+
+def save_properties() -> list[Property]:
+    """Return the button Save Scene and the property with its file."""
+    return [
+        file("SaveFile", "svv", "Scenes", "File to which Save Scene writes the scene.", save=True),
+        button("SaveScene", "Write the filter's scene to the file above."),
+    ]
+
+
+class SceneOutput(Keeping):
+    """A filter whose output is a scene, which it can also save."""
+
+    def give(self, scene: Any, table: Any) -> None:
+        """Put a scene into an output table, and remember it for Save Scene."""
+        self.kept("given", object(), lambda: scene)
+        put_scene(scene, table)
+
+    def SaveScene(self) -> None:
+        """Write the scene to a file."""
+        scene, name = self.last("given"), self.values["SaveFile"]
+        if scene is None or not name:
+            self.say("There is nothing to save yet: choose a file under Save File, and press Apply.")
+            return
+        try:
+            scene.save(name)
+        except BadInput as error:
+            self.say(str(error))
+        else:
+            self._status = f"Saved as {name}."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("given") is not None:
+            put_scene(self.last("given"), outputs[0])
+
+
+@smproxy.filter(label="StyleRF Edit", support_reload=False)
+@menu
+@panel(
+    button("UndoEdit", "Undo the last change that was applied."),
+    button("RedoEdit", "Redo the last change that was undone."),
+    button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
+    *part_properties(),
+    *light_properties(),
+    *(p for region in range(REGIONS) for p in region_properties(region)),
+    text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
+    switch("ShowHidden", False, "Show regions that were hidden before this filter."),
+    *properties_of(PaintEdit()),
+    *stroke_properties(),
+    *outline_properties(),
+    text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
+    integer(
+        "Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50, True
+    ),
+    switch("AsTrained", False, "Undo all edits that the scene came with, before applying those above.", True),
+    *save_properties(),
+    status(),
+)
+@takes_scene
+class StyleRFEdit(SceneOutput):
+    """Edit a scene instantly, without training: change the colour, opacity and lighting of its regions, hide, isolate
+    and outline them, and move its light if it has a movable one. The rows of the input's table are the regions."""
+
+    def UndoEdit(self) -> None:
+        """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
+
+    RedoEdit = ResetEdits = ClickPart = UndoEdit
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+        self._picked = ""
+
+    def pick(self, where: str) -> None:
+        """Find the point that is visible where a click went, for :meth:`GetPicked`."""
+        from svv.pv.filters.editing import point_seen
+
+        self._picked = ""
+        scene = self.last("given")
+        if where and scene is not None:
+            try:
+                self._picked = point_seen(scene, where)
+            except BadInput as error:
+                self.say(str(error))
+
+    def GetPicked(self) -> str:
+        """Return the point in space that the last click went to; empty if nothing is visible there."""
+        return self._picked
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.filters.editing import as_edited, told
+
+        scene = as_edited(scene_of(inputs[0]), self.values, self.progress)
+        self.give(scene, outputs[0])
+        return told(scene)
+
+
+@smproxy.filter(label="StyleRF Join", support_reload=False)
+@menu
+@panel(*save_properties(), status())
+@takes_scenes
+class StyleRFJoin(SceneOutput):
+    """Join scenes of several transfer functions of one volume, to show them alone or together: select all of them, then
+    add this filter. Their regions become regions of one scene, in the order of the inputs, and extinctions add."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def FillInputPortInformation(self, port: int, info: Any) -> int:
+        """Accept several scenes."""
+        info.Set(self.INPUT_IS_REPEATABLE(), 1)
+        return super().FillInputPortInformation(port, info)
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.fields.scene.joined import joined, members
+        from svv.pv.filters.editing import told
+
+        given = [self.GetInputDataObject(0, number) for number in range(self.GetNumberOfInputConnections(0))]
+        scenes = [scene_of(data) for data in given]
+        scene = self.kept("joined", tuple(map(key_of_scene, given)), lambda: joined(scenes))
+        self.give(scene, outputs[0])
+        counts = " + ".join(str(len(member.regions)) for member in members(scene))
+        return f"{counts} regions. {told(scene)}"

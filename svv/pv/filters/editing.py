@@ -1,0 +1,214 @@
+"""Turn the panels of StyleRF Edit and StyleRF Palette into edits of a scene and a correction of its palette."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from svv.core.colour.correction import Correction
+from svv.core.json_values import parsed
+from svv.errors import BadInput, Progress, silent
+from svv.options.editing import (
+    SPLIT_LEVEL,
+    LightEdit,
+    OutlineEdit,
+    PaintEdit,
+    PartEdit,
+    RegionEdit,
+    SceneEdit,
+    VisibilityEdit,
+)
+from svv.options.making import DeviceOptions, PaletteOptions
+from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
+from svv.pv.panel.option_panel import options_in
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.io.views.viewset import ViewSet
+
+Values = Mapping[str, Any]
+
+
+def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> Scene:
+    """Return a scene with the panel's edits, as one step of its history.
+
+    Args:
+        scene: The scene as it came.
+        values: The panel's values.
+        progress: Called while regions are split.
+
+    Raises:
+        BadInput: Any reason of the edits (:mod:`svv.fields.scene.edits`), or Undo is larger than the number of edits.
+    """
+    if values["Undo"] > len(scene.history.past):
+        raise BadInput(
+            f"Cannot undo {values['Undo']} edits, because the scene came with {len(scene.history.past)}: reduce Undo."
+        )
+    for _ in range(values["Undo"]):
+        scene = scene.undone()
+    from svv.fields.scene.edit_request import with_edit
+
+    before = scene
+    if values["AsTrained"]:
+        scene = scene.reset()
+    if values["Variant"]:
+        scene = scene.with_variant(values["Variant"])
+    if values["ShowHidden"]:
+        scene = scene.shown()
+    level = options_in(PartEdit, values).split_level
+    for point in places_in(values["Parts"], "Parts"):
+        scene = scene.split_at(point, SPLIT_LEVEL if level is None else level, progress)
+    return with_edit(scene, edit_in(values)).as_one_step(before)
+
+
+def edit_in(values: Values) -> SceneEdit:
+    """Return all edits that the panel asks for.
+
+    Raises:
+        BadInput: A text does not name regions.
+    """
+    rows = [f"Region{region}" for region in range(REGIONS)]
+    hide = tuple(region for region, name in enumerate(rows) if values[f"{name}Hide"])
+    places: dict[str, dict[str, Any] | None] = {
+        AS_IT_CAME: None,
+        BESIDE: {"azimuth": values["LightAzimuth"], "elevation": values["LightElevation"]},
+        IN_WORLD: {"direction": values["LightDirection"]},
+    }
+    outline = options_in(OutlineEdit, values)
+    return SceneEdit(
+        {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
+        options_in(LightEdit, values, light=places[values["LightFrom"]]),
+        options_in(PaintEdit, values, **_strokes_in(values)),
+        # Width and colour have no meaning without an outline.
+        outline if outline.outline is not None else OutlineEdit(),
+        VisibilityEdit(
+            isolate=tuple(whole_numbers_in(values["Isolate"], "Isolate")) if values["Isolate"].strip() else None,
+            hide=hide or None,
+        ),
+        outlined=tuple(whole_numbers_in(values["OutlineRegions"], "Outline Regions")),
+    )
+
+
+def _strokes_in(values: Values) -> dict[str, Any]:
+    """Return the edits of strokes that are no single number; raises BadInput if the palette cannot be read."""
+    found: dict[str, Any] = {}
+    if values["MoveStrokeLight"]:
+        found["stroke_light"] = tuple(values["StrokeLight"])
+    if values["StrokePalette"].strip():
+        from svv.styles.stroke_palette import palette_named
+
+        found["stroke_palette"] = palette_named(values["StrokePalette"].strip())
+    return found
+
+
+def told(scene: Scene) -> str:
+    """Return one line for the panel: the edits that can be undone, and the paintings."""
+    past = scene.history.past
+    lines = [f"{len(scene.regions)} regions"]
+    lines += [f"region {k} is {r.name}" for k, r in enumerate(scene.regions) if r.name is not None]
+    lines += [f"region {k} is part of region {r.part_of}" for k, r in enumerate(scene.regions) if r.part_of is not None]
+    if past:
+        lines.append(f"last edit: {past[-1].what} ({len(past)} to undo)")
+    if scene.settings.lighting == "phong":
+        lines.append(scene.lamp.said())
+    if scene.variants:
+        lines.append(f"paintings: {', '.join(scene.variants)}, shown: {scene.variant}")
+    return "; ".join(lines) + "."
+
+
+def whole_numbers_in(text: str, name: str) -> list[int]:
+    """Parse '0, 2' as whole numbers; raise BadInput for anything else."""
+    try:
+        return [int(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise BadInput(f"{name} must be whole numbers separated by commas, not '{text}'.") from None
+
+
+def places_in(text: str, name: str) -> list[tuple[float, float, float]]:
+    """Parse '0.1,0.2,0.3; 1,2,3' as points in space; raise BadInput for anything else."""
+    places = []
+    for place in filter(None, (p.strip() for p in text.split(";"))):
+        try:
+            x, y, z = (float(word) for word in place.split(","))
+        except ValueError:
+            raise BadInput(f"{name} must be points in space, such as 0.1,0.2,0.3; 1,2,3, not '{text}'.") from None
+        places.append((x, y, z))
+    return places
+
+
+def point_seen(scene: Scene, where: str) -> str:
+    """Return the point of a scene that is visible at a pixel, as the property Parts holds it.
+
+    Args:
+        scene: The edited scene.
+        where: Camera and pixel as JSON, from :func:`svv.pv.client.part_picking.seen_at`.
+
+    Raises:
+        BadInput: Nothing is visible there.
+    """
+    from svv.pv.filters.engine import camera_for
+
+    seen = parsed(where)
+    return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene, seen), seen["pixel"]))
+
+
+def correction_in(values: Values) -> Correction:
+    """Return the correction that the panel asks for; an empty one is false.
+
+    Raises:
+        BadInput: A text does not name regions.
+    """
+    groups = filter(str.strip, values["Merge"].split(";"))
+    chosen = {
+        what: [k for k in range(PALETTE) if values[f"Region{k}{what}"]] for what in ("Remove", "Split", "SetColour")
+    }
+    return Correction(
+        tuple(tuple(whole_numbers_in(group, "Merge")) for group in groups),
+        tuple(chosen["Remove"]),
+        {k: values[f"Region{k}Colour"] for k in chosen["SetColour"]},
+        tuple(chosen["Split"]),
+        tuple(values[f"Colour{k}Value"] for k in range(ADDED) if values[f"Colour{k}Add"]),
+    )
+
+
+def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) -> Scene:
+    """Return the scene with its palette corrected as the panel asks.
+
+    Args:
+        scene: Scene with a palette network.
+        views: The views that it was trained on.
+        values: The panel's values.
+        progress: Called several times a second.
+
+    Raises:
+        BadInput: Any reason of :func:`svv.train.correct.correct_palette`.
+        Cancelled: ``progress`` raised it.
+    """
+    from svv.kernels.dispatch import device_named
+    from svv.pv.filters.keys import digest_of_scene
+    from svv.train.correct import correct_palette
+
+    device = device_named(options_in(DeviceOptions, values).device)
+    options = options_in(PaletteOptions, values)
+    result, _ = correct_palette(scene.on(device), views, correction_in(values), options, progress)
+    return replace(result, made={**result.made, "of": digest_of_scene(scene)}).on(scene.device)
+
+
+def views_in_file(values: Values, progress: Progress) -> ViewSet:
+    """Read the views that the panel of StyleRF Palette names.
+
+    Raises:
+        BadInput: It names none, or they cannot be read.
+    """
+    from svv.io.views.transforms import split_of
+    from svv.io.views.viewset import ViewSet
+
+    if not values["ViewsFile"]:
+        raise BadInput(
+            "Training the regions again takes the views that the scene was trained on: connect StyleRF Views as the "
+            "second input, or choose the transforms_train.json of the views under Views File."
+        )
+    file = Path(values["ViewsFile"])
+    return ViewSet.read(file.parent, split_of(file), progress)

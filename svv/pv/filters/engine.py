@@ -1,0 +1,364 @@
+"""The filters' work in terms of the engine: drawing views, training scenes, keys of paintings, rendering images.
+
+The functions take the panel's ``values`` and determine which inputs a result depends on, so that no result is computed
+twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
+
+from svv.core.geometry.cameras import Camera
+from svv.dvr.draw.appearance import GHOSTS
+from svv.errors import BadInput, Progress, part
+from svv.io.files.keyed_results import digest, digest_of_file
+from svv.options.described import chosen
+from svv.options.making import DeviceOptions, PaintOptions, RenderOptions, TrainOptions, ViewOptions
+from svv.pv.display.shown import DIVIDED, chosen_of, scale_of, volume_shown
+from svv.pv.filters import resampled
+from svv.pv.filters.base import ORBIT
+from svv.pv.filters.keys import digest_of_mask, key_of
+from svv.pv.filters.parallel import crew_of
+from svv.pv.filters.time_steps import Moment
+from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
+from svv.pv.panel.groups import COLOURS, IN_COLOUR, REGIONS, ROW
+from svv.pv.panel.option_panel import options_in
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.io.views.viewset import ViewSet
+    from svv.job.moving import Moving
+    from svv.render.baking.baked_volume import BakedVolume
+
+Values = Mapping[str, Any]
+
+
+# --- views ----------------------------------------------------------------------------------------------------------
+
+
+def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
+    """Return the input as an image; a grid of another kind is resampled to one.
+
+    Raises:
+        BadInput: It is empty, or no grid.
+    """
+    if isinstance(data, vtkImageData):
+        if data.GetNumberOfPoints() == 0 and crew_of(data) is None:
+            raise BadInput("The input is empty; apply the filter or reader before this one first.")
+        return data
+    if data is not None and resampled.is_mesh(data):
+        return resampled.image_of(data, values)
+    kind = "nothing" if data is None else f"a {data.GetClassName()}"
+    raise BadInput(f"The input is {kind}, and StyleRF needs a volume: insert the filter Resample To Image.")
+
+
+def _is_volume(data: vtkDataObject | None) -> bool:
+    return isinstance(data, vtkImageData) or (data is not None and resampled.is_mesh(data))
+
+
+def views_key(image: vtkImageData, values: Values) -> str:
+    """Return a hash of everything that a volume's views depend on: data, transfer function, shading, number, size."""
+    return digest(_digest_of(image, values), _drawing(values), transfer_function_of(values).to_dict())
+
+
+def _digest_of(image: vtkImageData, values: Values) -> str:
+    """Return a hash of the grid and of the displayed array; with several ranks, also of how these are divided."""
+    crew = crew_of(image)
+    if crew is not None:
+        image = crew.piece.whole
+    direction = image.GetDirectionMatrix()
+    turned = [direction.GetElement(i, j) for i in range(3) for j in range(3)]
+    place = [image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), turned]
+    if crew is not None:
+        return digest(*place, crew.digest())
+    first, second = image.GetPointData(), image.GetCellData()
+    if values.get("ScalarsOnCells"):
+        first, second = second, first
+    array = first.GetArray(values["Scalars"]) or second.GetArray(values["Scalars"])
+    array = array or first.GetScalars() or second.GetScalars()
+    content = None if array is None else [digest_of(array), array.GetDataTypeAsString()]
+    ghosts = [data.GetArray(GHOSTS) for data in (image.GetPointData(), image.GetCellData())]
+    return digest(*place, content, *(digest_of(one) for one in ghosts if one is not None))
+
+
+def _drawing(values: Values) -> list[Any]:
+    """Return how the volume is displayed, except for the transfer function, and the options of its views."""
+    drawing = [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
+    display = chosen_of(values)
+    return [*drawing, display] if display else drawing
+
+
+def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
+    """Return what the views of a volume depend on, and the volume's time.
+
+    Args:
+        data: The volume.
+        values: The panel's values.
+        asked: Time requested from the pipeline; None if there was none.
+
+    Raises:
+        BadInput: The input is not an image, or there is no transfer function.
+    """
+    image, look = volume_of(data, values), digest(transfer_function_of(values).to_dict())
+    settings = digest(_drawing(values), values["OpacityUnitDistance"])
+    # Choosing another table counts as a changed setting; changing the same table counts as an edit.
+    table = f"{id(values['TransferFunction']):x}"
+    return Moment(settings, look, _digest_of(image, values), asked, time_of(data), table)
+
+
+def transfer_function_of(values: Values) -> Any:
+    """Return the panel's transfer function (:class:`svv.dvr.functions.transfer_functions.TransferFunction`).
+
+    Raises:
+        BadInput: The panel has none, or the volume is shown in a way that is not supported.
+    """
+    from svv.dvr.functions.transfer_functions import TransferFunction
+
+    if values.get("Refusal"):
+        raise BadInput(f"{values['Refusal']} Then run the macro 'StyleRF capture'.")
+    table = values["TransferFunction"]
+    opacity = None if table is None else table.GetScalarOpacityFunction()
+    if table is None or opacity is None:
+        raise BadInput(
+            "There is no transfer function: show the volume in the active view with the representation Volume, and "
+            "then run the macro 'StyleRF capture'."
+        )
+    unit = scale_of(values) * values["OpacityUnitDistance"] or None
+    return TransferFunction.from_vtk(table, opacity, unit, "the transfer function")
+
+
+def shading_of(values: Values) -> Any:
+    """Return the panel's shading (:class:`svv.core.colour.shading.Shading`)."""
+    from svv.core.colour.shading import Shading
+
+    return Shading(bool(values["Shade"]), *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
+
+
+def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
+    """Draw the training and test views that the panel asks for.
+
+    Raises:
+        BadInput: Any reason of :func:`svv.dvr.draw.views.make_views`.
+    """
+    from svv.dvr.draw.views import make_views
+    from svv.dvr.parallel.crew_views import make_crew_views
+
+    crew, name = crew_of(image), values["Scalars"] or "volume"
+    if crew is not None:
+        if chosen_of(values):
+            raise BadInput(DIVIDED)
+        tf, options = transfer_function_of(values), options_in(ViewOptions, values)
+        return make_crew_views(crew, tf, options, shading_of(values), name, progress)
+    return make_views(
+        volume_shown(image, values),
+        transfer_function_of(values),
+        options_in(ViewOptions, values),
+        shading=shading_of(values),
+        rescale=False,  # in ParaView the user has already placed the function
+        name=name,
+        progress=progress,
+    )
+
+
+# --- scenes ---------------------------------------------------------------------------------------------------------
+
+
+def training_moment(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
+    """Return what a scene is trained on, and its time: as :func:`moment_of`, or the views that the data belongs to.
+
+    Views change only when their filter is asked to draw others; a change of views counts at any time.
+    """
+    views = key_of_views(data)
+    if views is None:
+        moment = moment_of(data, {**values, "TestViews": 0}, asked)  # test views do not affect training
+    else:
+        moment = Moment("views", "", digest("views", views))
+    settings = digest(moment.settings, chosen(options_in(TrainOptions, values)))
+    return replace(moment, settings=settings, here=f"{moment.here} {values.get('SceneFile', '')}")
+
+
+def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: Moment) -> bool:
+    """Return whether a scene that was trained at another time can follow the data to the present one.
+
+    It can if it is a function of the volume's values (encoding ``values``) and the volume is in one piece.
+    """
+    moved = made is not None and made.data != now.data and None not in (made.time, now.time) and made.time != now.time
+    return moved and None not in (scene.values, scene.steps) and _is_volume(data) and crew_of(data) is None
+
+
+def moving_from(scene: Scene, data: vtkDataObject | None, values: Values, time: float | None) -> Moving | None:
+    """Return what follows the matter of a volume from the time at which a scene is painted.
+
+    None if the scene cannot follow its volume, has no paint, or the data have no time.
+    """
+    if scene.values is None or scene.styled is None or time is None or not _is_volume(data):
+        return None
+    from svv.job.moving import Moving
+
+    return Moving(volume_shown(volume_of(data, values), values), scene.values.interval, time)
+
+
+def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, moving: Moving | None = None) -> Scene:
+    """Return a scene as another time step of its volume makes it; paint moves with the matter where that is known.
+
+    Raises:
+        BadInput: The scene shows nothing of the volume, or has paint or parts that cannot follow.
+    """
+    from svv.dvr.draw.classify import classified_as
+    from svv.dvr.functions.transfer_functions import TransferFunction
+    from svv.fields.values.followed_scene import at_volume
+
+    volume = volume_shown(volume_of(data, values), values)
+    told = scene.made.get("source", {}).get("tf")
+    tf = transfer_function_of(values) if told is None else TransferFunction.from_dict(told)
+    time = now.time or 0.0
+    if moving is None:
+        return at_volume(scene, classified_as(volume, tf), time)
+    return at_volume(scene, classified_as(volume, tf), time, moving.matter(volume, time))
+
+
+def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
+    """Return the scene in the user's file; None if it was trained on something else or the file does not exist.
+
+    Raises:
+        BadInput: The file is not a scene file, or it is damaged.
+    """
+    from svv.fields.scene.scene import Scene
+    from svv.kernels.dispatch import device_named
+
+    scene = Scene.load(file) if file.exists() else None
+    if scene is None or scene.made.get("key") != key_of(now):
+        return None
+    return scene.on(device_named(options_in(DeviceOptions, values).device))
+
+
+def regions_said(scene: Scene) -> str:
+    """Say how many regions a scene has and what it was learned from, which scenes of older versions do not tell."""
+    origin = f", learned from {scene.made['learned_from']}" if "learned_from" in scene.made else ""
+    return f"{len(scene.regions)} regions{origin}"
+
+
+def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
+    """Train a scene on a volume, or on the views that the input belongs to.
+
+    If the panel names a scene file, the scene is written to it, and training that was stopped resumes.
+
+    Raises:
+        BadInput: Any reason of the engine.
+        Cancelled: ``progress`` raised it.
+    """
+    from svv.io.files.atomic import check_writable
+    from svv.io.scene_file import checkpoint_of
+    from svv.kernels.dispatch import device_named
+    from svv.train.config import settings_of
+    from svv.train.pipeline import train_scene
+
+    options, views, now = options_in(TrainOptions, values), views_of(data), training_moment(data, values, None)
+    settings_of(options)  # report errors before views are drawn
+    device_named(options.device)
+    file = Path(values["SceneFile"]) if values.get("SceneFile") else None
+    if file is not None:
+        check_writable(file)
+    learn = progress
+    if views is None:
+        views, _ = draw_views(volume_of(data, values), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
+        learn = part(progress, 0.15, 1.0)
+    checkpoint = None if file is None else checkpoint_of(file)
+    scene, _ = train_scene(views, options, learn, checkpoint)
+    made = {"key": key_of(now), "look": now.look, "data": now.data, "time": time_of(data)}
+    scene = replace(scene, made={**scene.made, **made})
+    if file is not None and checkpoint is not None:
+        scene.save(file)
+        checkpoint.unlink(missing_ok=True)
+    return scene
+
+
+def style_key(values: Values) -> str:
+    """Return a hash of everything but the scene that a painting depends on; files count by content and name.
+
+    Raises:
+        BadInput: A file does not exist.
+    """
+    from svv.options.making import DRAWN, PREFIX
+
+    files = []
+    for name in values["StyleFiles"]:
+        if name.startswith((PREFIX, DRAWN)):
+            files.append((name, ""))
+            continue
+        if not Path(name).is_file():
+            raise BadInput(f"There is no style picture {name}: choose another under Style Files.")
+        files.append((Path(name).stem, digest_of_file(name)))
+    masks = {f"Region{k}Mask": values.get(f"Region{k}Mask") or "" for k in range(REGIONS)}
+    there = {row: digest_of_mask(name) for row, name in masks.items() if Path(name).is_file()}
+    rows = [there.get(row, values.get(row)) for k in range(REGIONS) for row in (f"Region{k}{what}" for what in ROW)]
+    others = [values.get(name) for name in ("Gallery", "Mapping", "PictureParts")]
+    return digest(files, rows, others, chosen(options_in(PaintOptions, values)))
+
+
+def as_cut(volume: BakedVolume, values: Values) -> BakedVolume:
+    """Return a baked volume, cut as the panel asks."""
+    from svv.pv.filters.vtk_data import evaluated
+    from svv.render.baking.cut import cut
+
+    function, sign = values["CutBy"], 1.0 if values["Invert"] else -1.0
+    if not values["Cut"] or function is None:
+        return volume
+    return cut(volume, lambda at: sign * evaluated(function, at))
+
+
+# --- images ---------------------------------------------------------------------------------------------------------
+
+
+def camera_for(scene: Scene, values: Values) -> Camera:
+    """Return the panel's camera; if it is all zeros, the camera of the panel's frame of the orbit.
+
+    Raises:
+        BadInput: The camera is invalid, or the orbit has no such frame.
+    """
+    width, height = size_of(values)
+    if any(values["Camera"][:6]):
+        return camera_of(values["Camera"], width, height, values["ParallelScale"])
+    frame = values["Frame"]
+    if not 0 <= frame < ORBIT:
+        raise BadInput(f"Frame must be 0 to {ORBIT - 1}, the frames of the orbit, not {frame}.")
+    (camera,) = scene.rig.orbit(ORBIT, width, [frame])
+    return camera.resized(width, height)
+
+
+def size_of(values: Values) -> tuple[int, int]:
+    """Return width and height of the image that the panel asks for, in pixels."""
+    width, height = (int(v) for v in values["ImageSize"])
+    if not (1 <= width <= 16384 and 1 <= height <= 16384):
+        raise BadInput(f"The image's size must be 1 to 16384 pixels along each side, not {width} x {height}.")
+    return width, height
+
+
+def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, Any]:
+    """Render RGBA (uint8), depth and regions of a scene from a camera.
+
+    Raises:
+        BadInput: The scene does not hold the network that the panel asks for, or the device is not available.
+    """
+    from svv.io.pictures.mask_pictures import region_map_overlay
+    from svv.io.pictures.output import to_bytes
+    from svv.kernels.dispatch import device_named
+    from svv.render.frames import region_colours
+
+    options = options_in(RenderOptions, values)
+    background = values["BackgroundColour"] if values["Background"] else None
+    if options.variant is not None:
+        scene = scene.with_variant(options.variant)
+    if values["Moving"]:
+        scene = scene.while_moving()
+    shown = scene.on(device_named(options.device)).render(camera, options.network, background, progress)
+    rgba = to_bytes(shown.rgba)
+    if values.get("Show", COLOURS) != COLOURS:
+        colours = region_colours(scene) if values["Show"] == IN_COLOUR else None
+        rgba = region_map_overlay(shown.region, colours)
+    return {"RGBA": rgba, "Depth": shown.depth, "Region": shown.region}

@@ -1,0 +1,133 @@
+"""ParaView's readers for scenes and view sets, and the writer of scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smproperty, smproxy
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+
+from svv.errors import BadInput
+from svv.pv.filters.base import Filter, ViewsOutput, set_image_information
+from svv.pv.filters.vtk_data import put_scene, scene_of
+from svv.pv.panel.groups import takes_scene
+from svv.pv.panel.properties import file, panel, shown_view, status
+
+__all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader"]
+
+
+@smproxy.writer("StyleRF scenes", extensions="svv", support_reload=False)
+@panel(file("FileName", "svv", "Scenes", "The file to write.", save=True))
+@takes_scene
+class StyleRFSceneWriter(Filter):
+    """Write a scene to a file (.svv)."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 0, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+        scene_of(inputs[0]).save(self.values["FileName"])
+
+    def Write(self) -> None:
+        """Write the file; called by Save Data."""
+        self.Modified()
+        self.Update()
+
+
+@smproxy.reader("StyleRF scenes", extensions="svv", label="StyleRF Scene", support_reload=False)
+@panel(file("FileName", "svv", "Scenes", "The scene file."), status())
+class StyleRFSceneReader(Filter):
+    """Read a scene (.svv) as a table with a row for each region, for StyleRF Edit, Stylize and Render. If the scene
+    has time steps, it is the one of the time that ParaView shows."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 1, "vtkTable")
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        info, executive = out_info.GetInformationObject(0), self.GetExecutive()
+        info.Remove(executive.TIME_STEPS())
+        info.Remove(executive.TIME_RANGE())
+        try:
+            times = self._times(self._read())
+        except BadInput:
+            return 1  # RequestData reports it
+        if times:
+            info.Set(executive.TIME_STEPS(), times, len(times))
+            info.Set(executive.TIME_RANGE(), [times[0], times[-1]], 2)
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.fields.values.followed_scene import at_step, step_at
+
+        scene, told = self._read(), ""
+        times, executive = self._times(scene), self.GetExecutive()
+        if times:
+            info = out_info.GetInformationObject(0)
+            asked = executive.UPDATE_TIME_STEP()
+            step = step_at(scene.steps, info.Get(asked)) if info.Has(asked) else scene.steps.own
+            whole = scene
+            scene = self.kept("step", (id(whole), step), lambda: at_step(whole, step))
+            outputs[0].GetInformation().Set(vtkDataObject.DATA_TIME_STEP(), times[step])
+            told = f" time step {step} of {len(times)};"
+        put_scene(scene, outputs[0])
+        return f"{len(scene.regions)} regions;{told} networks {', '.join(scene.networks)}."
+
+    @smproperty.doublevector(name="TimestepValues", information_only="1", si_class="vtkSITimeStepsProperty")
+    def GetTimestepValues(self) -> list[float]:
+        """Return the times of the scene's steps, for ParaView's animation."""
+        try:
+            return self._times(self._read())
+        except BadInput:
+            return []  # RequestData reports it
+
+    def _read(self) -> Any:
+        from svv.fields.scene.scene import Scene
+
+        name = self.values["FileName"]
+        changed = Path(name).stat().st_mtime_ns if Path(name).exists() else 0
+        return self.kept("scene", (name, changed), lambda: Scene.load(name))
+
+    @staticmethod
+    def _times(scene: Any) -> list[float]:
+        """Return the times of a scene's steps; none if there is only one."""
+        return [] if scene.steps is None or len(scene.steps) < 2 else list(scene.steps.times)
+
+
+@smproxy.reader(
+    "StyleRF views", filename_patterns="transforms*.json", label="StyleRF Views Folder", support_reload=False
+)
+@smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
+@panel(
+    file("FileName", "json", "Views", "The file transforms_train.json or transforms.json of a set of views."),
+    *shown_view(),
+    status(),
+)
+class StyleRFViewsReader(ViewsOutput):
+    """Read a set of views (a folder with transforms_train.json). The first output shows one view, the second holds the
+    cameras. Connect StyleRF Train."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 2, "vtkImageData")
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        try:
+            views = self._read()
+        except BadInput:
+            return 1  # RequestData reports it
+        set_image_information(self, out_info, views.cameras[0].width, views.cameras[0].height)
+        self.last_view = len(views) - 1
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        views = self._read()
+        self.show(views, outputs)
+        return f"{len(views)} views."
+
+    def _read(self) -> Any:
+        from svv.io.views.transforms import split_of
+        from svv.io.views.viewset import ViewSet
+
+        path = Path(self.values["FileName"])
+        changed = path.stat().st_mtime_ns if path.exists() else 0
+        return self.kept("views", (path, changed), lambda: ViewSet.read(path.parent, split_of(path), self.progress))

@@ -1,0 +1,54 @@
+"""Inputs that are no images: the filters resample them, each only once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vtkImageData
+
+from svv.dvr.read.meshes import is_mesh, resampled
+
+__all__ = ["forget_image", "image_of", "is_mesh", "told"]
+
+_last: dict[tuple[Any, ...], vtkImageData] = {}
+"""What an image was resampled from -> the last such image, which the filters on one input share."""
+
+
+def image_of(data: vtkDataObject, values: Mapping[str, Any]) -> vtkImageData:
+    """Return a mesh as an image, resampled as a panel's values say (:func:`svv.dvr.read.meshes.resampled`).
+
+    Raises:
+        BadInput: It cannot be resampled.
+    """
+    array, cells, along = (values.get(name) or None for name in ("Scalars", "ScalarsOnCells", "ResampleTo"))
+    key = (data.__this__, _changed(data), array, cells, along)
+    if key not in _last:
+        _last.clear()
+        _last[key] = resampled(data, array, bool(cells), along)
+    return _last[key]
+
+
+def told(data: vtkDataObject | None, values: Mapping[str, Any]) -> str:
+    """Return a sentence about the image that a mesh was resampled to; nothing for other data."""
+    if data is None or not is_mesh(data) or data.IsA("vtkPolyData"):
+        return ""
+    size = " x ".join(map(str, image_of(data, values).GetDimensions()))
+    return f" The input, a {data.GetClassName()}, was resampled to {size} points."
+
+
+def forget_image() -> None:
+    """Release the image."""
+    _last.clear()
+
+
+def _changed(data: vtkDataObject) -> int:
+    """Return when a data object or one of its blocks was changed last (VTK's modification time)."""
+    changed = int(data.GetMTime())
+    if isinstance(data, vtkCompositeDataSet):
+        iterator = data.NewIterator()
+        iterator.InitTraversal()
+        while not iterator.IsDoneWithTraversal():
+            changed = max(changed, _changed(iterator.GetCurrentDataObject()))
+            iterator.GoToNextItem()
+    return changed

@@ -1,0 +1,209 @@
+"""Turn the panel of StyleRF Stylize into the regions' pictures, and paint scenes with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from svv.errors import BadInput, Progress, part
+from svv.io.pictures.mask_file import Mask
+from svv.options.making import DeviceOptions, PaintOptions
+from svv.pv.filters.keys import digest_of_scene
+from svv.pv.filters.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
+from svv.pv.panel.groups import REGIONS
+from svv.pv.panel.option_panel import options_in
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.train.paint.ink import Style, StyleInput
+
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Painting:
+    """A painting on a scene."""
+
+    base: str
+    """Hash of what that scene has learned; its edits do not count."""
+    scene: Scene
+    """The scene, which shows the painting."""
+    name: str
+    """Name under which the painting is kept."""
+
+    def told(self) -> str:
+        """Return one line about the painting."""
+        report = self.scene.made["stylized"]
+        return " ".join([f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"]])
+
+
+def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, str]:
+    """Return whether painting continues from an existing painting, and its name; '' if it is the scene's own."""
+    if values["Continue"] and last is not None and last.base == digest_of_scene(scene):
+        return True, last.name
+    return bool(values["Continue"]) and scene.styled is not None, ""
+
+
+def painted(scene: Scene, last: Painting | None, values: Values, progress: Progress) -> Scene:
+    """Paint a scene as the panel asks.
+
+    Args:
+        scene: Scene with a palette network.
+        last: Last painting of this name, from which to continue if the panel's Continue is on.
+        values: The panel's values.
+        progress: Called several times a second.
+
+    Raises:
+        BadInput, Cancelled: As for :func:`stylize`.
+    """
+    go_on, name = goes_on(scene, last, values)
+    start = last.scene if last is not None and name else scene
+    return stylize(start, values, progress, go_on)
+
+
+def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, name: str) -> Scene:
+    """Return a scene with all of its paintings, and with its own edits.
+
+    Args:
+        scene: The current scene.
+        paintings: Paintings by the name that the panel gave them.
+        shown: Variant to show; if empty, the painting ``name``.
+        name: The panel's name of the last painting; '' if there is none.
+
+    Raises:
+        BadInput: There is no variant ``shown``.
+    """
+    base, own = digest_of_scene(scene), {}
+    for given, painting in paintings.items():
+        if painting.base != base:
+            continue
+        (variant,) = (v for v in painting.scene.every_variant if v.name == painting.scene.variant)
+        styles = {region: style for region, style in enumerate(variant.styles) if style is not None}
+        scene = scene.painted(variant.network, styles, variant.made, variant.name)
+        own[given] = variant.name
+    chosen = shown or own.get(name)
+    return scene if chosen is None else scene.with_variant(chosen)
+
+
+@dataclass
+class Styles:
+    """Pictures in the form that :func:`svv.train.pipeline.stylize_scene` takes, and the style of each region."""
+
+    given: list[StyleInput] = field(default_factory=list)
+    """Pictures or inks, with their masks."""
+    mapping: dict[int, int] = field(default_factory=dict)
+    """Region -> index into ``given``."""
+    opened: dict[str, tuple[str, Style]] = field(default_factory=dict)
+    """Source -> name and style; each is read once."""
+    notes: list[str] = field(default_factory=list)
+    """Sentences for the user."""
+    _numbers: dict[tuple[str, int | None], int] = field(default_factory=dict)
+
+    def add(self, source: str, mask: Mask | None, region: int, progress: Progress) -> None:
+        """Assign a picture, or the part of it inside a mask, to a region."""
+        from svv.train.paint.ink import StyleInput
+
+        name, picture = self.open(source, progress)
+        key = source, None if mask is None else region
+        if key not in self._numbers:
+            self._numbers[key] = len(self.given)
+            self.given.append(StyleInput(picture, name if mask is None else f"{name} (region {region})", mask))
+        self.mapping[region] = self._numbers[key]
+
+    def open(self, source: str, progress: Progress) -> tuple[str, Style]:
+        """Return the name and the picture or ink of a source; each source is read once."""
+        from svv.train.paint.ink import style_named
+
+        if source not in self.opened:
+            self.opened[source] = style_named(source, progress)
+        return self.opened[source]
+
+
+def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
+    """Return the styles that the panel asks for.
+
+    Raises:
+        BadInput: There is no picture, a picture cannot be used, the scene lacks the region of a row, or a mask is
+            invalid (:func:`mask_for`).
+    """
+    from svv.train.paint.ink import picture_of
+    from svv.train.paint.style_choice import pairs_by_colour
+
+    count, common, styles = len(scene.regions), sources_of(values), Styles()
+    rows = {region: source_of(values, region) for region in range(REGIONS)}
+    for region, source in rows.items():
+        if region >= count and (source is not None or asks_for_part(values, region)):
+            raise BadInput(f"There is no region {region}: the scene has the regions 0 to {count - 1}.")
+    free = [region for region in range(count) if rows.get(region) is None]
+    if not common and not any(rows.values()):
+        raise BadInput(NO_PICTURE)
+    if not common:
+        for region in free:
+            rows[region] = ""
+            if asks_for_part(values, region):
+                raise BadInput(f"Region {region} has points or a mask, but no picture: choose one in its row.")
+    elif values.get("Mapping") == "by colour":
+        pictures = [styles.open(source, progress)[1] for source in common]
+        rest = set(range(count)) - set(free)
+        rows |= {region: common[k] for region, k in pairs_by_colour(scene.regions, pictures, None, rest).items()}
+    else:
+        rows |= {region: common[k % len(common)] for k, region in enumerate(free)}
+    for region in range(count):
+        source = rows.get(region)
+        if source:
+            style = styles.open(source, progress)[1]
+            mask = mask_for(values, region, source, picture_of(style))[0] if asks_for_part(values, region) else None
+            styles.add(source, mask, region, progress)
+    if not styles.mapping:
+        raise BadInput("No region is left to paint, because all stay as they are: choose a picture for at least one.")
+    for source in dict.fromkeys(common):
+        if source not in rows.values():
+            styles.notes.append(f"{source} is not used, because there are more pictures than regions.")
+    return styles
+
+
+def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = False) -> Scene:
+    """Return the scene with its regions painted as the panel asks; it shows the painting as a variant.
+
+    Args:
+        scene: Scene with a palette network.
+        values: The panel's values; missing ones have their defaults.
+        progress: Called several times a second.
+        go_on: Whether to continue the painting that the scene shows.
+
+    Raises:
+        BadInput: Any reason of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
+        Cancelled: ``progress`` raised it.
+    """
+    from svv.kernels.dispatch import device_named
+    from svv.train.pipeline import stylize_scene
+
+    device = device_named(options_in(DeviceOptions, values).device)
+    file = values.get("PreviewFile")
+    preview, progress = (None, progress) if not file else told_of(Path(file), progress)
+    styles = styles_of(scene, values, part(progress, 0.0, 0.02))
+    variant = None if go_on else values.get("Variant") or None
+    options = options_in(PaintOptions, values, mapping=styles.mapping, go_on=go_on, variant=variant)
+    painting = part(progress, 0.02, 1.0)
+    styled, report = stylize_scene(scene.on(device), styles.given, options, painting, preview=preview)
+    notes = {**report, "notes": [*styles.notes, *report["notes"]]}
+    return replace(styled, made={**styled.made, "stylized": notes})
+
+
+def told_of(file: Path, progress: Progress) -> tuple[Callable[[Scene], None], Progress]:
+    """Return a preview callback that writes a picture of the painting to a file, and a progress that mentions the file.
+
+    Raises:
+        BadInput: The file is not a .png, or cannot be written.
+    """
+    from svv.render.frames import previews_in
+
+    write, there = previews_in(file), []
+
+    def show(scene: Scene) -> None:
+        write(scene)
+        there.append(scene.variant)
+
+    return show, lambda fraction, label: progress(fraction, f"{label}; see {file}" if there else label)

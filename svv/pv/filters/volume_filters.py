@@ -1,0 +1,384 @@
+"""The filters under Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.filters.scene_filters` has the others.
+
+Each class is a list of properties and a few calls into :mod:`svv.pv.filters.engine`. ParaView shows its docstring as
+help.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
+
+from svv.errors import part
+from svv.io.files.keyed_results import digest
+from svv.options.baking import BakeOptions
+from svv.options.making import ViewOptions
+from svv.pv.display.volume_display import set_unit_distance
+from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
+from svv.pv.filters.cached import Keeping, views_in, write_views
+from svv.pv.filters.keys import key_in, key_of
+from svv.pv.filters.parallel import DividedInput, do_next_job
+from svv.pv.filters.resampled import told as told_of
+from svv.pv.filters.time_steps import Moment, Steps
+from svv.pv.filters.vtk_data import (
+    drawn_in,
+    key_of_scene,
+    put_baked,
+    put_drawn,
+    put_mesh,
+    put_no_views,
+    put_scene,
+    scene_of,
+)
+from svv.pv.panel.groups import (
+    PICTURES,
+    TAKE_HELP,
+    cut_properties,
+    device,
+    image_properties,
+    keep_input_visible,
+    menu,
+    preview_file,
+    takes_image,
+    takes_scene,
+    takes_volume,
+    training_properties,
+    volume_properties,
+)
+from svv.pv.panel.option_panel import options_in, properties_of
+from svv.pv.panel.properties import (
+    button,
+    display,
+    file,
+    files,
+    kept_as,
+    number,
+    panel,
+    scalars,
+    shown_view,
+    status,
+    switch,
+)
+
+__all__ = [
+    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",
+    "StyleRFVolume", "StyleRFPieces", "StyleRFUnitDistance",
+]  # fmt: skip
+
+
+@smproxy.filter(label="StyleRF Views", support_reload=False)
+@menu
+@keep_input_visible
+@smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
+@panel(
+    *volume_properties(ViewOptions()),
+    button("TakeAsEdited", TAKE_HELP),
+    file("Folder", "", "", "Folder to which the views are also written, as a set that `svv` and other programs read."),
+    *shown_view(),
+    *kept_as(),
+    status(),
+)
+@takes_volume
+class StyleRFViews(DividedInput, ViewsOutput, Keeping):
+    """Draw views of a volume from all directions, for training. The first output shows one view, the second holds the
+    cameras. Connect StyleRF Train, or choose a folder in which to keep the views."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 2, "vtkImageData")
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        set_image_information(self, out_info, self.values["ViewSize"], self.values["ViewSize"])
+        self.last_view = self.values["Views"] - 1
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.filters.engine import draw_views, moment_of, volume_of
+
+        now, folder = moment_of(inputs[0], self.values, time_asked_for(self)), self.values["Folder"]
+
+        def make() -> Any:
+            with self.training() as progress:
+                train, test = draw_views(volume_of(inputs[0], self.values), self.values, part(progress, 0.0, 0.9))
+            known = {"key": key_of(now), "look": now.look, "data": now.data, "time": now.time}
+            return replace(train, meta=replace(train.meta, other={**train.meta.other, **known})), test
+
+        def own() -> Any:
+            found = views_in(Path(folder), key_of(now), self.progress) if folder else None
+            return found and self.kept("written", (key_of(now), folder), lambda: found)
+
+        def write() -> Any:
+            write_views(views, Path(folder), part(self.progress, 0.9, 1.0))
+            return views
+
+        self.begin_with("views", "views", now)
+        views, name = self.steps.get(now, lambda: self.found_or_made("views", "views", now, make, own))
+        self.gives(views=name)
+        train = views[0]
+        if folder:
+            self.kept("written", (key_in(name), folder), write)
+        self.show(train, outputs, key_in(name))
+        said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
+        return said + told_of(inputs[0], self.values) + self.note + self.steps.told(now, "Drawn", "draws them again")
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.steps.result is not None:
+            views, name = self.steps.result
+            self.show(views[0], outputs, key_in(name))
+        elif "views" in self.stated():  # results made from the views are found by this key
+            put_no_views(key_in(self.stated()["views"]), *outputs)
+
+
+@smproxy.filter(label="StyleRF Train", support_reload=False)
+@menu
+@keep_input_visible
+@panel(
+    *training_properties("balanced"),
+    button("TakeAsEdited", TAKE_HELP),
+    file("SceneFile", "svv", "Scenes",
+         "File in which to keep the scene. If it holds a scene trained from the same input, that scene is read, so a "
+         "saved state need not train again. Training that was stopped resumes.", save=True),
+    *volume_properties(ViewOptions(test=0)),
+    *kept_as(),
+    status(),
+)  # fmt: skip
+@takes_volume
+class StyleRFTrain(DividedInput, Keeping):
+    """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
+    with a row for each region found, and carries the scene. It is trained again only if something that it depends on
+    has changed."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.filters.engine import followed, follows, regions_said, scene_in, train, training_moment
+
+        now, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
+
+        def make() -> Any:
+            with self.training() as progress:
+                return train(inputs[0], self.values, progress)
+
+        def own() -> Any:
+            return scene_in(Path(file), now, self.values) if file else None
+
+        def get() -> Any:
+            found = self.found_or_made("scene", "scene", now, make, own)
+            if file and own() is None:  # found in the cache, not in the user's file
+                found[0].save(file)
+            return found
+
+        self.begin_with("scene", "scene", now)
+        scene, name = self.steps.get(now, get, self.values["TrainEachTimeStep"])
+        self.gives(scene=name)
+        told = self.steps.told(now)
+        if follows(scene, inputs[0], self.steps.made, now):
+            whole, told = scene, f" Followed to time {now.time:g}."
+            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], self.values, now))
+        put_scene(scene, outputs[0])
+        said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
+        said = " ".join([said, *scene.made.get("warnings", [])])
+        return said + told_of(inputs[0], self.values) + self.note + told
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.steps.result is not None:
+            put_scene(self.steps.result[0], outputs[0])
+
+
+@smproxy.filter(label="StyleRF Render", support_reload=False)
+@menu
+@keep_input_visible
+@panel(*image_properties(400), device(), status())
+@takes_scene
+class StyleRFRender(ImageOutput):
+    """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
+    orbit around the scene; the macro StyleRF play orbit makes Play and Save Animation show them all."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkImageData")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.filters.engine import camera_for, draw
+
+        scene = scene_of(inputs[0])
+        camera = camera_for(scene, self.values)
+        put_drawn(outputs[0], draw(scene, camera, self.values, self.progress), camera)
+        return f"{camera.width} x {camera.height} pixels."
+
+
+@smproxy.filter(label="StyleRF Place In View", support_reload=False)
+@menu
+@panel(
+    switch("Opaque", False,
+           "Leave out pixels that are less than half opaque, and make the others opaque. Volumes in the same view are "
+           "then hidden by the picture, too; otherwise ParaView draws them over it."),
+    status(),
+)  # fmt: skip
+@takes_image
+class StyleRFPlaceInView(Filter):
+    """Place the image of StyleRF Render or StyleRF Stylized View in the 3D view, among everything else: a surface with
+    a point for each pixel, at the pixel's depth. The image's property Follow Camera is turned on, so that the picture
+    is rendered for the camera of the view in which it stands."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkPolyData")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.core.geometry.depth_mesh import depth_mesh
+
+        mesh = depth_mesh(*drawn_in(inputs[0]), self.values["Opaque"])
+        put_mesh(mesh, outputs[0])
+        return f"{len(mesh.points)} points."
+
+
+@smproxy.filter(label="StyleRF Volume", support_reload=False)
+@menu
+@smhint.xml('<RepresentationType view="RenderView" type="Volume"/>')
+@panel(*properties_of(BakeOptions()), *cut_properties(), status())
+@takes_scene
+class StyleRFVolume(VolumeOutput):
+    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, at
+    its own frame rate, and cut open by a plane, box, sphere or cylinder. An edit before this filter updates it without
+    looking at the scene again."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkImageData")
+
+    def grid_for(self, data: Any) -> Any:
+        from svv.kernels.dispatch import device_named
+        from svv.render.baking.baked import grid_for
+
+        options, scene = options_in(BakeOptions, self.values), scene_of(data)
+        device_named(options.device)
+        return grid_for(scene, options)
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.kernels.dispatch import device_named
+        from svv.pv.filters.engine import as_cut
+        from svv.render.baking.baked import Baker
+
+        options = options_in(BakeOptions, self.values)
+        scene = scene_of(inputs[0]).on(device_named(options.device))
+        baker: Baker = self.kept("baker", options.device, Baker)
+        key = key_of_scene(inputs[0]), options
+        baked = self.kept("baked", key, lambda: baker.bake(scene, options, self.progress))
+        self.kept("volume", object(), lambda: as_cut(baked, self.values))
+        self.before(outputs)
+        self.announce(out_info, self.last("volume").grid)
+        return f"{self.last('volume').told()}."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("volume") is not None:
+            put_baked(self.last("volume"), outputs[0])
+
+
+@smproxy.filter(label="StyleRF Stylized View", support_reload=False)
+@menu
+@keep_input_visible
+@panel(
+    files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
+    *training_properties("fast"),
+    button("TakeAsEdited", TAKE_HELP),
+    preview_file(),
+    *image_properties(400),
+    *volume_properties(ViewOptions(test=0)),
+    *kept_as(),
+    status(),
+)
+@takes_volume
+class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
+    """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
+    is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
+    this step by step, with edits in between."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkImageData")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.filters.engine import (
+            camera_for,
+            draw,
+            followed,
+            follows,
+            moving_from,
+            regions_said,
+            style_key,
+            train,
+            training_moment,
+        )
+        from svv.pv.filters.styling import stylize
+
+        values = self.values
+        now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
+        styles = style_key(values) if values["StyleFiles"] else ""
+        todo = 0.7 if styles else 0.98
+
+        def learn() -> Any:
+            with self.training() as progress:
+                return train(inputs[0], values, part(progress, 0.0, todo))
+
+        def paint() -> Any:
+            with self.training() as progress:
+                return stylize(scene, values, part(progress, todo, 0.98))
+
+        paintings: Steps[Any] = self.kept("paintings", None, Steps)
+        look = digest(styles, now.settings)
+        if styles:
+            self.begin_with_painting(now, look, paintings)
+        self.begin_with("scene", "scene", now)
+        scene, name = self.steps.get(now, lambda: self.found_or_made("scene", "scene", now, learn), each)
+        self.gives(scene=name)
+        if styles:
+            ours = Moment(look, "", key_in(name))
+            painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
+            self.gives(painted=name)
+            scene = painted
+        told, whole = self.steps.told(now), scene
+        camera = camera_for(whole, values)
+        made = self.steps.made
+        if made is not None and made.data == now.data:
+            self.kept("moving", (name, now.data), lambda: moving_from(whole, inputs[0], values, now.time))
+        if made is not None and follows(whole, inputs[0], made, now):
+            moving = self.kept("moving", (name, made.data), lambda: None)
+            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], values, now, moving))
+            told = f" Followed to time {now.time:g}."
+        put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
+        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        hint = "" if styles else "; choose a picture under Style Files to paint them"
+        return f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}{told}"
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("image") is not None:
+            outputs[0].ShallowCopy(self.last("image"))
+
+
+@smproxy.filter(group="internal_filters", label="StyleRF Pieces", support_reload=False)
+@panel(scalars())
+@takes_volume
+class StyleRFPieces(DividedInput):
+    """Lend a script the ranks among which a volume is divided (svv.pv.filters.parallel.on_all_ranks); it is in no menu."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+        do_next_job(inputs[0])
+
+
+@smproxy.filter(group="internal_filters", label="StyleRF Unit Distance", support_reload=False)
+@panel(display(), number("Distance", 1.0, "Opacity unit distance of the fourth component, world units."))
+class StyleRFUnitDistance(Filter):
+    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.display.volume_display)."""
+
+    def __init__(self) -> None:
+        import paraview.modules.vtkRemotingViews  # noqa: F401  (lets a server's Python know the class of displays)
+
+        super().__init__(0, 1, "vtkTable")
+
+    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Set it, on every rank."""
+        set_unit_distance(self.values["Display"], self.values["Distance"])
+        return 1

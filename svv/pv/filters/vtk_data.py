@@ -1,0 +1,356 @@
+"""Convert scenes, images and views to VTK data and back: scenes become tables, images and views become image data.
+
+Only plain VTK data passes between filters, so ParaView can show, save and transfer it. A scene's table carries the
+whole scene file as an array of bytes; unpacked scenes are cached, because a moving camera reads the same one again and
+again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import weakref
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageData, vtkPolyData, vtkTable
+
+from svv.core.geometry.cameras import Camera, look_at
+from svv.core.geometry.depth_mesh import DepthMesh
+from svv.errors import BadInput
+from svv.pv.filters.keys import digest_of_views
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.io.views.viewset import ViewSet
+    from svv.render.baking.baked_volume import BakedVolume
+
+SCENE = "StyleRF Scene"
+VIEWS = "StyleRF Views"
+CAMERA = "StyleRF Camera"
+"""Field data of an image: its camera's matrix (16, row by row), horizontal angle of view in radians, and width in world
+units if it is orthographic, otherwise 0."""
+BAKED, OPACITY, UNIT_DISTANCE = "RGBA", "StyleRF Opacity", "StyleRF Unit Distance"
+"""Names of a baked volume's array and field data, the same as in files (:mod:`svv.render.baking.baked`)."""
+
+KEPT = 3
+"""Maximum number of unpacked scenes in memory."""
+
+_scenes: OrderedDict[str, Scene] = OrderedDict()
+_digests: dict[tuple[str, int], str] = {}
+"""Address and modification time of an array -> hash of its content; hashing a scene of 20 MB takes 0.05 s."""
+KNOWN = 256
+"""Maximum number of arrays whose hashes are cached."""
+_views: weakref.WeakValueDictionary[str, ViewSet] = weakref.WeakValueDictionary()
+
+
+# --- scenes ---------------------------------------------------------------------------------------------------------
+
+
+def put_scene(scene: Scene, table: vtkTable) -> None:
+    """Fill a table with one row per region, and with the scene itself as field data."""
+    table.Initialize()
+    regions = scene.regions
+    colours = np.array([r.edited_colour or r.colour for r in regions], np.float64).reshape(-1, 3)
+    columns: list[tuple[str, Any]] = [
+        ("Region", np.arange(len(regions), dtype=np.int32)),
+        ("Colour", colours),
+        ("Share", np.array([r.share for r in regions], np.float64)),
+        ("Part Of", np.array([-1 if r.part_of is None else r.part_of for r in regions], np.int32)),
+        ("Values", np.array([r.values or (np.nan, np.nan) for r in regions], np.float64).reshape(-1, 2)),
+        ("Opacity", np.array([r.opacity for r in regions], np.float64)),
+        ("Lighting", np.array([r.lighting for r in regions], np.float64)),
+    ]
+    for name, values in columns:
+        table.AddColumn(_array(name, values))
+    for heading, words in (("Name", [r.name for r in regions]), ("Style", [r.style for r in regions])):
+        column = vtkStringArray()
+        column.SetName(heading)
+        for word in words:
+            column.InsertNextValue(word or "")
+        table.AddColumn(column)
+    content = scene.to_bytes()
+    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+    _keep(_digest(content), scene)
+
+
+def scene_of(data: vtkDataObject | None) -> Scene:
+    """Return the scene that a table carries.
+
+    Raises:
+        BadInput: There is none, or it is damaged.
+    """
+    from svv.fields.scene.scene import Scene
+
+    array = None if data is None else data.GetFieldData().GetArray(SCENE)
+    if array is None:
+        raise BadInput("The input is not a scene: connect StyleRF Train, Edit or Stylize, or open a .svv file.")
+    key = digest_of(array)
+    if key not in _scenes:
+        _keep(key, Scene.from_bytes(vtk_to_numpy(array).tobytes(), "The scene in the input"))
+    _scenes.move_to_end(key)
+    return _scenes[key]
+
+
+def key_of_scene(data: vtkDataObject) -> str:
+    """Return a hash of the scene that a table carries, with its edits."""
+    return digest_of(data.GetFieldData().GetArray(SCENE))
+
+
+def time_of(data: vtkDataObject | None) -> float | None:
+    """Return the time of a data object; None if it has none."""
+    key = vtkDataObject.DATA_TIME_STEP()
+    return float(data.GetInformation().Get(key)) if data is not None and data.GetInformation().Has(key) else None
+
+
+def digest_of(array: Any) -> str:
+    """Return a hash of an array's content; it is cached until the array is modified."""
+    place = array.__this__, array.GetMTime()
+    if place not in _digests:
+        if len(_digests) >= KNOWN:
+            _digests.clear()
+        _digests[place] = _digest(np.ascontiguousarray(vtk_to_numpy(array)).data)
+    return _digests[place]
+
+
+def _keep(key: str, scene: Scene) -> None:
+    _scenes[key] = scene
+    _scenes.move_to_end(key)
+    while len(_scenes) > KEPT:
+        _scenes.popitem(last=False)
+
+
+def forget_scenes() -> None:
+    """Release the unpacked scenes and the cached hashes."""
+    _scenes.clear()
+    _digests.clear()
+
+
+def _digest(content: bytes | memoryview) -> str:
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+# --- images ---------------------------------------------------------------------------------------------------------
+
+
+def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
+    """Fill an image with arrays whose row 0 is at the top; the first array becomes its scalars.
+
+    Args:
+        image: Image to fill; it gets one slice, with row 0 at the bottom, as usual in VTK.
+        arrays: Arrays by name, each (height, width) or (height, width, channels).
+    """
+    image.Initialize()
+    height, width = next(iter(arrays.values())).shape[:2]
+    image.SetDimensions(width, height, 1)
+    for number, (name, values) in enumerate(arrays.items()):
+        upside = np.ascontiguousarray(values[::-1])
+        array = _array(name, upside.reshape(width * height, -1) if values.ndim == 3 else upside.ravel())
+        _tell_ranges(array, values.reshape(width * height, -1))
+        image.GetPointData().AddArray(array)
+        if number == 0:
+            image.GetPointData().SetActiveScalars(name)
+
+
+def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[Any]], camera: Camera) -> None:
+    """Fill an image as :func:`put_image` does, and record its camera."""
+    put_image(image, arrays)
+    numbers = [*camera.camera_to_world.ravel(), camera.fov_x, camera.span_x or 0.0]
+    image.GetFieldData().AddArray(_array(CAMERA, np.array(numbers)))
+
+
+def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.float32], Camera]:
+    """Return RGBA (height, width, 4), depth (height, width) and camera of an image; row 0 is at the top.
+
+    Raises:
+        BadInput: The data are not an image that StyleRF Render or StyleRF Stylized View made.
+    """
+    fields = None if data is None else data.GetFieldData().GetArray(CAMERA)
+    if data is None or fields is None or not data.IsA("vtkImageData"):
+        raise BadInput("The input is not an image of a scene: connect StyleRF Render or StyleRF Stylized View.")
+    image = vtkImageData.SafeDownCast(data)
+    numbers = vtk_to_numpy(fields).astype(np.float64)
+    width, height, _ = image.GetDimensions()
+    camera = Camera(numbers[:16].reshape(4, 4), float(numbers[16]), width, height, float(numbers[17]) or None)
+    rgba, depth = (vtk_to_numpy(image.GetPointData().GetArray(name)) for name in ("RGBA", "Depth"))
+    return rgba.reshape(height, width, 4)[::-1], depth.reshape(height, width)[::-1], camera
+
+
+def put_mesh(mesh: DepthMesh, data: vtkPolyData) -> None:
+    """Fill a data object with a surface in its own colours, array ``RGBA`` of the points."""
+    data.Initialize()
+    points, cells = vtkPoints(), vtkCellArray()
+    points.SetData(_array("Points", mesh.points))
+    cells.SetData(4, _array("Vertices", mesh.quads.ravel()))
+    data.SetPoints(points)
+    data.SetPolys(cells)
+    data.GetPointData().SetScalars(_array("RGBA", mesh.colours))
+
+
+def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
+    """Fill an image with a baked volume, with its opacity function and unit distance as field data."""
+    image.Initialize()
+    image.SetDimensions(*volume.grid.shape)
+    image.SetOrigin(*volume.grid.origin)
+    image.SetSpacing(*(volume.grid.spacing,) * 3)
+    colours = _array(BAKED, volume.rgba.reshape(-1, 4))
+    _store_ranges(colours, *volume.ranges)  # at 256^3, VTK would look for them for seconds
+    image.GetPointData().SetScalars(colours)
+    for name, values in volume.fields().items():
+        image.GetFieldData().AddArray(_array(name, values))
+
+
+def evaluated(function: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of an implicit function of VTK at world coordinates (N, 3). (N,)"""
+    values = vtkDoubleArray()
+    values.SetNumberOfTuples(len(at))  # not every function does
+    function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(at)), values)
+    return vtk_to_numpy(values)
+
+
+def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
+    """Store the ranges of an array's components (N, C) where VTK caches them; VTK needs 0.1 s for a small image."""
+    finite = values if values.dtype.kind in "iu" else np.where(np.isfinite(values), values, np.nan)
+    if values.dtype.kind == "f" and (np.isinf(values).any() or np.isnan(finite).all(axis=0).any()):
+        return  # the ranges of all and of finite values differ, or there are no finite values
+    norm = np.linalg.norm(finite.astype(np.float64), axis=1)
+    ends = np.stack([np.nanmin(finite, axis=0), np.nanmax(finite, axis=0)], axis=1).astype(np.float64)
+    _store_ranges(array, ends, (float(np.nanmin(norm)), float(np.nanmax(norm))))
+
+
+def _store_ranges(array: Any, ends: NDArray[np.float64], norms: tuple[float, float]) -> None:
+    """Store ranges, of components (C, 2) and of lengths, where VTK caches them."""
+    information = array.GetInformation()
+    for key in (vtkDataArray.PER_COMPONENT(), vtkDataArray.PER_FINITE_COMPONENT()):
+        components = vtkInformationVector()
+        components.SetNumberOfInformationObjects(len(ends))
+        for component, (low, high) in enumerate(ends.tolist()):
+            components.GetInformationObject(component).Set(vtkDataArray.COMPONENT_RANGE(), (low, high), 2)
+        information.Set(key, components)
+    for length in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
+        information.Set(length, norms, 2)
+
+
+def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale: float = 0.0) -> Camera:
+    """Return a camera from VTK's ten numbers and its parallel scale.
+
+    Args:
+        numbers: Position (3), focal point (3), view up (3), and the vertical angle of view in degrees.
+        width: Width of the image, in pixels.
+        height: Height of the image, in pixels.
+        parallel_scale: Half of the image's height in world units if the camera is orthographic; 0 if it is not.
+
+    Raises:
+        BadInput: Position and focal point coincide, or the angle or scale is out of range.
+    """
+    position, focal, up = (np.array(numbers[k : k + 3], np.float64) for k in (0, 3, 6))
+    if parallel_scale:
+        return Camera.orthographic(look_at(position, focal, up), 2.0 * parallel_scale * width / height, width, height)
+    angle = np.radians(numbers[9])
+    if not 0 < angle < np.pi:
+        raise BadInput(f"The camera's angle of view must lie between 0 and 180 degrees, not {numbers[9]:g}.")
+    fov_x = 2.0 * np.arctan(np.tan(0.5 * angle) * width / height)
+    return Camera(look_at(position, focal, up), float(fov_x), width, height)
+
+
+# --- views ----------------------------------------------------------------------------------------------------------
+
+
+def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyData, key: str = "") -> None:
+    """Fill the outputs with one view as an image and all cameras as points; both refer to the views they belong to.
+
+    The views themselves stay with the filter that made them: a token in the image's field data refers to them for as
+    long as that filter exists.
+
+    Args:
+        views: All views.
+        index: Number of the view to show.
+        image: Image to fill.
+        cameras: Points to fill.
+        key: Hash of what the views depend on; by default the hash of the views themselves.
+    """
+    put_image(image, {"RGBA": views.images[index]})
+    token = f"{id(views):x}"
+    _views[token] = views
+    put_cameras(views.cameras, cameras)
+    _mark(token, key, image, cameras)
+
+
+def put_no_views(key: str, image: vtkImageData, cameras: vtkPolyData) -> None:
+    """Mark empty outputs with the key of the missing views: results made from those views may still be kept."""
+    _mark("", key, image, cameras)
+
+
+def _mark(token: str, key: str, *outputs: vtkDataObject) -> None:
+    for data in outputs:
+        name = vtkStringArray()
+        name.SetName(VIEWS)
+        name.InsertNextValue(token)
+        name.InsertNextValue(key)
+        data.GetFieldData().AddArray(name)
+
+
+def key_of_views(data: vtkDataObject | None) -> str | None:
+    """Return a hash of what the views of an image depend on; None if the image does not belong to any views.
+
+    Raises:
+        BadInput: The filter that made the views no longer exists.
+    """
+    array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
+    if array is None:
+        return None
+    if array.GetValue(1):
+        return str(array.GetValue(1))
+    views = views_of(data)
+    assert views is not None
+    return digest_of_views(views)
+
+
+def views_of(data: vtkDataObject | None) -> ViewSet | None:
+    """Return the views that an image belongs to; None if it does not belong to any.
+
+    Raises:
+        BadInput: The filter that made the views no longer exists.
+    """
+    array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
+    if array is None:
+        return None
+    views = _views.get(array.GetValue(0))
+    if views is None:
+        raise BadInput(
+            "The input's views are no longer in memory: apply StyleRF Views, or open the folder of views, again."
+        )
+    return views
+
+
+def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
+    """Fill a data object with cameras as points, with their direction, up, and vertical angle of view (degrees).
+
+    If any camera is orthographic, there is also the parallel scale (world units): half of the height of an orthographic
+    camera's image, and 0 for other cameras. The angle of an orthographic camera is 0.
+    """
+    data.Initialize()
+    matrices = np.stack([camera.camera_to_world for camera in cameras])
+    points = vtkPoints()
+    points.SetData(_array("Points", matrices[:, :3, 3]))
+    data.SetPoints(points)
+    vertices = vtkCellArray()
+    for number in range(len(cameras)):
+        vertices.InsertNextCell(1, [number])
+    data.SetVerts(vertices)
+    angles = [0.0 if c.is_orthographic else 2.0 * np.arctan(0.5 * c.height / c.focal) for c in cameras]
+    arrays = {"Direction": -matrices[:, :3, 2], "Up": matrices[:, :3, 1], "View Angle": np.degrees(angles)}
+    if any(c.is_orthographic for c in cameras):
+        arrays["Parallel Scale"] = np.array([0.5 * c.height / c.focal * c.is_orthographic for c in cameras])
+    for name, values in arrays.items():
+        data.GetPointData().AddArray(_array(name, values))
+
+
+def _array(name: str, values: NDArray[Any]) -> Any:
+    array = numpy_to_vtk(np.ascontiguousarray(values), deep=1)
+    array.SetName(name)
+    return array

@@ -1,0 +1,42 @@
+"""The property *Kept As*: after each run of a filter it holds the names under which the results are kept.
+
+The filter itself runs on the server, with the data, and cannot set its own properties, whereas states consist of
+properties. This is therefore client code. Setting the property starts nothing: the filter stores it without being
+modified.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from svv.pv.client.connection import server_gone
+from svv.pv.client.observers import Watched
+
+KEEPING = ("StyleRFViews", "StyleRFTrain", "StyleRFPalette", "StyleRFStylize", "StyleRFStylizedView")
+"""Filters with this property."""
+
+_watched: Watched[None] = Watched()
+"""The filters that are being watched."""
+
+
+def watch_kept(filter: Any) -> None:
+    """Keep a filter's property up to date with the names that the filter reports, from now on.
+
+    Args:
+        filter: Proxy of one of :data:`KEEPING`.
+    """
+    proxy = filter.SMProxy
+    if proxy not in _watched:
+        _watched.put(proxy, None)
+        proxy.AddObserver("UpdateDataEvent", _note)
+
+
+def _note(proxy: Any, event: str) -> None:
+    if server_gone(proxy):  # it ended during the work
+        return
+    told, carried = proxy.GetProperty("Kept"), proxy.GetProperty("KeptAs")
+    proxy.UpdatePropertyInformation(told)
+    names = told.GetElement(0)
+    if names and names != carried.GetElement(0):
+        carried.SetElement(0, names)
+        proxy.UpdateProperty("KeptAs")

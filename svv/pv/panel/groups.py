@@ -1,0 +1,332 @@
+"""Parts of ParaView's panels that several filters share: menu entry, inputs, and groups of properties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
+
+from svv.options.editing import LightEdit, OutlineEdit, PartEdit, RegionEdit
+from svv.options.making import (
+    DRAWN,
+    DeviceOptions,
+    PaletteOptions,
+    PresetName,
+    RenderOptions,
+    TrainOptions,
+    ViewOptions,
+)
+from svv.pv.panel.option_panel import properties_of
+from svv.pv.panel.properties import (
+    Property,
+    button,
+    capture_reports,
+    choice,
+    client_switch,
+    file,
+    group,
+    hidden_text,
+    integer,
+    moving,
+    number,
+    numbers,
+    picked,
+    scalars,
+    shape,
+    shown_where,
+    switch,
+    text,
+    transfer_function,
+)
+from svv.styles.offered import GALLERY, INKS
+
+PICTURES = "png jpg jpeg tif tiff bmp webp"
+TAKE_HELP = (
+    "Update the result to the current transfer function and time step. Neither editing the transfer function nor "
+    "playing an animation starts minutes of work by itself. Nothing is done if nothing has changed. Results that a "
+    "saved state cannot find are made again."
+)
+PALETTE = 8
+"""The most regions that a palette can have."""
+REGIONS = PALETTE + 4
+"""Number of regions in a panel: a palette's, and parts. StyleRF Edit ignores those that a scene lacks."""
+
+ROW = ("Style", "Positive", "Negative", "Mask", "Part")
+"""Properties of StyleRF Stylize for each region, without the prefix ``Region<k>``."""
+AUTOMATIC, AS_IT_IS, PICTURE, NO_GALLERY = "by mapping", "as it is", "picture ", "none"
+OFFERED = (*GALLERY, *(DRAWN + kind for kind in INKS))
+"""Styles that need no picture from the user."""
+AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
+"""Places where StyleRF Edit can put the light."""
+COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
+ADDED = 3
+"""Number of colours that the panel of StyleRF Palette can add at once."""
+
+
+def menu(cls: Any) -> Any:
+    """Show the filter under Filters > StyleRF."""
+    # Since 5.12 ParaView would insert a space into the name of a category without a label: "Style RF".
+    return smhint.xml('<ShowInMenu category="StyleRF" menu_label="StyleRF"/>')(cls)
+
+
+def keep_input_visible(cls: Any) -> Any:
+    """Keep the input visible when the filter is applied."""
+    return smhint.xml('<Visibility replace_input="0"/>')(cls)
+
+
+def takes_volume(cls: Any) -> Any:
+    """Give the filter a grid as its input, which may consist of blocks."""
+    arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
+    cls = smdomain.datatype(dataTypes=["vtkDataSet"], composite_data_supported=True)(cls)
+    return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
+
+
+def takes_image(cls: Any) -> Any:
+    """Give the filter an image of colours as its input; volumes, which have one component, cannot be chosen."""
+    arrays = '<InputArrayDomain name="input_array" attribute_type="point" number_of_components="4"/>'
+    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
+
+
+def takes_scene(cls: Any) -> Any:
+    """Give the filter a scene's table as its input."""
+    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(cls)
+
+
+def takes_scenes(cls: Any) -> Any:
+    """Give the filter the tables of several scenes as its input."""
+    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0, multiple_input=True)(cls)
+
+
+def volume_properties(views: ViewOptions) -> list[Property]:
+    """Return the properties of how a volume is shown and how many views of it are drawn."""
+    return [
+        scalars(),
+        transfer_function(),
+        number(
+            "OpacityUnitDistance", 0.0,
+            "Distance, in the volume's units, for which the opacities of the transfer function are defined; 0 uses "
+            "ParaView's default for this volume.", low=0.0,
+        ),
+        switch("Shade", True, "Light the volume from the camera."),
+        *group("Shading", [
+            number("Ambient", 0.0, "Ambient reflection.", 0.0, 1.0, True),
+            number("Diffuse", 1.0, "Diffuse reflection.", 0.0, 1.0, True),
+            number("Specular", 0.0, "Specular reflection.", 0.0, 1.0, True),
+            number("SpecularPower", 100.0, "Exponent of the specular highlights.", 0.0, 128.0, True),
+        ]),
+        integer(
+            "ResampleTo", 0, "Points along the longest side to which an input that is no image is resampled; 0: as its "
+            "cells and the memory suggest.", 0, advanced=True,
+        ),
+        *display_properties(),
+        *capture_reports(),
+        *properties_of(views),
+    ]  # fmt: skip
+
+
+def display_properties() -> Sequence[Property]:
+    """Return the properties with which a display changes a volume, under ParaView's names (:mod:`svv.pv.display.shown`)."""
+    return group("Display", [
+        choice("InterpolationType", ("Nearest", "Linear", "Cubic"), "Linear",
+               "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),
+        switch("UseCropping", False, "Show only a part of the volume.", True),
+        numbers("CroppingOrigin", (0.0, 0.0, 0.0), "Offset of that part, in the volume's units.", None, True),
+        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds that gives that part.", None, True),
+        numbers("Position", (0.0, 0.0, 0.0), "Where the volume is moved.", None, True),
+        numbers("Scale", (1.0, 1.0, 1.0), "Factors of the volume's size along x, y and z.", None, True),
+        numbers("Orientation", (0.0, 0.0, 0.0), "Angles by which the volume is turned, degrees.", None, True),
+        numbers("Origin", (0.0, 0.0, 0.0), "Point around which the volume is scaled and turned.", None, True),
+    ])  # fmt: skip
+
+
+def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str, ...] = ()) -> list[Property]:
+    """Return the properties of training options: first what to learn from, under a heading of its own, then the others.
+
+    Args:
+        options: The panel's defaults.
+        skip: Names of fields that the panel shows in another way.
+    """
+    (views_only,) = (made for made in properties_of(options) if made.name == "ViewsOnly")
+    return [*group("Learn From", [views_only]), *properties_of(options, skip=(*skip, "views_only"))]
+
+
+def training_properties(preset: PresetName) -> list[Property]:
+    """Return the properties of training."""
+    return [
+        *learning_properties(TrainOptions(preset=preset), skip=("device",)),
+        switch("TrainEachTimeStep", False,
+               "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
+               "until Take As Edited is pressed. The scenes of the most recent steps are kept."),
+        device(),
+    ]  # fmt: skip
+
+
+def device() -> Property:
+    """Return the property that chooses the device."""
+    (made,) = properties_of(DeviceOptions())
+    return made
+
+
+def preview_file() -> Property:
+    """Return the property that names the file for a preview of the painting."""
+    return file("PreviewFile", "png", "Pictures",
+                "File for a small preview of the painting while it is made, updated as paint is laid. "
+                "ParaView's own windows show the painting only when it is finished.",
+                save=True)  # fmt: skip
+
+
+def image_properties(size: int) -> list[Property]:
+    """Return the properties of the image of a scene.
+
+    Args:
+        size: Default width and height of the image, pixels.
+    """
+    return [
+        client_switch("FollowCamera",
+                      "Follow the camera of the view that shows the volume. While the mouse drags, the image is as "
+                      "large as time permits; on release, it is sharp. It is shown in a separate view to the right, in "
+                      "which the mouse turns the same camera, or in that view by StyleRF Place In View."),
+        numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
+        choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
+               "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),
+        *properties_of(RenderOptions(), skip=("device",)),
+        switch("Background", False, "Give the image a background; otherwise it is transparent."),
+        numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
+        numbers("Camera", (0.0,) * 9 + (30.0,),
+                "Position, focal point and view-up vector (x, y, z each), and angle of view in degrees. If position "
+                "and focal point are all zeros, the orbit around the scene is used.", None, True),
+        number("ParallelScale", 0.0, "Half of the image's height in world units if Camera is orthographic, with "
+               "parallel rays; 0 for perspective.", 0.0, None, True),
+        integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros. The macro StyleRF "
+                "play orbit animates through the frames.", 0, 180),
+        moving(),
+    ]  # fmt: skip
+
+
+def cut_properties() -> Sequence[Property]:
+    """Return the properties for cutting a volume open."""
+    return [
+        switch("Cut", False, "Cut the volume open at the surface below. (Clip would make tetrahedra of it, which "
+               "ParaView does not draw in its colours.)"),
+        *shown_where("Cut", 1, [
+            shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
+            switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
+        ]),
+    ]  # fmt: skip
+
+
+def region_properties(region: int) -> Sequence[Property]:
+    """Return the properties for editing one region."""
+    name, advanced = f"Region{region}", region > 3
+    return group(f"Region {region}", [
+        *properties_of(RegionEdit(), name, advanced),
+        switch(f"{name}Hide", False, "Hide the region without changing its opacity.", advanced),
+    ])  # fmt: skip
+
+
+def part_properties() -> Sequence[Property]:
+    """Return the properties for splitting regions into connected parts."""
+    return group("Parts", [
+        button("ClickPart", "Clicks in a view make the connected part of a region that is visible there a region of "
+               "its own, until the button is pressed again: in the image of the scene, or in the 3D view."),
+        text("Parts", "Points in the parts that become regions, as x,y,z in world coordinates, separated by "
+             "semicolons; clicks add to them. The parts follow the other regions, in this order."),
+        *properties_of(PartEdit()),
+        *picked(),
+    ])  # fmt: skip
+
+
+def light_properties() -> Sequence[Property]:
+    """Return the properties of the light, for scenes trained with the lighting ``phong``."""
+    return group("Light", [
+        choice("LightFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
+               "Where the light comes from. Applies to scenes trained with the lighting phong."),
+        *shown_where("LightFrom", 1, [
+            number("LightAzimuth", 0.0, "Angle to the right of the camera, which the light follows, in degrees.",
+                   -180.0, 180.0),
+            number("LightElevation", 0.0, "Angle above the camera, in degrees.", -90.0, 90.0),
+        ]),
+        *shown_where("LightFrom", 2, [
+            numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in world coordinates, "
+                "independent of the camera."),
+        ]),
+        *properties_of(LightEdit()),
+    ])  # fmt: skip
+
+
+def stroke_properties() -> Sequence[Property]:
+    """Return the properties of brush strokes that are no single number."""
+    return [
+        switch("MoveStrokeLight", False, "Light the relief of brush strokes from another direction."),
+        *shown_where("MoveStrokeLight", 1, [
+            numbers("StrokeLight", (-0.447, 0.744, 0.496), "Direction (x, y, z) in world coordinates from which the "
+                    "relief of brush strokes is lit."),
+        ]),
+        text("StrokePalette", "Give brush strokes the colours of another picture, keeping light and dark: a file, "
+             "gallery:NAME, or colours such as #102040,#f0d090. Empty: no change; own: the painting's."),
+    ]  # fmt: skip
+
+
+def outline_properties() -> Sequence[Property]:
+    """Return the properties of the outline: silhouettes and creases in ink."""
+    return group("Outline", [
+        *properties_of(OutlineEdit()),
+        text("OutlineRegions", "Numbers of the regions to outline, such as 0, 2. Empty: all regions.", "", True),
+    ])  # fmt: skip
+
+
+def correction_properties(region: int) -> Sequence[Property]:
+    """Return the properties for correcting one palette colour."""
+    name, advanced = f"Region{region}", region > 3
+    return group(f"Region {region}", [
+        switch(f"{name}SetColour", False, "Start training with another colour for the region.", advanced),
+        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "The region's palette colour.", "color_selector", advanced),
+        switch(f"{name}Remove", False, "Remove the region; other regions take over what it shows.", advanced),
+        switch(f"{name}Split", False, "Split the region into one region for each of its ranges of the transfer "
+            "function.",
+               advanced),
+    ])  # fmt: skip
+
+
+def added_properties(number: int) -> Sequence[Property]:
+    """Return the properties for adding a colour to the palette."""
+    name, advanced = f"Colour{number}", number > 1
+    return group(f"New colour {number}", [
+        switch(f"{name}Add", False, "Add a colour to the palette.", advanced),
+        numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour to add.", "color_selector", advanced),
+    ])  # fmt: skip
+
+
+def point_properties() -> Sequence[Property]:
+    """Return the properties for setting points of a mask in the view that shows it."""
+    return [
+        button("ClickInside", "Clicks in the picture of the second output mark what the region of Shown Mask learns "
+               "from, until the button is pressed again."),
+        button("ClickOutside", "Clicks in the picture mark what the region does not learn from."),
+        button("ClickRemove", "Clicks in the picture remove the nearest point."),
+        hidden_text("PictureSize", "GetPictureSize",
+                    "Width and height of the picture as it is shown, then those of its file."),
+    ]  # fmt: skip
+
+
+def style_properties(region: int) -> Sequence[Property]:
+    """Return the properties of one region's style, and of the part of the picture that it uses."""
+    name, advanced = f"Region{region}", region > 3
+    return group(f"Region {region}", [
+        choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *OFFERED),
+               AUTOMATIC, "The region's style: chosen by the mapping, none, one of Style Files (counted from 0), a "
+               "picture from the gallery, or a drawing in ink, which needs no picture.",
+               advanced),
+        text(f"{name}Positive", "Points in the picture that the region learns from, as x,y in pixels from the upper "
+             "left, separated by semicolons: 310,120; 40,300. Empty and without a mask: the whole picture.", "",
+             advanced),
+        text(f"{name}Negative", "Points that the region does not learn from.", "", advanced),
+        file(f"{name}Mask", "png", "Masks", "Mask of the picture to start from, with the points saved beside it; "
+             "the region learns from the white part.", advanced=advanced),
+        integer(f"{name}Part", -1, "Number of the part of the picture to use, if Picture Parts divides it; -1: do not "
+                "use parts.", -1, None, advanced),
+    ])  # fmt: skip

@@ -1,0 +1,399 @@
+"""The properties of the StyleRF filters, as ParaView's panel shows them.
+
+Before 5.13, ParaView's own decorators sort a class's properties by name. Here a class lists its properties in reading
+order, and :func:`panel` passes the list on as a single piece of XML, whose order every version keeps. It also gives the
+class the setters that the XML names: they store a changed value, then call ``Modified()``.
+"""
+
+from __future__ import annotations
+
+import re
+import weakref
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+from xml.sax.saxutils import escape, quoteattr
+
+SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
+"""ParaView's names of the surfaces between which :func:`shape` chooses."""
+
+CELLS = 1
+"""VTK's number of arrays that belong to cells."""
+
+Class = TypeVar("Class", bound=type)
+
+
+@dataclass(frozen=True)
+class Property:
+    """A property: its XML, its default in the filter's ``values``, and its setters by method name."""
+
+    name: str
+    xml: str
+    default: Any
+    setters: dict[str, Callable[..., None]]
+
+
+def _element(
+    kind: str,
+    name: str,
+    help: str,
+    attributes: str,
+    inside: str = "",
+    advanced: bool = False,
+    hints: str = "",
+) -> str:
+    level = "advanced" if advanced else "default"
+    hints = f"<Hints>{hints}</Hints>" if hints else ""
+    return (
+        f"<{kind} name={quoteattr(name)} label={quoteattr(label_of(name))} panel_visibility={quoteattr(level)} "
+        f"{attributes}>"
+        f"{inside}<Documentation>{escape(help)}</Documentation>{hints}</{kind}>"
+    )
+
+
+def label_of(name: str) -> str:
+    """Return the label of a property: 'View Size' for 'ViewSize'. ParaView's Python removes the spaces again."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)
+
+
+def _store(name: str, convert: Callable[..., Any]) -> Callable[..., None]:
+    def setter(self: Any, *given: Any) -> None:
+        value = convert(*given)
+        if self.values[name] != value:
+            self.values[name] = value
+            self.Modified()
+
+    return setter
+
+
+def _range(kind: str, low: float | None, high: float | None) -> str:
+    ends = "".join(f' {key}="{value:g}"' for key, value in (("min", low), ("max", high)) if value is not None)
+    return f'<{kind} name="range"{ends}/>' if ends else ""
+
+
+def integer(
+    name: str, default: int, help: str, low: int | None = None, high: int | None = None,
+    advanced: bool = False,
+) -> Property:  # fmt: skip
+    """Return a whole-number property; a slider if both ``low`` and ``high`` are given."""
+    xml = _element(
+        "IntVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{default}"',
+        _range("IntRangeDomain", low, high), advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, int)})
+
+
+def number(
+    name: str, default: float, help: str, low: float | None = None, high: float | None = None,
+    advanced: bool = False,
+) -> Property:  # fmt: skip
+    """Return a number property; a slider if both ``low`` and ``high`` are given."""
+    xml = _element(
+        "DoubleVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{default:g}"',
+        _range("DoubleRangeDomain", low, high), advanced,
+    )  # fmt: skip
+    return Property(name, xml, float(default), {f"Set{name}": _store(name, float)})
+
+
+def numbers(
+    name: str, default: Sequence[float], help: str, widget: str | None = None, advanced: bool = False
+) -> Property:
+    """Return a property of several numbers, such as a colour (``widget="color_selector"``)."""
+    shown = f' panel_widget="{widget}"' if widget else ""
+    values = " ".join(f"{value:g}" for value in default)
+    xml = _element(
+        "DoubleVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="{len(default)}" default_values="{values}"{shown}',
+        '<DoubleRangeDomain name="range"/>', advanced,
+    )  # fmt: skip
+    convert = lambda *given: tuple(float(value) for value in given)  # noqa: E731
+    return Property(name, xml, tuple(map(float, default)), {f"Set{name}": _store(name, convert)})
+
+
+def switch(name: str, default: bool, help: str, advanced: bool = False) -> Property:
+    """Return a check box."""
+    xml = _element(
+        "IntVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{int(default)}"',
+        '<BooleanDomain name="bool"/>', advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, bool)})
+
+
+def client_switch(name: str, help: str) -> Property:
+    """Return a check box for client code, off by default; the filter's output does not depend on it."""
+
+    def setter(self: Any, value: int) -> None:
+        self.values[name] = bool(value)
+
+    return replace(switch(name, False, help), setters={f"Set{name}": setter})
+
+
+def choice(name: str, entries: Sequence[str], default: str, help: str, advanced: bool = False) -> Property:
+    """Return a choice between words; ``values`` holds the word."""
+    inside = "".join(f'<Entry value="{k}" text={quoteattr(entry)}/>' for k, entry in enumerate(entries))
+    xml = _element(
+        "IntVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{list(entries).index(default)}"',
+        f'<EnumerationDomain name="enum">{inside}</EnumerationDomain>', advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, lambda k: entries[int(k)])})
+
+
+def text(name: str, help: str, default: str = "", advanced: bool = False) -> Property:
+    """Return a line of text."""
+    xml = _element(
+        "StringVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values={quoteattr(default)}', "", advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, lambda value: value or "")})
+
+
+def file(name: str, extensions: str, what: str, help: str, save: bool = False, advanced: bool = False) -> Property:
+    """Return a file on the server, or a folder if ``extensions`` is empty."""
+    domain = '<FileListDomain name="files"/>'
+    if extensions:
+        accept = ' accept_any_file="1"' if save else ""
+        hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}{accept}/>"
+    else:
+        hints = "<UseDirectoryName/>"
+    xml = _element(
+        "StringVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="" animateable="0"', domain, advanced, hints,
+    )  # fmt: skip
+    return Property(name, xml, "", {f"Set{name}": _store(name, lambda value: value or "")})
+
+
+def files(name: str, extensions: str, what: str, help: str) -> Property:
+    """Return a list of files on the server."""
+    hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}/>"
+    xml = _element(
+        "StringVectorProperty", name, help,
+        f'command="Add{name}" clean_command="Clear{name}" repeat_command="1" number_of_elements_per_command="1" '
+        f'number_of_elements="0" animateable="0"',
+        '<FileListDomain name="files"/>', False, hints,
+    )  # fmt: skip
+
+    def add(self: Any, value: str) -> None:
+        if value:
+            self.values[name] = (*self.values[name], value)
+            self.Modified()
+
+    def clear(self: Any) -> None:
+        self.values[name] = ()
+        self.Modified()
+
+    return Property(name, xml, (), {f"Add{name}": add, f"Clear{name}": clear})
+
+
+def button(name: str, help: str) -> Property:
+    """Return a button that calls the filter's method of the same name."""
+    xml = _element("Property", name, help, f'command="{name}" panel_widget="command_button"')
+    return Property(name, xml, None, {})
+
+
+def status() -> Property:
+    """Return the status line, which shows what the filter's ``GetStatus`` returns."""
+    xml = (
+        '<StringVectorProperty name="Status" label="Status" command="GetStatus" information_only="1" '
+        'number_of_elements="1" default_values="None" panel_visibility="default">'
+        "<Documentation>What the filter last did, or why it failed.</Documentation></StringVectorProperty>"
+    )
+    return Property("Status", xml, None, {})
+
+
+def shown_view() -> Sequence[Property]:
+    """Return the properties that choose the view to show; the filter's ``GetViewNumbers`` returns the range."""
+    ends = (
+        '<IntVectorProperty name="ViewNumbers" command="GetViewNumbers" information_only="1" number_of_elements="2" '
+        'default_values="0 0" panel_visibility="never"><SimpleIntInformationHelper/>'
+        "<Documentation>Numbers of the first and the last view.</Documentation></IntVectorProperty>"
+    )
+    xml = _element(
+        "IntVectorProperty", "ShownView", "Number of the view to show, from 0.",
+        'command="SetShownView" number_of_elements="1" default_values="0"',
+        '<IntRangeDomain name="range"><RequiredProperties><Property name="ViewNumbers" function="RangeInfo"/>'
+        "</RequiredProperties></IntRangeDomain>",
+    )  # fmt: skip
+    shown = Property("ShownView", xml, 0, {"SetShownView": _store("ShownView", int)})
+    return [Property("ViewNumbers", ends, None, {}), shown]
+
+
+def scalars() -> Property:
+    """Return the property that chooses a point or cell array of the input."""
+    xml = (
+        '<StringVectorProperty name="Scalars" command="SetScalars" number_of_elements="5" element_types="0 0 0 0 2" '
+        'animateable="0" label="Scalars"><ArrayListDomain name="array_list" attribute_type="Scalars" '
+        'input_domain_name="input_array"><RequiredProperties><Property name="Input" function="Input"/>'
+        "</RequiredProperties></ArrayListDomain><Documentation>The array that the volume rendering shows; one number "
+        "per voxel.</Documentation></StringVectorProperty>"
+    )
+
+    def setter(self: Any, *given: Any) -> None:
+        chosen = given[4] or "", bool(given[4]) and int(given[3]) == CELLS
+        if chosen != (self.values["Scalars"], self.values.get("ScalarsOnCells", False)):
+            self.values["Scalars"], self.values["ScalarsOnCells"] = chosen
+            self.Modified()
+
+    return Property("Scalars", xml, "", {"SetScalars": setter})
+
+
+def capture_reports() -> list[Property]:
+    """Return the properties with which the client says what it could not take over of how the volume is shown."""
+    helps = {
+        "Refusal": "Why the volume cannot be drawn as it is shown; empty if it can.",
+        "Notice": "How it is drawn otherwise than it is shown; empty if it is not.",
+    }
+    return [
+        Property(
+            name,
+            f'<StringVectorProperty name="{name}" command="Set{name}" number_of_elements="1" default_values="" '
+            f'panel_visibility="never"><Documentation>{escape(help)}</Documentation></StringVectorProperty>',
+            "",
+            {f"Set{name}": _store(name, lambda value: value or "")},
+        )
+        for name, help in helps.items()
+    ]
+
+
+def transfer_function() -> Property:
+    """Return the property for colours and opacities: ParaView's colour transfer function with its opacity function."""
+    xml = (
+        '<ProxyProperty name="TransferFunction" label="Transfer Function" command="SetTransferFunction" '
+        'panel_widget="proxy_editor" null_on_empty="1">'
+        '<ProxyGroupDomain name="groups"><Group name="lookup_tables"/></ProxyGroupDomain>'
+        "<Documentation>Colours and opacities of the volume rendering to learn. Taken from the volume as the active "
+        "view shows it when the filter is created; the colour map editor edits the same transfer function."
+        "</Documentation></ProxyProperty>"
+    )
+
+    def setter(self: Any, table: Any) -> None:
+        if self.values["TransferFunction"] is not table:
+            self.values["TransferFunction"] = table
+            self.Modified()
+
+    return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})
+
+
+def shape(name: str, help: str) -> Property:
+    """Return the property for a surface with handles in the view, as Clip has it: a plane, box, sphere or cylinder."""
+    kinds = "".join(f'<Proxy group="implicit_functions" name="{kind}"/>' for kind in SHAPES)
+    xml = (
+        f'<ProxyProperty name="{name}" label="{label_of(name)}" command="Set{name}">'
+        f'<ProxyListDomain name="proxy_list">{kinds}</ProxyListDomain>'
+        f"<Documentation>{escape(help)}</Documentation></ProxyProperty>"
+    )
+
+    def setter(self: Any, function: Any) -> None:
+        if self.values[name] is not function:
+            self.values[name] = function
+            self.Modified()
+            if function is not None:
+                function.AddObserver("ModifiedEvent", _marker(self))
+
+    return Property(name, xml, None, {f"Set{name}": setter})
+
+
+def _marker(filter: Any) -> Callable[..., None]:
+    """Return an observer that marks a filter as modified as long as it exists."""
+    reference = weakref.ref(filter)
+
+    def mark(*_: Any) -> None:
+        this = reference()
+        if this is not None:
+            this.Modified()
+
+    return mark
+
+
+def display() -> Property:
+    """Return the property for a display of data in a view."""
+    xml = '<ProxyProperty name="Display" command="SetDisplay" null_on_empty="1"/>'
+    return Property("Display", xml, None, {"SetDisplay": _store("Display", lambda shown: shown)})
+
+
+def kept_as() -> list[Property]:
+    """Return the property with the names under which results are kept, so that a saved state finds them.
+
+    :mod:`svv.pv.panel.cached_names` fills it in. Setting it changes no result, and so starts no work.
+    """
+    xml = _element(
+        "StringVectorProperty", "KeptAs", "Names under which the filter keeps its results, so that a saved state finds "
+        "them; filled in by the filter. If this is empty, missing results are made without waiting for a button.",
+        'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"', "", True,
+    )  # fmt: skip
+
+    def setter(self: Any, value: str) -> None:
+        self.values["KeptAs"] = value or ""
+
+    told = hidden_text("Kept", "GetKept", "Names under which the results are kept now.")
+    return [Property("KeptAs", xml, "", {"SetKeptAs": setter}), told]
+
+
+def moving() -> Property:
+    """Return the property with which the client says that the camera moves, so that the image is made in a hurry."""
+    xml = (
+        '<IntVectorProperty name="Moving" command="SetMoving" number_of_elements="1" default_values="0" '
+        'panel_visibility="never" state_ignored="1"><BooleanDomain name="bool"/><Documentation>Whether the image is '
+        "made in a hurry, with fewer samples, because the camera moves.</Documentation></IntVectorProperty>"
+    )
+    return Property("Moving", xml, False, {"SetMoving": _store("Moving", bool)})
+
+
+def picked() -> list[Property]:
+    """Return the properties through which the client asks what is visible at a pixel (:mod:`svv.pv.client.part_picking`)."""
+    xml = (
+        '<StringVectorProperty name="Pick" command="SetPick" number_of_elements="1" default_values="" '
+        'panel_visibility="never" state_ignored="1"><Documentation>Camera and pixel of the last click, as JSON.'
+        "</Documentation></StringVectorProperty>"
+    )
+
+    def setter(self: Any, value: str) -> None:
+        self.pick(value or "")
+
+    told = hidden_text("Picked", "GetPicked", "The point in space that is visible there; empty if there is none.")
+    return [Property("Pick", xml, "", {"SetPick": setter}), told]
+
+
+def hidden_text(name: str, command: str, help: str) -> Property:
+    """Return a text that the filter's method ``command`` gives to client code; no panel shows it."""
+    xml = (
+        f'<StringVectorProperty name={quoteattr(name)} command={quoteattr(command)} information_only="1" '
+        'number_of_elements="1" default_values="None" panel_visibility="never">'
+        f"<Documentation>{escape(help)}</Documentation></StringVectorProperty>"
+    )
+    return Property(name, xml, None, {})
+
+
+def shown_where(chosen: str, value: int, properties: Sequence[Property]) -> list[Property]:
+    """Return the properties such that the panel shows them only while the property ``chosen`` has this value."""
+    hint = (
+        f'<Hints><PropertyWidgetDecorator type="GenericDecorator" mode="visibility" property={quoteattr(chosen)} '
+        f'value="{value}"/></Hints>'
+    )
+    return [replace(p, xml=p.xml.replace("</Documentation>", f"</Documentation>{hint}")) for p in properties]
+
+
+def group(label: str, properties: Sequence[Property]) -> Sequence[Property]:
+    """Return the properties under a common heading."""
+    inside = "".join(f"<Property name={quoteattr(p.name)}/>" for p in properties)
+    xml = f"<PropertyGroup label={quoteattr(label)}>{inside}</PropertyGroup>"
+    return [*properties, Property("", xml, None, {})]
+
+
+def panel(*properties: Property) -> Callable[[Class], Class]:
+    """Return a decorator that gives a filter's class these properties, in this order."""
+
+    def decorate(cls: Class) -> Class:
+        from paraview.util.vtkAlgorithm import smproperty
+
+        plain: Any = getattr(cls, "_pv_original_func", cls)  # ParaView's decorators do not return a class
+        for property in properties:
+            for name, setter in property.setters.items():
+                setattr(plain, name, setter)
+        plain.defaults = {p.name: p.default for p in properties if p.setters}
+        return smproperty.xml("".join(p.xml for p in properties))(cls)
+
+    return decorate

@@ -1,0 +1,116 @@
+"""The buttons Undo, Redo and Reset of a panel: they set its properties, as a user would by hand.
+
+The filter itself runs on the server, with the data, and knows only its current values. This is therefore client code:
+it remembers the applied values and sets the panel to them, so that the panel always shows the values in use.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from svv.pv.client.observers import Watched
+
+BUTTONS = {
+    "UndoEdit": "undo", "RedoEdit": "redo", "ResetEdits": "reset", "ResetPalette": "reset",
+}  # fmt: skip
+"""Action of each button of the StyleRF panels."""
+
+STEPS = 50
+"""Maximum number of a panel's states that are remembered."""
+
+_watched: Watched[PanelHistory] = Watched()
+"""Histories of the filters; without this reference Python would collect them, because VTK holds none."""
+
+
+class PanelHistory:
+    """The values applied in one panel. It holds no reference to the filter, which can therefore be deleted."""
+
+    def __init__(self) -> None:
+        self.now: dict[str, Any] | None = None
+        self.past: list[dict[str, Any]] = []
+        self.future: list[dict[str, Any]] = []
+        self.pressed.__func__.CallDataType = "string0"  # type: ignore[attr-defined]
+
+    def applied(self, proxy: Any, event: str) -> None:
+        """Remember the values that were applied before the current ones."""
+        values = values_of(proxy)
+        if self.now is not None and values != self.now:
+            self.past = [*self.past, self.now][-STEPS:]
+            self.future = []
+        self.now = values
+
+    def pressed(self, proxy: Any, event: str, name: str) -> None:
+        """Carry out a button's action."""
+        done = BUTTONS.get(name)
+        if done == "reset":
+            reset(proxy)
+        elif done == "undo" and self.past and self.now is not None:
+            self.future.append(self.now)
+            self.now = self.past.pop()
+            give(proxy, self.now)
+        elif done == "redo" and self.future and self.now is not None:
+            self.past.append(self.now)
+            self.now = self.future.pop()
+            give(proxy, self.now)
+
+
+def watch(filter: Any) -> None:
+    """Make a filter's buttons work, from now on.
+
+    Args:
+        filter: Proxy of a StyleRF filter with such buttons.
+    """
+    proxy = filter.SMProxy
+    if proxy in _watched:
+        return
+    history = PanelHistory()
+    _watched.put(proxy, history)
+    proxy.AddObserver("UpdateDataEvent", history.applied)
+    proxy.AddObserver("UpdatePropertyEvent", history.pressed)
+
+
+NO_SETTINGS = ("SaveFile", "KeptAs", "Pick")
+"""Properties that no button sets: the file for the scene, the names that the filter itself fills in, and the place of
+the last click."""
+
+
+def values_of(proxy: Any) -> dict[str, Any]:
+    """Return a proxy's settings by property, without its inputs and :data:`NO_SETTINGS`."""
+    filter = _python(proxy)
+    found = {}
+    for name in filter.ListProperties():
+        own = filter.GetProperty(name)
+        plain = own.SMProperty
+        settable = plain.IsA("vtkSMVectorProperty") and not plain.GetInformationOnly()
+        if settable and plain.GetXMLName() not in NO_SETTINGS:
+            data = own.GetData()
+            found[name] = list(data) if isinstance(data, list | tuple) else data
+    return found
+
+
+def give(proxy: Any, values: dict[str, Any]) -> None:
+    """Set a panel's values, and show the result."""
+    filter = _python(proxy)
+    for name, value in values.items():
+        filter.GetProperty(name).SetData(value)
+    _show(proxy)
+
+
+def reset(proxy: Any) -> None:
+    """Reset all of a panel's settings to their defaults."""
+    for name in values_of(proxy):
+        _python(proxy).GetProperty(name).SMProperty.ResetToDefault()
+    _show(proxy)
+
+
+def _show(proxy: Any) -> None:
+    from paraview import simple
+
+    proxy.UpdateVTKObjects()
+    simple.RenderAllViews()
+
+
+def _python(proxy: Any) -> Any:
+    from paraview import servermanager
+
+    return servermanager._getPyProxy(proxy)

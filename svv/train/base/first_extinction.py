@@ -1,0 +1,165 @@
+"""What is known before the first step of training: where something may be visible, and a first extinction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from svv.core.volumes.classified import ClassifiedVolume, ValueGrid
+from svv.errors import Progress
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import BaseField, FieldSettings
+from svv.fields.radiance.occupancy import Occupancy, carve, largest_in, least_extinction
+from svv.io.views.viewset import ViewSet
+from svv.kernels.dispatch import CPU
+from svv.train.base.tomography import extinction_from
+from svv.train.config import ReconstructSettings
+from svv.train.run import ranks
+from svv.train.run.checkpoint import Arrays
+
+MOST_CELLS = 256
+"""Maximum number of cells along the longest side of an extinction reconstructed from views."""
+
+KNOWN_CELLS = 4
+"""Maximum number of cells of an extinction that the volume tells, per cell of the finest features.
+
+Each is a part of a pixel, but training only refines what is known. Twice as many as elsewhere gain 1.4 dB for a stent
+and 2 dB for an embryo."""
+
+POINTS_AT_A_TIME = 1 << 18
+"""Number of points whose extinction a network computes together."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Where training starts."""
+
+    occupancy: Occupancy
+    """Cells that may hold something visible."""
+    density: SparseLattice | None = None
+    """Log extinction on the vertices of the occupied cells, one level; None if nothing is known about it."""
+    measured: bool = False
+    """Whether the log extinction was reconstructed from the views; otherwise it is the volume's."""
+    values: ValueGrid | None = None
+    """Values of the volume, if the scene is to be a function of them."""
+
+    @classmethod
+    def from_arrays(cls, occupancy: Occupancy, cells: int, arrays: Arrays) -> Beginning:
+        """Return a beginning that was reconstructed from the views, from the result of :meth:`to_arrays`.
+
+        Args:
+            occupancy: The occupancy.
+            cells: Cells per box unit of the density.
+            arrays: The arrays of a checkpoint.
+        """
+        density = SparseLattice(occupancy.occupied, occupancy.cells, (cells,), 1).requires_grad_(False)
+        density.table.copy_(torch.from_numpy(arrays["table"].copy()))
+        return cls(occupancy, density, measured=True)
+
+    def to_arrays(self) -> Arrays:
+        """Return the occupied cells and the log extinction, for a checkpoint."""
+        assert self.density is not None
+        return {"occupied": self.occupancy.occupied, "table": self.density.table.detach().numpy().copy()}
+
+
+def first_occupancy(
+    views: ViewSet, settings: ReconstructSettings, field: FieldSettings, progress: Progress
+) -> tuple[Occupancy, str]:
+    """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
+
+    Raises:
+        BadInput: No point is visible in all views.
+    """
+    progress(0.0, "where to look")
+    known = known_volume(views, settings, field)
+    if known is None:
+        occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
+        reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
+    else:
+        least = least_extinction(settings.prune_least * known.cells, float(np.exp(np.float64(known.exponent.max()))))
+        occupied = known.occupied(settings.cells, least)
+        occupancy = Occupancy(known.box, settings.cells, occupied)
+        reason = (
+            "the extinction is that of the volume and its transfer function, which fill "
+            f"{occupancy.fraction:.1%} of the box; training refines it"
+        )
+    progress(1.0, "where to look")
+    return occupancy, reason
+
+
+def begin(
+    views: ViewSet,
+    occupancy: Occupancy,
+    field: FieldSettings,
+    settings: ReconstructSettings,
+    seed: int,
+    progress: Progress,
+    limit: float | None = None,
+) -> tuple[Beginning, str | None]:
+    """Return where training starts, and how the extinction was found if the views had to tell.
+
+    Args:
+        views: Training views.
+        occupancy: Initial occupancy (:func:`first_occupancy`).
+        field: Shape of the networks.
+        settings: Settings of stage 1.
+        seed: Seed of the reconstruction from views.
+        progress: Called several times a second during that.
+        limit: Seconds after which it ends.
+    """
+    known, finest = known_volume(views, settings, field), 2 * field.resolutions[-1]
+    if known is not None:
+        cells = min(KNOWN_CELLS * field.resolutions[-1], known.cells)
+        density = SparseLattice(occupancy.occupied, occupancy.cells, (cells,), 1)
+        with torch.no_grad():
+            for rows, vertices in density.pieces_of_level(0, occupancy.occupied, occupancy.cells):
+                density.table[rows, 0] = torch.from_numpy(known.at_vertices(vertices, cells))
+        return Beginning(occupancy, density), None
+    if field.encoding != "lattice" or not settings.tomography:
+        return Beginning(occupancy), None
+
+    def pruned(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
+        extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, CPU)
+        least = least_extinction(settings.faint_prune_least * min(finest, MOST_CELLS), float(extinction.max()))
+        left = where.pruned(extinction, least, grow)
+        return left if left.occupied.any() else where
+
+    density, left, reason = extinction_from(views, occupancy, min(finest, MOST_CELLS), pruned, seed, progress, limit)
+    return Beginning(left, density, measured=True), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
+
+
+def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:
+    """Return the volume that initializes the density, if the views include it and the field is a lattice."""
+    return views.classified if settings.use_volume and field.encoding == "lattice" else None
+
+
+@torch.no_grad()
+def largest_extinction(
+    exponent: Callable[[Tensor], Tensor], occupancy: Occupancy, device: torch.device, shared: bool = False
+) -> Tensor:
+    """Return the largest extinction at 27 points of each occupied cell, in raster order.
+
+    Args:
+        exponent: Log extinction (S,) at points (S, 3) of the box.
+        occupancy: Occupied cells.
+        device: Device of the points.
+        shared: Whether all ranks call this together: each looks at a part of the cells.
+    """
+    corner = occupancy.occupied_on(device).nonzero()
+    if shared and ranks.many():
+        part, whole = ranks.part(len(corner)), torch.zeros(len(corner), device=device)
+        whole[part] = largest_in(exponent, corner[part], occupancy)
+        return ranks.summed(whole)
+    return largest_in(exponent, corner, occupancy)
+
+
+def log_extinction(field: BaseField, points: Tensor) -> Tensor:
+    """Return a field's log extinction at points of the box: (S, 3) -> (S,)."""
+    if field.density is not None:
+        return field.density(points).sum(dim=1)
+    assert field.density_mlp is not None
+    return torch.cat([field.density_mlp(field.encoding(p))[:, 0] for p in points.split(POINTS_AT_A_TIME)])

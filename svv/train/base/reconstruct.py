@@ -1,0 +1,240 @@
+"""Stage 1: the base radiance field from the views (StyleRF-VolVis, section 3.1)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
+from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
+from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
+from svv.io.views.viewset import ViewSet
+from svv.kernels.dispatch import CPU
+from svv.kernels.types import Samples
+from svv.train.base.first_extinction import Beginning, largest_extinction, log_extinction
+from svv.train.base.tomography import mostly_opaque
+from svv.train.config import ReconstructSettings
+from svv.train.run import ranks
+from svv.train.run.batches import Batch, RayBudget, RayPool
+from svv.train.run.gradients import sum_gradients
+from svv.train.run.loop import Loop, Running, falling, network_adam
+
+LEAST_GAIN = 0.1
+"""Gain in dB over the last tenth of a schedule, before learning rates fall to nothing, from which a longer schedule is
+reported as worthwhile."""
+
+DENSITY_COST = 0.25
+"""Cost of a sample that only the density learns from, relative to a sample with a colour."""
+
+
+class Reconstruction:
+    """Trains a base field step by step from views, starting from an extinction if one is known."""
+
+    def __init__(
+        self,
+        views: ViewSet,
+        beginning: Beginning,
+        field: FieldSettings,
+        settings: ReconstructSettings,
+        seed: int = 0,
+        device: torch.device = CPU,
+    ) -> None:
+        torch.manual_seed(seed)
+        self.settings, self.field_settings, self.device = settings, field, device
+        known = beginning.density
+        self.known = known is not None
+        self.density_rate = settings.density_rate
+        self.prune_least = settings.prune_least
+        if self.known and not beginning.measured:
+            self.density_rate = settings.known_density_rate
+        elif self.known and mostly_opaque(views):
+            self.density_rate = settings.opaque_density_rate
+        elif self.known:
+            self.density_rate, self.prune_least = settings.translucent_density_rate, settings.faint_prune_least
+        self.refined: Occupancy | None = None
+        self.occupancy = occupancy = beginning.occupancy
+        levels = None if known is None else known.resolutions
+        self.field = BaseField(field, occupancy, levels)  # created on the CPU: the same numbers on every device
+        if known is not None:
+            assert self.field.density is not None
+            with torch.no_grad():
+                self.field.density.table.copy_(known.table)
+        self.field.to(device)
+        self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
+        density = self.field.density
+        if density is not None and known is None:
+            with torch.no_grad():
+                density.table[density.rows_of_level(0)] = settings.initial_exponent
+        finest = field.resolutions[-1] if density is not None else 512
+        self.marching = Marching(1.0 / finest, keep=settings.keep)
+        self.pool = RayPool(views, occupancy.box, seed, device, field.headlight)
+        self.budget = RayBudget(settings.rays, settings.samples)
+        ranks.alike(self.field)
+        self.trained = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
+        self.networks = network_adam(self.trained, settings.network_rate)
+        self.tables = LatticeAdam(self.field.encodings)
+
+    def step(self, number: int, fraction: float) -> Tensor:
+        """Take one step of the optimisers; returns the mean squared error of colour."""
+        s = self.settings
+        if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
+            self.refine()
+        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
+        samples = march(batch.rays, self.occupancy, self.field.density, self.marching, number + 1, batch.first)
+        samples, sigma, colour, cost = self._look(samples, batch, number)
+        self.budget.adjust(number, cost)
+        out, transmittance, _ = composite(samples, sigma, colour)
+        missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
+        errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
+        error = errors[:3].detach().mean()
+        loss = (errors * errors.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, s.alpha_weight])).sum()
+        self.networks.zero_grad(set_to_none=True)
+        loss.backward()
+        error = sum_gradients(error, self.trained, self.field.encodings)
+        self._update(falling(fraction, s.decay, s.hold))
+        if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
+            self.prune(grow=fraction < 0.25 and not self.known)
+        return error
+
+    def _look(self, samples: Samples, batch: Batch, number: int) -> tuple[Samples, Tensor, Tensor, float]:
+        """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
+
+        If the density has its own lattice, it learns from all samples, but colours are only computed for representative
+        samples and shared with those around them: a ray through fog has dozens of samples but needs few colours.
+        """
+        rays = batch.rays
+        if self.field.density is None or not len(samples):
+            cost, (sigma, geometry) = float(len(samples)), self.field.geometry(samples)
+            samples, seen = not_hidden(samples, sigma, self.marching)
+            colour = self.field(geometry[seen], encode_directions(rays.lit_along, samples.ray))
+            return samples, sigma[seen], colour, cost
+        rows, place = representatives(samples, self.settings.colour_every, number, batch.first)
+        sigma = Extinction.apply(samples, self.field.density.table, self.field.density)
+        geometry = self.field.encoding(samples.position[rows])
+        colour = self.field(geometry, encode_directions(rays.lit_along, samples.ray[rows]))
+        cost = len(rows) + DENSITY_COST * len(samples)
+        return samples, sigma, colour.index_select(0, place), cost
+
+    def _update(self, rate: float) -> None:
+        s = self.settings
+        for group in self.networks.param_groups:
+            group["lr"] = s.network_rate * rate
+        self.networks.step()
+        if self.field.density is None:
+            self.tables.step([s.feature_rate * rate])
+        else:
+            self.tables.step([self.density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
+
+    def refine(self) -> None:
+        """Halve the step and add a density level twice as fine, in the cells that pruning left.
+
+        The new level starts with zeros, so the field does not change. A density that starts from a known extinction
+        has its finest level from the beginning.
+        """
+        density, encoding = self.field.density, self.field.encoding
+        assert density is not None and isinstance(encoding, SparseLattice)
+        where = self.occupancy.occupied, self.occupancy.cells
+        self.field.density = density.restricted(*where, finer=() if self.known else (2 * density.resolutions[-1],))
+        self.field.encoding = encoding.restricted(*where)
+        self.tables.restart(self.field.encodings)
+        self.marching = replace(self.marching, step=0.5 * self.marching.step)
+        self.refined = self.occupancy
+
+    def prune(self, grow: bool) -> None:
+        """Remove the cells in which nothing is visible any more."""
+        exponent = partial(log_extinction, self.field)
+        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True)
+        pruned = self.occupancy.pruned(largest * self.marching.step, self.prune_least, grow)
+        if pruned.occupied.any():
+            self.occupancy = pruned
+
+    def layout(self) -> dict[str, NDArray[Any]]:
+        """Return what a checkpoint needs, besides the parameters, to restore their layout."""
+        refined = np.zeros(0, np.uint8) if self.refined is None else self.refined.occupied
+        return {"occupied": self.occupancy.occupied, "refined": refined, "rays": np.array(self.budget.rays)}
+
+    def go_on_from(self, layout: dict[str, NDArray[Any]] | None) -> None:
+        """Restore the layout of an interrupted run, if there is one."""
+        if layout is None:
+            return
+        if layout["refined"].size:
+            self.occupancy = replace(self.occupancy, occupied=layout["refined"])
+            self.refine()
+        self.occupancy = replace(self.occupancy, occupied=layout["occupied"])
+        self.budget.rays = int(layout["rays"])
+
+    def finish(self) -> tuple[BaseField, Occupancy]:
+        """Return the trained field, frozen, with features only in cells that are left, and the occupancy."""
+        if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
+            where = self.occupancy.occupied, self.occupancy.cells
+            self.field.density = self.field.density.summed(*where)
+            with torch.no_grad():  # values beyond these look the same, but would cost precision in the scene file
+                self.field.density.table.clamp_(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION)
+            self.field.encoding = self.field.encoding.restricted(*where)
+        self.field.requires_grad_(False)
+        return self.field, self.occupancy
+
+
+def reconstruct(
+    views: ViewSet,
+    field: FieldSettings,
+    settings: ReconstructSettings,
+    beginning: Beginning,
+    running: Running,
+    device: torch.device = CPU,
+    kind: type[Reconstruction] = Reconstruction,
+) -> tuple[BaseField, Occupancy, Marching, float, str]:
+    """Train the base field.
+
+    Args:
+        views: Training views.
+        field: Shape of the networks.
+        settings: Settings of stage 1.
+        beginning: Initial occupancy and extinction (:func:`svv.train.base.first_extinction.begin`).
+        running: Seed, time, progress and checkpoint.
+        device: Device that trains.
+        kind: What takes the steps.
+
+    Returns:
+        The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
+    """
+    work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
+    loop = Loop(
+        settings.iterations, running.limit, running.progress, "base NeRF", network=work.field, notes=running.notes
+    )
+    if checkpoint is not None:
+        work.go_on_from(checkpoint.extra("base"))
+        state = checkpoint.stage("base", work.field, work.networks, work.tables)
+        if state.restored is not None:
+            loop.done, loop.spent = state.restored
+        loop.save = lambda done, spent: state.save(done, spent, work.layout())
+    seconds = loop.run(work.step)
+    if loop.done:
+        work.prune(grow=False)
+    base, pruned = work.finish()
+    return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit, settings)
+
+
+def _why_there(loop: Loop, limit: float | None, settings: ReconstructSettings) -> str:
+    """Return why the training stopped, and whether a longer one would help.
+
+    Each step draws its pixels at random from all views, a few in a thousand of them, so its error is measured on pixels
+    that were hardly used before.
+    """
+    whole = loop.done >= loop.iterations
+    where = "as in the preset" if whole else f"at its limit of {limit:.0f} s"
+    text = f"stage 1 stopped after {loop.done} steps, {where}"
+    at, until = ("", 1.0) if settings.decay > 0.0 else (" at full rates", min(settings.hold, 1.0))
+    gain = loop.last_gain(until)
+    if gain is None:
+        return text
+    more = "a longer schedule would add to that" if gain >= LEAST_GAIN else "a longer schedule would add little"
+    return f"{text}; the last tenth of them{at} gained {gain:.2f} dB: {more}"

@@ -1,0 +1,60 @@
+"""Levels of lattices that views can resolve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import Camera
+from svv.fields.radiance.networks import FieldSettings
+from svv.fields.scene.scene import Scene
+from svv.train.config import StylizeSettings
+
+PIXELS_A_CELL = 2.5
+"""Minimum number of pixels that the finest lattice cell covers: too few rays see finer cells to train them."""
+
+
+def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
+    """Return the side of a pixel of the stylization views at the scene's centre, in box units."""
+    return scene.rig.view_width / scene.occupancy.box.size / settings.style_size
+
+
+def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tuple[int, ...]:
+    """Return the levels of a lattice for paint: all in the scene's settings, and finer ones that its views resolve.
+
+    Args:
+        field: The scene's field settings.
+        cell: Largest side of the finest cells, in box units; None adds no level.
+        most: Maximum number of cells along the longest side of an added level: that of the scene's occupancy.
+    """
+    levels = field.resolutions + field.finer
+    if field.encoding == "lattice" and cell is not None:
+        while 1.0 / levels[-1] > cell and 2 * levels[-1] <= most:
+            levels += (2 * levels[-1],)
+    return levels
+
+
+def fitted_field(
+    field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256
+) -> tuple[FieldSettings, str]:
+    """Return the lattice levels that the views can resolve, and the reason in a sentence.
+
+    Cells of the finest level cover at least :data:`PIXELS_A_CELL` pixels of the views; each coarser level has half as
+    many cells, down to 16.
+    """
+    centre = box.bounds.mean(axis=0)
+    # Cameras at several distances: what half of them resolve.
+    pixel = float(np.median([c.pixel_at(float(np.linalg.norm(c.position - centre))) for c in cameras]) / box.size)
+    best = 1.0 / (PIXELS_A_CELL * pixel)
+    levels = [16]
+    while levels[-1] * 2 <= min(best, finest):
+        levels.append(levels[-1] * 2)
+    reason = (
+        f"a pixel covers 1/{1 / pixel:.0f} of the box, so the finest of {len(levels)} levels has {levels[-1]} cells: "
+        f"{levels[-1] * 2} would be under {PIXELS_A_CELL:g} pixels per cell"
+        if levels[-1] < finest
+        else f"the finest of {len(levels)} levels has {finest} cells, the most this preset allows"
+    )
+    return FieldSettings(**{**field.to_json(), "resolutions": tuple(levels)}), reason  # type: ignore[arg-type]

@@ -1,0 +1,220 @@
+"""Stage 2: the palette colour network (StyleRF-VolVis, section PCN)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.colour.palette import Palette, PaletteSettings, extract_palette
+from svv.core.volumes.classified import ValueGrid
+from svv.fields.radiance.encodings import LatticeAdam
+from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.phong import Beams
+from svv.fields.radiance.rendering import Marching, composite, march, not_hidden
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
+from svv.kernels.dispatch import CPU
+from svv.train.base.from_values import palette_given
+from svv.train.config import RecolourSettings
+from svv.train.palette.ranges import Labelled, shares_of
+from svv.train.palette.unmix import Unmixing
+from svv.train.run import ranks
+from svv.train.run.batches import Batch, RayBudget, RayPool
+from svv.train.run.gradients import sum_gradients
+from svv.train.run.loop import Loop, Running, falling, network_adam
+
+PALETTE_PIXELS = 400_000
+"""Maximum number of visible pixels from which the palette is extracted."""
+
+
+@dataclass
+class Recolouring:
+    """Trains a palette colour network on a frozen base field."""
+
+    base: BaseField
+    """Frozen base field."""
+    field: PaletteField
+    """Palette colour network to train."""
+    occupancy: Occupancy
+    """Occupancy of the scene."""
+    marching: Marching
+    """Sampling of the rays."""
+    pool: RayPool
+    """Training rays."""
+    settings: RecolourSettings
+    """Settings of stage 2."""
+    owners: Labelled | None = None
+    """Region of each point, if it is known."""
+    given: Unmixing | None = None
+    """Palette shares in the pixels, for a palette made by hand or of more than three colours."""
+
+    def __post_init__(self) -> None:
+        s = self.settings
+        if s.joined > 0 and self.base.density is not None:
+            self.marching = replace(self.marching, least_weight=s.joined, merge=True)
+        networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours", "phong.raw"))]
+        groups = [
+            {"params": networks, "full": s.network_rate},
+            {"params": [self.field.colours], "full": s.palette_rate},
+        ]
+        encodings = [self.field.encoding]
+        if self.field.phong is not None:
+            groups.append({"params": [self.field.phong.raw], "full": s.phong_rate})
+            encodings.append(self.field.phong.normals)
+        self.shade_weight = s.shade_weight if self.field.phong is None else s.phong_shade_weight
+        self.start = self.field.colours.detach().clone()
+        self.networks = network_adam(groups)
+        self.tables = LatticeAdam(encodings)
+        self.budget = RayBudget(s.rays, s.samples)
+
+    def step(self, number: int, fraction: float) -> Tensor:
+        """Take one step of the optimisers; returns the mean squared error of colour."""
+        s = self.settings
+        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
+        samples = march(batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first)
+        self.budget.adjust(number, len(samples))
+        with torch.no_grad():
+            lit = self.field.lighting_mlp is not None
+            # Without a lighting network the geometry features are unused; only the number of samples matters.
+            sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
+            if self.base.density is None:
+                samples, seen = not_hidden(samples, sigma, self.marching)
+                sigma, geometry = sigma[seen], geometry[seen]
+        along = batch.rays.lit_along
+        beams = Beams.headlight(-along).at(samples.ray)
+        parts = self.field(samples.position, geometry, encode_directions(along, samples.ray), beams)
+        diffuse = parts.diffuse(self.field.colours + parts.offsets)
+        colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
+        offsets = parts.offsets.square().sum(dim=(1, 2))
+        settled = self.owners is not None and not self.owners.shared
+        mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
+        values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
+        if self.given is not None:
+            light = (parts.intensity * parts.shade).detach()
+            values = torch.cat([values, light[:, None] * parts.weights], dim=1)
+        out, _, _ = composite(samples, sigma, values)
+        out, mixtures = out[:, :6], out[:, 6:]
+        missing = torch.cat([(out[:, :3] - batch.premultiplied).square(), out[:, 3:]], dim=1)
+        errors = (batch.weight[:, None] * missing).sum(dim=0)
+        drift = (self.field.colours - self.start).square().sum()
+        early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
+        penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
+        each = out.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
+        error = errors[:3].detach().mean()
+        loss = (errors * each).sum() + s.palette_weight * batch.share * drift
+        if self.owners is not None:
+            loss = loss + self._foreign(self.owners, parts.weights, samples.position)
+        if self.given is not None:
+            loss = loss + self._not_as_given(self.given, mixtures, batch)
+        self.networks.zero_grad(set_to_none=True)
+        loss.backward()
+        trained = [p for group in self.networks.param_groups for p in group["params"]]
+        error = sum_gradients(error, trained, self.tables.encodings)
+        rate = falling(fraction, s.decay, s.hold)
+        for group in self.networks.param_groups:
+            group["lr"] = group["full"] * rate
+        self.networks.step()
+        self.tables.step([s.feature_rate * rate] * len(self.tables.encodings))
+        with torch.no_grad():
+            self.field.colours.clamp_(0.0, 1.0)
+        return error
+
+    def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
+        """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
+
+        A thin shell counts as much as the fog in which it lies: it is a mean over the regions, and over the samples of
+        each, counted on all ranks.
+        """
+        count = weights.shape[1]
+        if not len(position):
+            ranks.summed(torch.zeros(count, dtype=torch.int64, device=weights.device))
+            return weights.sum()
+        owner, own = owners.told(weights, position)
+        each = 1.0 / ranks.summed(torch.bincount(owner, minlength=count)).clamp(min=1)[owner]
+        return -self.settings.owner_weight * (each * own.log()).sum() / count
+
+    def _not_as_given(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
+        """Return the penalty of palette shares in pixels, ``mixtures`` (R, P), other than those given, a scalar."""
+        counts = batch.weight[:, None] * batch.premultiplied.amax(dim=1, keepdim=True)
+        shares = given.shares(batch.premultiplied) * counts
+        shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
+        total = ranks.summed(shares.sum(dim=0))  # here, too, a thin layer counts as much as a thick one
+        told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-12)
+        return -self.settings.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
+
+    @torch.no_grad()
+    def shares(self, rays: int = 16384) -> NDArray[np.float64]:
+        """Return each region's fraction of the visible light, estimated from random training rays. (P,)"""
+        batch = self.pool.batch(0, rays)
+        samples = march(batch.rays, self.occupancy, self.base.density, self.marching)
+        sigma, _ = self.base.geometry(samples)
+        _, weights, _ = self.field.material(samples.position)
+        return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
+
+
+def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None) -> Palette:
+    """Extract the palette of the views' visible pixels; raises BadInput if no pixel is visible."""
+    pool = RayPool(views, occupancy.box, seed, CPU)
+    return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
+
+
+def recolour(
+    views: ViewSet,
+    scene: Scene,
+    palette: NDArray[np.floating],
+    settings: RecolourSettings,
+    running: Running,
+    owners: Labelled | None = None,
+    given: Unmixing | None = None,
+    values: ValueGrid | None = None,
+) -> tuple[PaletteField, NDArray[np.float64], float]:
+    """Train the palette colour network for a palette (P, 3).
+
+    Args:
+        views: Training views.
+        scene: A scene with a frozen base field; its settings shape the network, and its device trains it.
+        palette: Initial palette colours, RGB in [0, 1]. (P, 3)
+        settings: Settings of stage 2.
+        running: Seed, time, progress and checkpoint.
+        owners: Region of each point, if it is known.
+        given: Palette shares in the pixels, for a palette made by hand or of more than three colours.
+        values: Values of the volume, if the network is to be a function of them (:mod:`svv.train.base.from_values`).
+
+    Returns:
+        The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
+    """
+    base, occupancy, seed, checkpoint = scene.base, scene.occupancy, running.seed, running.saved
+    torch.manual_seed(seed)
+    network = PaletteField(
+        scene.settings, occupancy, base.geometry_width, torch.as_tensor(palette, dtype=torch.float32)
+    )
+    network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
+    device = base.encoding.table.device
+    network.to(device).light_like(base)
+    if network.phong is not None and base.density is not None:
+        network.phong.start(base.density, occupancy, views.meta.shading, seed)
+    if values is not None:
+        palette_given(network, values, occupancy)
+    ranks.alike(network)
+    pool = RayPool(views, occupancy.box, seed, device, scene.settings.headlight)
+    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given)
+    loop = Loop(
+        settings.iterations, running.limit, running.progress, "palette colour network",
+        network=network, notes=running.notes,
+    )  # fmt: skip
+    if checkpoint is not None:
+        state = checkpoint.stage("palette", network, work.networks, work.tables)
+        if state.restored is not None:
+            loop.done, loop.spent = state.restored
+            work.budget.rays = int((checkpoint.extra("palette") or {})["rays"])
+        loop.save = lambda done, spent: state.save(done, spent, {"rays": np.array(work.budget.rays)})
+    seconds = loop.run(work.step)
+    if network.phong is not None:
+        network.phong.settle(occupancy)
+    network.requires_grad_(False)
+    return network, ranks.once(work.shares), seconds

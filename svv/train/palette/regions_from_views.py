@@ -1,0 +1,354 @@
+"""Regions of a scene without its volume: which points are of one material, and its colour in full light.
+
+A palette of pixels fails where no pixel shows a material alone: behind a translucent shell, everything is tinted. Nor
+do pixels tell grey from white, as white in the shade is grey. Points tell both. The base field says which points a
+pixel shows and how much of each, and what a pixel shows beyond the field's colours is given back to its points, so
+that their mean over all views is true to the views. Points of one hue are one region, unless their hues, or their
+brightness in full light, fall into two groups with a gap between them; a surface's normal tells how much of a headlight
+it reflects. A pixel is then a sum over regions, of their weights in it times their colours, and least squares over many
+pixels finds the colours, even those of regions that are never seen alone, or whose normals noise turns anywhere.
+
+Letters: S samples, R rays, V vertices of the finest grid of features, P regions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.optimize import nnls
+from torch import Tensor
+
+from svv.core.colour.colour import hsb_array, to_hex
+from svv.core.colour.palette import Palette, PaletteSettings
+from svv.core.geometry.surfaces import surface_normals
+from svv.core.rays.encodings import stored_rows
+from svv.core.two_groups import gap_of
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import encode_directions
+from svv.fields.radiance.phong import softened_extinction
+from svv.fields.radiance.rendering import composite, march
+from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
+from svv.train.palette.ranges import KnownRegions
+from svv.train.run.batches import RayPool
+
+Array = NDArray[np.float64]
+
+RAYS = 1 << 16
+"""Number of training rays that show the points."""
+
+AT_A_TIME = 1 << 13
+"""Rays followed together: all at once would take gigabytes in a fog."""
+
+LEAST_ALPHA = 0.02
+"""Alpha below which what a pixel shows beyond the field's colours is not divided by alpha any further."""
+
+ANGLE = 0.1
+"""Angle between two directions of RGB, in radians, that counts as the noise of a point's colour."""
+
+BLUR = 0.6
+"""Standard deviation in vertices of the Gaussian over which points vote for their region."""
+
+NORMAL_BLUR = 1.0
+"""Standard deviation in vertices of the Gaussians that smooth normals."""
+
+LEAST_HUE_GAP = 0.02
+"""Distance of two groups of hues from which they may be two regions; 1 is the full circle."""
+
+LEAST_BRIGHTNESS_RATIO = 1.4
+"""Ratio of the brightness of two groups in full light from which they may be two regions."""
+
+BEST_LIT = 0.995
+"""Quantile of the brightness of a region's points that counts as full light: a normal is not known well enough where a
+surface is rough, thin or cut off by the volume's side."""
+
+LEAST_COLOUR = 0.02
+"""Brightness below which a region's colour was not found."""
+
+LEAST_SOLID = 0.1
+"""Alpha below which what a pixel shows beyond its regions is not divided by alpha any further."""
+
+SAME_HUE = 0.06
+"""Angle in radians between two colours' directions up to which only their brightness tells them apart."""
+
+
+class Labels:
+    """Regions of the vertices of a grid, which are those of the points around them."""
+
+    shared = False
+    """Whether several regions share a point: never."""
+
+    def __init__(self, lattice: SparseLattice, region: NDArray[np.integer], device: torch.device) -> None:
+        """Keep the region of each vertex (V,) of a lattice with one level, in the order of its rows."""
+        self._lattice = lattice.to(device)
+        self._region = torch.from_numpy(region.astype(np.int64)).to(device)
+
+    def rows_of(self, position: Tensor) -> Tensor:
+        """Return the row of the vertex nearest to each point, which lies in an occupied cell: (S, 3) -> (S,)."""
+        shape = self._lattice.shapes[0]
+        vertex = (position * self._lattice.scales[0] + 0.5).long()
+        return stored_rows(torch.minimum(vertex.clamp(min=0), shape - 1), shape, 0, self._lattice.index)
+
+    def of(self, position: Tensor) -> Tensor:
+        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
+        return self._region[self.rows_of(position)]
+
+    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""
+        owner = self.of(position)
+        return owner, weights.gather(1, owner[:, None])[:, 0]
+
+
+class _Points:
+    """Points of a scene as training rays show them.
+
+    Each is a vertex and stands for the samples around it. ``vertex`` (S,), ``ray`` (S,), ``weight`` (S,): weight in the
+    pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel;
+    ``pixel`` (R, 3): colour over black, ``alpha`` (R,).
+    """
+
+    def __init__(self, scene: Scene, views: ViewSet, seed: int) -> None:
+        """Follow :data:`RAYS` training rays through a scene."""
+        occupancy, settings = scene.occupancy, scene.settings
+        self._shading = views.meta.shading
+        assert scene.base.density is not None
+        cells = (settings.resolutions + settings.finer)[-1]
+        self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
+        self._device = scene.device
+        empty = self.labels(np.zeros(len(self._places), np.int64))
+        normals = torch.from_numpy(surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)).to(self._device)
+        pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
+        parts = []
+        for number in range(RAYS // AT_A_TIME):
+            batch = pool.batch(number, AT_A_TIME)
+            samples = march(batch.rays, occupancy, scene.base.density, scene.marching)
+            sigma, geometry = scene.base.geometry(samples)
+            colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
+            shown, transmittance, weight = composite(samples, sigma, colour)
+            missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
+            ray, vertex = samples.ray.long(), empty.rows_of(samples.position)
+            cosine = (normals[vertex] * batch.rays.lit_along[ray]).sum(dim=1).abs()
+            seen = vertex, ray + number * AT_A_TIME, weight, cosine, colour + missing[ray]
+            parts.append([value.cpu().numpy() for value in (*seen, batch.premultiplied, batch.alpha)])
+        self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
+            np.concatenate(column) for column in zip(*parts, strict=True)
+        )
+
+    def labels(self, region: NDArray[np.integer]) -> Labels:
+        """Return the regions of the vertices (V,) as those of points."""
+        return Labels(self._lattice, region, self._device)
+
+    def shares(self, region: NDArray[np.int64], count: int) -> Array:
+        """Return each region's share of the visible light. (P,)"""
+        share = np.bincount(region[self.vertex], self.weight, count)
+        return np.asarray(share / max(share.sum(), 1e-9), np.float64)
+
+    def nearest_in_hue(self, palette: Array) -> NDArray[np.int64]:
+        """Return the region of each vertex (V,): the palette colour (P, 3) nearest in hue and saturation.
+
+        Points vote with their visible light, and vertices that no ray shows join the nearest that one does.
+        """
+        light = self._sum(self.weight[:, None] * self.colour)
+        light /= np.sqrt(np.maximum(self._sum(self.weight[:, None]), 1e-6))  # what is seen less is less certain
+        length = np.linalg.norm(light, axis=1, keepdims=True)
+        cosine = (light / np.maximum(length, 1e-9)) @ _unit(palette).T
+        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+        likeness = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
+        votes = self._blurred(length * likeness / likeness.sum(axis=1, keepdims=True))
+        region, seen = votes.argmax(axis=1), votes.sum(axis=1) > 0
+        grid = np.zeros(tuple(self._lattice.shapes[0].tolist()), np.int64)
+        grid[tuple(self._places[seen].T)] = region[seen] + 1
+        nearest = distance_transform_edt(grid == 0, return_distances=False, return_indices=True)
+        return np.asarray(grid[tuple(nearest)][tuple(self._places.T)] - 1).clip(min=0)
+
+    def two_hues(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
+        """Return which vertices (V,) of a region have its second hue, and "hue"; None if it has only one."""
+        mine = region == number
+        light = self._blurred(self._sum(self.weight[:, None] * self.colour) * mine[:, None])[mine]
+        hue, saturation, bright = hsb_array(light.clip(min=0.0)).T
+        ours = hsb_array(light.sum(axis=0).clip(min=0.0))
+        if ours[1] < PaletteSettings().grey_saturation:
+            return None
+        away = (hue - ours[0] + 0.5) % 1.0 - 0.5
+        gap = gap_of(away, bright * saturation, LEAST_HUE_GAP)
+        return None if gap is None else (_among(mine, away > gap), "hue")
+
+    def two_brightnesses(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
+        """Return which vertices (V,) of a region are brighter in full light; None if it has only one brightness."""
+        mine = region == number
+        bright, weight = self._brightness(mine)
+        bright = np.log(np.maximum(bright, 1e-6))
+        gap = gap_of(bright, weight, np.log(LEAST_BRIGHTNESS_RATIO))
+        return None if gap is None else (_among(mine, bright > gap), "brightness")
+
+    def nearest_in_brightness(self, region: NDArray[np.int64], palette: Array) -> NDArray[np.int64]:
+        """Return regions (V,) in which those of one hue are told apart by brightness in full light."""
+        result, unit = region.copy(), _unit(palette)
+        for number in range(len(palette)):
+            alike = np.flatnonzero(np.arccos(np.clip(unit @ unit[number], -1.0, 1.0)) < SAME_HUE)
+            if len(alike) > 1 and alike[0] == number:
+                mine = np.isin(region, alike)
+                bright = self._brightness(mine)[0]
+                away = np.abs(np.log(np.maximum(bright, 1e-6))[:, None] - np.log(palette[alike].max(axis=1)))
+                result[mine] = alike[away.argmin(axis=1)]
+        return result
+
+    def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
+        share = self.shares(region, len(hues))
+        kept = np.flatnonzero(share >= min(PaletteSettings().min_share, share.max()))
+        if len(kept) == len(hues):
+            return region, kept
+        nearest = (_unit(hues) @ _unit(hues[kept]).T).argmax(axis=1)
+        nearest[kept] = np.arange(len(kept))
+        return nearest[region], kept
+
+    def colours(self, region: NDArray[np.int64], hues: Array) -> Array:
+        """Return the colour of each region in full light, RGB in [0, 1]; ``hues`` (P, 3) for those not seen. (P, 3)"""
+        count, own = len(hues), region[self.vertex]
+        ambient, diffuse = self._light(region, count)
+        # Where noise hides normals, the cosine is c = p c' + (1 - p) / 2 on average: that of a normal at random is 1/2.
+        # In C (A + (1 - A) c), least squares then find ambient = C (A + (1 - A) (1 - p) / 2), diffuse = C (1 - A) p,
+        # and thus C, whatever p is.
+        found = (2.0 * ambient + diffuse) / (1.0 + self._ambient_part(ambient, diffuse))
+        found = np.where(found.max(axis=1, keepdims=True) > LEAST_COLOUR, found, hues)
+        colour = ambient[own] + diffuse[own] * self.cosine[:, None]
+        missing = self.pixel - self._shown(colour)
+        colour += (missing / np.maximum(self.alpha, LEAST_SOLID)[:, None])[self.ray]
+        for number in range(count):
+            mine = own == number
+            if mine.any():
+                bright = colour[mine] @ (found[number] / max(float(np.square(found[number]).sum()), 1e-12))
+                found[number] *= max(1.0, _quantile(bright, self.weight[mine], BEST_LIT))
+        # Of a colour that is too bright, the hue is right.
+        return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
+
+    def _ambient_part(self, ambient: Array, diffuse: Array) -> float:
+        """Return the part A of full light that comes from everywhere: the views' own, or else that of the best lit.
+
+        Args:
+            ambient: What regions seem to reflect of light from everywhere. (P, 3)
+            diffuse: The same of a headlight. (P, 3)
+        """
+        shading = self._shading
+        if shading is not None:
+            return shading.ambient / (shading.ambient + shading.diffuse) if shading.on and shading.diffuse else 1.0
+        seen = np.stack([ambient.max(axis=1), diffuse.max(axis=1)], axis=1)
+        seen = seen[seen.sum(axis=1) > LEAST_COLOUR]
+        return float((seen[:, 0] / seen.sum(axis=1)).min(initial=1.0))
+
+    def _light(self, region: NDArray[np.int64], count: int) -> tuple[Array, Array]:
+        """Return what regions reflect of light from everywhere and of a headlight, (P, 3) each.
+
+        Non-negative least squares over all pixels: colour over black = sum of weight (ambient + diffuse cosine).
+        """
+        own, rays = region[self.vertex], len(self.alpha)
+        place = self.ray * count + own
+        part = np.bincount(place, self.weight, rays * count).reshape(rays, count)
+        lit = np.bincount(place, self.weight * self.cosine, rays * count).reshape(rays, count)
+        design = np.concatenate((part, lit), axis=1)
+        # The Cholesky factor of the normal equations is a problem of 2 P rows with the same solution.
+        normal, right = design.T @ design, design.T @ self.pixel.astype(np.float64)
+        scale = max(float(np.trace(normal)), 1e-12)
+        factor = np.linalg.cholesky(normal + 1e-9 * scale * np.eye(len(normal)))
+        target = np.linalg.solve(factor, right)
+        found = np.stack([nnls(factor.T, column)[0] for column in target.T], axis=1)
+        return found[:count], found[count:]
+
+    def _brightness(self, mine: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the brightness in full light of some vertices (V,), taken as one region, and its weight; (M,) each."""
+        ambient, diffuse = self._light(mine.astype(np.int64), 2)
+        colour = ambient[1] + diffuse[1]
+        full = max(float(colour.max()), 1e-6)
+        reflects = (ambient[1].max() + diffuse[1].max() * self.cosine) / full
+        # A brightness of 1 is a colour whose largest channel is 1.
+        bright = self.colour @ (colour * full / max(float(np.square(colour).sum()), 1e-12))
+        sums = self._sum((self.weight * reflects)[:, None] * np.stack([bright, reflects], axis=1))
+        above, below = self._blurred(sums * mine[:, None])[mine].T
+        return above / np.maximum(below, 1e-12), below
+
+    def _shown(self, colour: Array) -> Array:
+        """Return the pixels that samples of some colours (S, 3) show, over black. (R, 3)"""
+        rays = len(self.alpha)
+        return np.stack([np.bincount(self.ray, self.weight * column, rays) for column in colour.T], axis=1)
+
+    def _sum(self, values: NDArray[np.floating]) -> Array:
+        """Sum values of samples (S, C) by vertex. (V, C)"""
+        return np.stack([np.bincount(self.vertex, column, len(self._places)) for column in values.T], axis=1)
+
+    def _blurred(self, values: Array) -> Array:
+        """Sum values of vertices (V, C) over their neighbours. (V, C)"""
+        at, shape = tuple(self._places.T), tuple(self._lattice.shapes[0].tolist())
+        found = np.empty_like(values)
+        for channel, column in enumerate(values.T):
+            grid = np.zeros(shape, np.float32)
+            grid[at] = column
+            found[:, channel] = gaussian_filter(grid, BLUR, mode="constant")[at]
+        return found
+
+
+def _unit(colours: Array) -> Array:
+    """Return the directions of colours. (P, 3) -> (P, 3)"""
+    return colours / np.maximum(np.linalg.norm(colours, axis=1, keepdims=True), 1e-9)
+
+
+def _quantile(values: NDArray[np.floating], weights: NDArray[np.floating], part: float) -> float:
+    """Return the value below which ``part`` of the weights lie."""
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    return float(values[order[min(int(np.searchsorted(below, part * below[-1])), len(order) - 1)]])
+
+
+def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which vertices (V,) are ``some`` (M,) of the vertices ``mine`` (V,)."""
+    found = np.zeros_like(mine)
+    found[mine] = some
+    return found
+
+
+@torch.no_grad()
+def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int) -> KnownRegions:
+    """Return the regions of a scene that was learned from views alone.
+
+    Args:
+        scene: A scene with a base field on a lattice; its device does the work.
+        views: Training views.
+        palette: Palette of the pixels: its hues divide the points.
+        seed: Seed of the rays.
+    """
+    points, hues = _Points(scene, views, seed), palette.colours
+    region, steps = points.nearest_in_hue(hues), list(palette.steps[:-1])
+    number, count, most = 0, len(hues), PaletteSettings().max_colours
+    while number < count:
+        parts = points.two_hues(region, number) or points.two_brightnesses(region, number) if count < most else None
+        if parts is None:
+            number += 1
+            continue
+        apart, said = parts
+        region = np.where(apart, count, region)
+        steps.append(f"{to_hex(hues[number])} is two regions: in full light, their points differ in {said}")
+        hues, count = np.concatenate((hues, hues[number : number + 1])), count + 1
+    region, kept = points.without_the_faint(region, hues)
+    colours, share = points.colours(region, hues[kept]), points.shares(region, len(kept))
+    order = np.argsort(-share, kind="stable")
+    colours, share = colours[order], share[order]
+    steps.append("palette " + ", ".join(f"{to_hex(c)} ({p:.1%})" for c, p in zip(colours, share, strict=True)))
+    return KnownRegions(
+        Palette(colours, share, tuple(steps)), ((),) * len(order), points.labels(np.argsort(order)[region])
+    )
+
+
+@torch.no_grad()
+def owners_of(scene: Scene, views: ViewSet, colours: NDArray[np.floating], seed: int) -> Labels:
+    """Return to which of the given colours each point belongs, for a palette made by hand.
+
+    Args:
+        scene: A scene with a base field on a lattice; its device does the work.
+        views: Training views.
+        colours: Palette, RGB in [0, 1]. (P, 3)
+        seed: Seed of the rays.
+    """
+    points, palette = _Points(scene, views, seed), np.asarray(colours, np.float64)
+    return points.labels(points.nearest_in_brightness(points.nearest_in_hue(palette), palette))

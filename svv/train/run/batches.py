@@ -1,0 +1,98 @@
+"""Training rays, drawn from the pixels of a view set (:mod:`svv.train.run.pixels`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.geometry.box import Box
+from svv.fields.radiance.rendering import RayCaster, Rays
+from svv.io.views.viewset import ViewSet
+from svv.train.run import ranks
+from svv.train.run.pixels import pixels_of
+
+
+@dataclass(frozen=True)
+class Batch:
+    """R rays and the colours of their pixels in the views."""
+
+    rays: Rays
+    """The rays."""
+    shown: Tensor
+    """Premultiplied RGBA of the pixels in [0, 1]. Errors of colour over black and of alpha together tell as much as
+    random backgrounds do, but without noise. (R, 4)"""
+    pixels: Tensor
+    """Flat indices of the pixels among all views. (R,) int64"""
+    weight: Tensor
+    """Weights with which a sum over the rays of all parts is, on average, the mean over all pixels. (R,)"""
+    first: int = 0
+    """Number of the first ray, if these are a part of a batch."""
+    share: float = 1.0
+    """The fraction of the whole batch that these are."""
+
+    @property
+    def premultiplied(self) -> Tensor:
+        """Colour over black. (R, 3)"""
+        return self.shown[:, :3]
+
+    @property
+    def alpha(self) -> Tensor:
+        """Alpha in [0, 1]. (R,)"""
+        return self.shown[:, 3]
+
+
+class RayBudget:
+    """The number of rays per step: fewer when they give many samples, because samples determine the cost of a step."""
+
+    def __init__(self, most: int, samples: int) -> None:
+        """Allow at most ``most`` rays, and at least a quarter of that, for about ``samples`` samples."""
+        self.rays, self._most, self._samples = most, most, samples
+
+    def adjust(self, number: int, samples: float) -> None:
+        """Adapt to the samples that this rank's part of the rays gave in step ``number``; every 16th step counts."""
+        if number % 16 == 0:
+            ideal = self._samples * self.rays / max(int(ranks.total(samples)), 1)
+            self.rays = int(np.clip(ideal, self._most // 4, self._most))
+
+
+class RayPool:
+    """Draws batches of rays; batch k of a seed is always the same, so a resumed run continues as if uninterrupted."""
+
+    def __init__(self, views: ViewSet, box: Box, seed: int, device: torch.device, headlight: str = "point") -> None:
+        self._caster = RayCaster(views.cameras, box, device, headlight)
+        self._levels = views.images.reshape(-1, 4)
+        self._pixels = pixels_of(views)
+        self._seed = seed
+
+    def batch(self, number: int, rays: int, part: slice | None = None, by_contrast: float = 0.0) -> Batch:
+        """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it.
+
+        ``by_contrast`` is the fraction of the rays whose pixels are drawn by contrast
+        (:meth:`svv.train.run.pixels.Pixels.drawn`); the others are drawn evenly.
+        """
+        part, device = part or slice(0, rays), self._caster.device
+        pixels, weight = self._pixels.drawn(np.random.default_rng((self._seed, number)), rays, by_contrast)
+        pixels, weight = pixels[part], weight[part] / np.float32(rays)
+        shown = self._levels[pixels].astype(np.float32) / np.float32(255.0)
+        shown[:, :3] *= shown[:, 3:]
+        which = torch.from_numpy(pixels)
+        return Batch(
+            self._caster.rays(which),
+            torch.from_numpy(shown).to(device),
+            which,
+            torch.from_numpy(weight).to(device),
+            part.start,
+            len(pixels) / rays,
+        )
+
+    def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""
+        generator, pool = np.random.default_rng(self._seed), self._pixels.index
+        chosen = pool if len(pool) <= most else generator.choice(pool, most, replace=False)
+        rgba = self._levels[chosen].astype(np.float32) / np.float32(255.0)
+        rgba = rgba[rgba[:, 3] > 0]
+        return rgba[:, :3], rgba[:, 3]

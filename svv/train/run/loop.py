@@ -1,0 +1,189 @@
+"""The loop of every stage: schedule, progress, time limit, and checkpoints."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from svv.errors import BadInput, Cancelled, Progress, silent
+from svv.train.run import ranks
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.last_good import LastGood
+from svv.train.run.network_adam import NetworkAdam
+
+SAVE_EVERY = 30.0
+"""Seconds between two checkpoints."""
+
+SHOW_EVERY = 0.2
+"""Seconds between two calls of the progress."""
+
+AGREE_EVERY = 8
+"""Steps between two times at which several ranks agree on how much of the time limit is over, and whether to stop."""
+
+CHECK_EVERY, KEEP_EVERY = 64, 512
+"""Steps between two times at which the loss is checked, and between two at which the network's state is kept."""
+
+PARTS = 10
+"""Number of parts of a run whose losses are recorded separately."""
+
+
+@dataclass(frozen=True)
+class Running:
+    """How to run a stage, independent of its task."""
+
+    seed: int
+    """Seed of initial features, batches and jitter."""
+    limit: float | None = None
+    """Time limit in seconds; None for no limit."""
+    progress: Progress = silent
+    """Called several times a second; stops the work when it raises."""
+    saved: Checkpoint | None = None
+    """Checkpoint to resume from and to save to."""
+    notes: list[str] = field(default_factory=list)
+    """Receives sentences for the user about how the stage went."""
+
+
+@dataclass
+class Loop:
+    """Runs a step repeatedly.
+
+    A run that would exceed its time limit is shortened. Its learning rates then fall with the remaining time, so the
+    result is as good as the time allows.
+    """
+
+    iterations: int
+    """Number of steps."""
+    limit: float | None
+    """Time limit in seconds; None for no limit."""
+    progress: Progress
+    """Called several times a second; stops the work when it raises."""
+    label: str
+    """Label of the progress."""
+    save: Callable[[int, float], None] | None = None
+    """Called with the steps done and the seconds spent, to write a checkpoint."""
+    watch: Callable[[], None] | None = None
+    """Called after every step."""
+    network: nn.Module | None = None
+    """The network that is trained. If its loss or a parameter is no longer finite, its last good state is kept, and the
+    run ends."""
+    notes: list[str] = field(default_factory=list)
+    """Receives a sentence if that happens."""
+    done: int = 0
+    """Number of steps done."""
+    spent: float = 0.0
+    """Seconds spent."""
+    course: dict[int, list[Tensor]] = field(default_factory=dict)
+    """Losses of each of the ``PARTS`` parts of the run, since it was started or resumed."""
+
+    def run(self, step: Callable[[int, float], Tensor]) -> float:
+        """Call ``step(number, fraction)`` until done; it returns the loss, which is shown next to the label.
+
+        The loss is read only when it is shown, because reading it waits for the GPU. If several processes train, the
+        first one's time limit counts, and all stop at the same step.
+
+        Returns:
+            Seconds spent, including those before an interruption.
+
+        Raises:
+            BadInput: The training diverged before there was a good state.
+        """
+        begin = saved = told = time.monotonic()
+        before = self.spent
+        good = None if self.network is None else LastGood(self.network)
+        mean: Tensor | None = None
+        elapsed: float | None = None  # as a fraction of the limit
+        stop = False
+        while self.done < self.iterations:
+            if elapsed is None or not ranks.many() or self.done % AGREE_EVERY == 0:
+                elapsed = ranks.agreed(0.0 if self.limit is None else self.spent / self.limit, stop)
+            fraction = max(self.done / self.iterations, elapsed)
+            if fraction >= 1.0:
+                break
+            loss = step(self.done, fraction)
+            mean = loss if mean is None else mean + 0.05 * (loss - mean)
+            self.course.setdefault(int(PARTS * fraction), []).append(loss)
+            self.done += 1
+            if good is not None and self.done % CHECK_EVERY == 0 and not self._is_good(good, mean):
+                break
+            now = time.monotonic()
+            self.spent = before + now - begin
+            if now - told > SHOW_EVERY:
+                told = now
+                try:
+                    self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")
+                except Cancelled:
+                    if not ranks.many():
+                        raise
+                    stop = True
+            if self.save is not None and now - saved > SAVE_EVERY and bool(mean.isfinite()):
+                self.save(self.done, self.spent)
+                saved = time.monotonic()
+            if self.watch is not None:
+                self.watch()
+        if good is not None and mean is not None and not (bool(mean.isfinite()) and good.is_finite()):
+            self._go_back(good)
+        self.progress(1.0, self.label)
+        return self.spent
+
+    def _is_good(self, good: LastGood, mean: Tensor) -> bool:
+        """Return whether the loss is finite and, now and then, whether the parameters are, which are then kept."""
+        due = good.step is None or self.done - good.step >= KEEP_EVERY or good.outgrown()
+        return bool(mean.isfinite()) and (not due or good.keep(self.done))
+
+    def _go_back(self, good: LastGood) -> None:
+        """Restore the last good state, and say so."""
+        step = good.restore()
+        advice = "lower its learning rates with --set, or leave those of the preset"
+        if step is None:
+            raise BadInput(
+                f"The stage '{self.label}' diverged at step {self.done}, and no earlier state is good: {advice}."
+            )
+        self.notes.append(
+            f"the stage '{self.label}' diverged at step {self.done} and ended with the state of step {step}: {advice}"
+        )
+        self.course.clear()
+
+    def last_gain(self, until: float = 1.0) -> float | None:
+        """Return how many dB the mean loss of the last part is below that of the part before; None without both.
+
+        ``until`` is the fraction of the run up to which parts count: as learning rates fall to nothing, the loss falls
+        in any case.
+        """
+        ends = [self.course.get(round(PARTS * until) - k) for k in (2, 1)]
+        if not all(ends):
+            return None
+        before, last = (float(torch.stack(losses).mean()) for losses in ends if losses)
+        return 10.0 * math.log10(max(before, 1e-12) / max(last, 1e-12))
+
+
+def falling(fraction: float, end: float, hold: float = 0.0) -> float:
+    """Return the factor on a learning rate.
+
+    It falls exponentially from 1 to ``end``. If that is 0, it is 1 up to the fraction ``hold`` of the schedule, and
+    then falls linearly to 0, which is the best end of a schedule whose length is known (Defazio et al. 2023).
+    """
+    if end > 0.0:
+        return float(end**fraction)
+    return min(1.0, (1.0 - fraction) / (1.0 - hold)) if hold < 1.0 else 1.0
+
+
+def network_adam(
+    parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3
+) -> torch.optim.Adam | NetworkAdam:
+    """Return Adam for a stage's networks; on a GPU, one kernel updates all parameters of a group.
+
+    Args:
+        parameters: Parameters, or groups of them, all on one device.
+        rate: Learning rate.
+    """
+    first = parameters[0]
+    one = first["params"][0] if isinstance(first, dict) else first
+    if one.is_cuda:
+        return torch.optim.Adam(parameters, rate, betas=(0.9, 0.99), eps=1e-12, fused=True)
+    return NetworkAdam(parameters, rate, betas=(0.9, 0.99), eps=1e-12)

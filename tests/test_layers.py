@@ -60,7 +60,8 @@ def layer_of(module: str) -> str:
 def imported(path: Path, source: str) -> set[str]:
     """Dotted names that a module imports, relative ones made absolute, lazy ones included.
 
-    'from svv.core.colour import colour' is both 'svv.core' and 'svv.core.colour.colour': what it names may be a module.
+    'from svv.core.colour import light' is both 'svv.core.colour' and 'svv.core.colour.light': what it names may be a
+    module.
     """
     package = [*path.with_suffix("").parts[:-1]]
     names = set()

@@ -98,7 +98,8 @@ def compile_all() -> None:
 
 def _marker() -> Path:
     """Return the empty file whose existence says that this code was compiled with these versions for this CPU."""
-    kernels = sorted((Path(__file__).resolve().parents[1] / "kernels").glob("*.py"))
+    package = Path(__file__).resolve().parents[1]
+    kernels = sorted({*(package / "kernels").rglob("*.py"), *package.rglob("*_kernels.py")})
     files = [[str(file), file.stat().st_mtime_ns] for file in kernels]
     versions = [__version__, sys.version, version("numba"), version("numpy")]
     return cache_folder() / "compiled" / key_of(versions, files, _cpu())

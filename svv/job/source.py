@@ -45,7 +45,7 @@ class Drawn(ABC):
 
     @abstractmethod
     def how(self) -> dict[str, Any]:
-        """Return arguments of :func:`svv.dvr.draw.views.make_views`: ``tf``, and any others that the source requires."""
+        """Return arguments of :func:`svv.dvr.draw.views.make_views`: ``tf``, and others that the source requires."""
 
     def make_views(self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE) -> ViewMeta:
         """Draw the views into a folder; see :func:`svv.dvr.draw.views.make_views`.

@@ -102,7 +102,8 @@ def key_of_gpu(device: torch.device) -> str:
     except PackageNotFoundError:
         triton = "none"
     capability = torch.cuda.get_device_capability(device)
-    kernels = digest({path.name: path for path in sorted(Path(__file__).parent.glob("*.py"))})
+    folder = Path(__file__).parent
+    kernels = digest({path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*.py"))})
     return key_of(torch.cuda.get_device_name(device), capability, known, torch.__version__, triton, kernels)
 
 

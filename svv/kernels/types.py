@@ -99,7 +99,7 @@ class ImageKernels(Protocol):
         """
 
     def material(self, raw: Tensor, colours: Tensor) -> Surface:
-        """Apply equation 4 without light (:mod:`svv.core.colour.palette_shading`) to (S, 1 + 4 P) and palette (P, 3)."""
+        """Apply equation 4 unlit (:mod:`svv.core.colour.palette_shading`) to (S, 1 + 4 P) and palette (P, 3)."""
 
     def overpaint(self, surface: Surface, paint: Tensor, share: Tensor, strokes: Tensor, sigma: Tensor) -> Tensor:
         """Blend paint (S, 3) into the surface's colour in place, and return the extinction that follows its strokes.
@@ -225,7 +225,7 @@ class Kernels(Protocol):
         """Return the gradients of :meth:`composite` with respect to ``sigma`` (S,) and ``values`` (S, C)."""
 
     def leaps(self, occupied: Tensor) -> Tensor:
-        """Return how far a ray may leap: (X, Y, Z) uint8 -> (8, X, Y, Z) uint8; see :func:`svv.core.rays.cells.leaps`."""
+        """Return how far a ray may leap: (X, Y, Z) uint8 -> (8, X, Y, Z) uint8 (:func:`svv.core.rays.cells.leaps`)."""
 
     def directions_of_samples(self, directions: Tensor, ray: Tensor) -> Tensor:
         """Return spherical harmonics of degree 4 of each sample's ray: (R, 3) and (S,) -> (S, 16); no graph."""

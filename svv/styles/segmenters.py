@@ -43,7 +43,7 @@ class Segmenter(Protocol):
 
 
 class Superpixels:
-    """Superpixels, joined by colour and texture or selected by a random walker (:mod:`svv.core.images.segmentation`)."""
+    """Superpixels, joined by their look or selected by a random walker (:mod:`svv.core.images.segmentation`)."""
 
     name = "scikit-image"
 

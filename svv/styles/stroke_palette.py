@@ -1,4 +1,4 @@
-"""Palettes that strokes can be given afterwards (:mod:`svv.fields.strokes.stroke_edits`), of pictures or of a few colours."""
+"""Palettes, of pictures or of a few colours, for painted strokes (:mod:`svv.fields.strokes.stroke_edits`)."""
 
 from __future__ import annotations
 

@@ -225,7 +225,7 @@ def vtk_bytes(source: Source) -> int:
 
 
 def memory_allowed(gigabytes: float | None) -> int:
-    """Return a limit in bytes; None stands for half of the memory that there is (:func:`svv.io.files.memory.memory_there`).
+    """Return a limit in bytes; None: half of what there is (:func:`svv.io.files.memory.memory_there`).
 
     Raises:
         BadInput: The limit is below a quarter of a gigabyte.

@@ -1,4 +1,4 @@
-"""Fields of a transfer function (:mod:`svv.dvr.functions.transfer_functions`) from ParaView's presets and VTK's colours."""
+"""Fields of a transfer function from ParaView's presets and VTK's colours."""
 
 from __future__ import annotations
 

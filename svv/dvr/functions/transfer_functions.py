@@ -339,5 +339,5 @@ class TransferFunction:
 
 
 def unit_distance_for(level: Level) -> float:
-    """Return ParaView's default opacity unit distance (:func:`svv.core.volumes.opacity_code.unit_distance`), world units."""
+    """Return ParaView's own unit distance (:func:`svv.core.volumes.opacity_code.unit_distance`), world units."""
     return unit_distance(np.array(level.shape[::-1]) - 1, level.spacing)

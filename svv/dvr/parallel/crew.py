@@ -192,7 +192,7 @@ class Crew:
         return pixels
 
     def classify(self, stage: Stage) -> ClassifiedVolume:
-        """Classify the volume on its stage, see :func:`svv.dvr.draw.classify.classified`: a coarse grid is sent, if any."""
+        """Classify the volume (:func:`svv.dvr.draw.classify.classified`): a coarse grid is sent, if any."""
         volume = self._do("classify")
         assert isinstance(volume, ClassifiedVolume)
         return volume

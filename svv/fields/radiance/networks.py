@@ -191,7 +191,7 @@ class PaletteColours:
         return self.weights.argmax(dim=1)
 
     def diffuse(self, colours: Tensor) -> Tensor:
-        """Mix offset palette colours (S, P, 3) into the diffuse colour; see :func:`svv.core.colour.palette_shading.diffuse`.
+        """Mix offset colours (S, P, 3) into the diffuse one; see :func:`svv.core.colour.palette_shading.diffuse`.
 
         Returns:
             Diffuse colour. (S, 3)

@@ -199,8 +199,7 @@ class EditedModel(Model):
     def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
         """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.
 
-        Mean opacities (:mod:`svv.fields.strokes.stroke_opacity`) and regions that are unpainted or of one colour do not
-        change.
+        Mean opacities (:mod:`svv.fields.strokes.stroke_opacity`) and regions without paint or of one colour stay.
 
         Args:
             amount: Above 0 dark strokes are more opaque and light ones less, below 0 the other way round.

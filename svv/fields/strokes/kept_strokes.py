@@ -162,7 +162,7 @@ class Brushed:
 def sheets_of(
     samples: Samples, region: NDArray[np.int64], apart: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Return the sheet of each sample, -1 for none (S,), and mean positions (K, 3); see :func:`svv.core.rays.sheets.sheets`.
+    """Return each sample's sheet, -1 for none (S,), and mean positions (K, 3); see :mod:`svv.core.rays.sheets`.
 
     Args:
         samples: Samples of rays.

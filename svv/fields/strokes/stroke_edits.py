@@ -42,7 +42,7 @@ Owners = Callable[[Floats], NDArray[np.int64]]
 def checked_edits(
     relief: float | None, width: float | None, light: Sequence[float] | None, palette: Sequence[Sequence[float]] | None
 ) -> dict[str, Any]:
-    """Return edits of strokes by field, for :meth:`svv.fields.scene.edits.EditedModel.with_strokes`; None changes nothing.
+    """Return edits of strokes by field, for a scene's ``with_strokes``; None changes nothing.
 
     Raises:
         BadInput: A number, the direction or a colour is out of range.

@@ -145,7 +145,7 @@ class TimeSteps:
 
 
 def packed_codes(codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Return the codes of a :class:`svv.core.volumes.classified.ValueGrid`, rounded to 1024 values and compressed. (N,)"""
+    """Return a :class:`svv.core.volumes.classified.ValueGrid`'s codes, 1024 values, compressed. (N,)"""
     rounded = (codes.astype(np.int32) - 1 + COARSE // 2) // COARSE
     return packed(np.where(codes > 0, 1 + rounded, 0).astype(np.uint16))
 

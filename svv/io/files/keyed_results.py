@@ -91,7 +91,7 @@ def key_of_measure(*parts: object) -> str:
 @cache
 def code() -> str:
     """Return a hash of the code of the layers in ``CALCULATES``, because the version seldom changes."""
-    root = Path(__file__).resolve().parents[1]
+    root = Path(__file__).resolve().parents[2]
     files = sorted(path for layer in CALCULATES for path in (root / layer).rglob("*.py"))
     return digest({path.relative_to(root).as_posix(): path for path in files})
 

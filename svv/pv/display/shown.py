@@ -65,7 +65,7 @@ CUBIC = ("InterpolationType", "Cubic")
 
 
 def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The input") -> vtkImageData:
-    """Return the volume that a display shows (see :func:`svv.dvr.read.grids.as_volume`), placed in the world as it is there.
+    """Return the volume that a display shows (:func:`svv.dvr.read.grids.as_volume`), in its place in the world.
 
     Args:
         data: The display's input.

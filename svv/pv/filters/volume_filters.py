@@ -1,4 +1,4 @@
-"""The filters under Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.filters.scene_filters` has the others.
+"""Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.filters.scene_filters` has the others.
 
 Each class is a list of properties and a few calls into :mod:`svv.pv.filters.engine`. ParaView shows its docstring as
 help.
@@ -359,7 +359,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
 @panel(scalars())
 @takes_volume
 class StyleRFPieces(DividedInput):
-    """Lend a script the ranks among which a volume is divided (svv.pv.filters.parallel.on_all_ranks); it is in no menu."""
+    """Lend a script the ranks among which a volume is divided (svv.pv.filters.parallel); it is in no menu."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")

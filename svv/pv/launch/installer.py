@@ -76,7 +76,7 @@ def pins(file: Path, python: tuple[int, int]) -> list[str]:
 
 def constraints_file() -> Path | None:
     """Return svv's constraints.txt, from a checkout or as installed by pip; None if there is neither."""
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     places = [root / "constraints.txt", root / "../../../share/svv/constraints.txt"]
     return next((place for place in places if place.is_file()), None)
 

@@ -189,4 +189,4 @@ def _read_stamp(target: Path) -> object:
 
 
 def _root() -> Path:
-    return Path(__file__).resolve().parents[2]
+    return Path(__file__).resolve().parents[3]

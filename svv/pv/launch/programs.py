@@ -302,7 +302,7 @@ def run(program: str, arguments: Sequence[str], folder: str | Path | None = None
 
 def _home() -> Path:
     """Return the folder that contains the package svv."""
-    return Path(__file__).resolve().parents[2]
+    return Path(__file__).resolve().parents[3]
 
 
 def _dotted(version: tuple[int, int]) -> str:

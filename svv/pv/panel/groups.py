@@ -129,7 +129,7 @@ def volume_properties(views: ViewOptions) -> list[Property]:
 
 
 def display_properties() -> Sequence[Property]:
-    """Return the properties with which a display changes a volume, under ParaView's names (:mod:`svv.pv.display.shown`)."""
+    """Return the properties by which a display changes a volume (:mod:`svv.pv.display.shown`)."""
     return group("Display", [
         choice("InterpolationType", ("Nearest", "Linear", "Cubic"), "Linear",
                "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),

@@ -343,7 +343,7 @@ def moving() -> Property:
 
 
 def picked() -> list[Property]:
-    """Return the properties through which the client asks what is visible at a pixel (:mod:`svv.pv.client.part_picking`)."""
+    """Return the properties by which the client asks what a pixel shows (:mod:`svv.pv.client.part_picking`)."""
     xml = (
         '<StringVectorProperty name="Pick" command="SetPick" number_of_elements="1" default_values="" '
         'panel_visibility="never" state_ignored="1"><Documentation>Camera and pixel of the last click, as JSON.'

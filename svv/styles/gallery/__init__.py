@@ -87,7 +87,7 @@ def _painted(name: str, size: int, seed: int) -> NDArray[np.float32]:
 
 
 def open_style(source: str | Path, progress: Progress = silent) -> tuple[str, NDArray[np.float32]]:
-    """Return the name and content of a style picture: ``gallery:NAME`` or a file (:func:`svv.io.pictures.style_picture.read_style`).
+    """Return the name and content of a style picture: ``gallery:NAME`` or a file.
 
     Raises:
         BadInput: See :func:`gallery_picture` and :func:`svv.io.pictures.style_picture.read_style`; or it is an ink,

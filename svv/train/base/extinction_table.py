@@ -1,4 +1,4 @@
-"""The extinction of a scene as a function of its volume's values, while it is learned; see :mod:`svv.fields.values.of_values`.
+"""Extinction as a function of a volume's values, while it is learned; see :mod:`svv.fields.values.of_values`.
 
 It starts as the mean extinction over the values within half a cell (pre-integrated classification, Engel et al. 2001).
 

@@ -1,4 +1,4 @@
-"""Training on several processes and machines; with :mod:`svv.train.run.gradients`, all that knows ``torch.distributed``.
+"""Training on several processes; with :mod:`svv.train.run.gradients`, all that knows ``torch.distributed``.
 
 ``torchrun`` starts the same command N times and numbers the processes, the ranks. Each takes its part of the rays of a
 batch, and gradients are summed, so every rank takes the same step. What is short, or decides something, is done by the

@@ -1,7 +1,8 @@
-"""Reference pages generated entirely from the code: commands, filters, presets."""
+"""Reference pages generated entirely from the code: commands, filters, presets, and where modules are."""
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import re
@@ -17,11 +18,52 @@ OPEN = "```{note}\nThis page is made from the code (`docs/generated.py`).\n```\n
 
 
 def write(folder: Path) -> None:
-    """Write ``commands.md``, ``filters.md`` and ``presets.md`` into a folder; unchanged files are not rewritten."""
-    for name, lines in (("commands", commands()), ("filters", filters()), ("presets", presets())):
-        path, text = folder / f"{name}.md", "\n".join(lines) + "\n"
+    """Write ``commands.md``, ``filters.md``, ``presets.md`` and ``layers.md`` into a folder; equal files stay."""
+    pages = {"commands": commands, "filters": filters, "presets": presets, "layers": layers}
+    for name, page in pages.items():
+        path, text = folder / f"{name}.md", "\n".join(page()) + "\n"
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
+
+
+# --- layers ---------------------------------------------------------------------------------------------------------
+
+LAYERS = (
+    "pv", "cli", "bench", "job", "render", "train", "styles", "fields", "kernels", "core", "options", "dvr", "bricks",
+    "io",
+)  # fmt: skip
+"""The layers from top to bottom; the last three stand beside the column."""
+
+FIRST = {
+    "Where does a ray march, and what is composited?": "core/rays/marching.py core/rays/compositing.py",
+    "What paints a stroke?": "train/paint/brushwork.py core/strokes/stroke_reference.py",
+    "What happens on *Apply*?": "pv/filters/volume_filters.py pv/filters/engine.py",
+    "How is a scene file read?": "io/scene_file.py fields/scene/scene_arrays.py",
+    "How is a scene trained, stage by stage?": "train/training.py train/base/reconstruct.py train/palette/recolour.py",
+    "Which settings are there?": "options/making.py train/config.py",
+}
+"""What newcomers look for, and the modules to open first."""
+
+
+def layers() -> Iterator[str]:
+    """Yield every package with what lives there, and its modules."""
+    root = Path(__file__).resolve().parents[1] / "svv"
+    yield "# The layers of the code\n"
+    yield OPEN
+    yield "Modules import only from layers below their own, and never in a circle (`tests/test_layers.py`): from top to"
+    yield f"bottom {', '.join(f'`{layer}`' for layer in LAYERS[:-3])}; beside this column, `dvr` (VTK only), `bricks`"
+    yield "(neither VTK nor torch) and `io` (files). `plugin/` is ParaView's entry point.\n"
+    yield "| Where to start | |\n|---|---|"
+    for question, names in FIRST.items():
+        yield f"| {question} | {', '.join(f'`svv/{name}`' for name in names.split())} |"
+    for layer in LAYERS:
+        yield f"\n## `svv/{layer}/`\n"
+        for package in sorted({root / layer, *(path.parent for path in (root / layer).rglob("__init__.py"))}):
+            text = " ".join((ast.get_docstring(ast.parse((package / "__init__.py").read_text("utf-8"))) or "").split())
+            text = re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", text).replace("``", "`")
+            names = ", ".join(f"`{path.stem}`" for path in sorted(package.glob("[!_]*.py")))
+            place = "" if package.parent == root else f"**`{package.relative_to(root / layer).as_posix()}/`** "
+            yield f"{place}{text}\n" + (f"\n{names}\n" if names else "")
 
 
 # --- commands -------------------------------------------------------------------------------------------------------
@@ -160,8 +202,8 @@ def _decorated() -> list[Any]:
              "paraview.util.vtkAlgorithm": fake}  # fmt: skip
     sys.modules.update(names)
     try:
-        for module in ("proxies", "edit_filters", "scene_filters", "readers"):
-            importlib.import_module(f"svv.pv.{module}")
+        for module in ("volume_filters", "edit_filters", "scene_filters", "readers"):
+            importlib.import_module(f"svv.pv.filters.{module}")
     finally:
         for name in names:
             del sys.modules[name]

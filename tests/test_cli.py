@@ -143,7 +143,7 @@ def test_the_help_says_of_each_command_what_the_command_says_of_itself() -> None
 
 
 def test_a_command_is_imported_when_it_is_called() -> None:
-    commands = {f"svv.cli.{module}" for module, _ in cli.COMMANDS.values()}
+    commands = {f"svv.cli.commands.{module}" for module, _ in cli.COMMANDS.values()}
     assert not commands & imported_for("--help")
     assert commands & imported_for("train", "--help") == {"svv.cli.commands.scene"}
 

@@ -76,7 +76,7 @@ def test_every_page_is_in_a_table_of_contents() -> None:
     assert named | {DOCS / "index.md"} == set(DOCS.rglob("*.md"))
 
 
-@pytest.mark.parametrize("name", ["commands", "filters", "presets"])
+@pytest.mark.parametrize("name", ["commands", "filters", "presets", "layers"])
 def test_reference_pages_are_what_the_code_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Run ``make docs`` after a change of a command, a filter or a setting."""
     pytest.importorskip("vtkmodules", reason="the reader of filters needs VTK: install svv[standalone]")

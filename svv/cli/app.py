@@ -79,12 +79,12 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Measure accuracy against time, stability, consistency between frames, and the effect of each part.",
     ),
 }
-"""Each command's name, its module in :mod:`svv.cli`, and the first paragraph of its help, in the order of the help."""
+"""Each command's name, its module in :mod:`svv.cli.commands` and the first paragraph of its help, in its order."""
 
 
 def command_of(name: str) -> tuple[Callable[..., None], Sequence[str]]:
     """Return the function of a command and the examples in its help."""
-    module, word = importlib.import_module(f"svv.cli.{COMMANDS[name][0]}"), name.replace("-", "_")
+    module, word = importlib.import_module(f"svv.cli.commands.{COMMANDS[name][0]}"), name.replace("-", "_")
     return getattr(module, f"{word}_" if iskeyword(word) else word), getattr(module, word.upper())
 
 

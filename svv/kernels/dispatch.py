@@ -33,15 +33,15 @@ def kernels_of(kind: str) -> Kernels:
     wanted = os.environ.get(KERNELS_VARIABLE, "")
     if wanted not in ("", "reference", "torch"):
         raise BadInput(f"{KERNELS_VARIABLE} can be 'reference', for plain torch, or unset, not '{wanted}'.")
-    name = "reference" if wanted else "numba_kernels" if kind == "cpu" else "triton_kernels"
+    name = "reference" if wanted else "numba.kernels" if kind == "cpu" else "triton.kernels"
     try:
         kernels: Any = import_module(f"svv.kernels.{name}")
-        if name == "triton_kernels":
+        if name == "triton.kernels":
             kernels.try_to_compile()
     except ImportError as error:
         kernels = _plain_torch(f"Triton is missing ({error})")
     except Exception as error:  # Triton raises whatever its compiler, linker or disk raises
-        if name != "triton_kernels":
+        if name != "triton.kernels":
             raise
         kernels = _plain_torch(f"Triton cannot compile here ({type(error).__name__}: {_first_line(error)})")
     return cast(Kernels, kernels)

@@ -15,7 +15,7 @@ from svv.core.rays.compositing import LEAST_ALPHA, composite_samples
 from svv.core.rays.encodings import lattice_features
 from svv.core.rounding import KERNELS
 from svv.fields.radiance.encodings import SparseLattice
-from svv.fields.strokes.stroke_opacity import brightness
+from svv.fields.strokes.stroke_opacity import paleness
 from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
 
@@ -115,7 +115,7 @@ def test_paint_replaces_its_share_of_colours_and_extinction_follows_it(
     strokes[1] = 0.0
     blended = torch.lerp(surface.colour, paint, share[surface.region][:, None])
     gain, slope, mean, reach = strokes[surface.region].unbind(1)
-    change = (slope * (mean - brightness(paint))).clamp(-reach, reach)
+    change = (slope * (mean - paleness(paint, slope))).clamp(-reach, reach)
     followed = kernels.overpaint(surface, paint, share, strokes, sigma)
     close(surface.colour, blended)
     close(followed, sigma * torch.where(reach > 0.0, (gain + change).exp(), 1.0))

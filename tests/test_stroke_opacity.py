@@ -17,7 +17,7 @@ from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.radiance.rendering import RayCaster, composite, march
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, brightness, fade_of, strokes_of
+from svv.fields.strokes.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, fade_of, paleness, strokes_of
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint, cube_scene
 
@@ -95,7 +95,7 @@ def test_that_holds_of_regions_as_they_are_edited(painted: Scene, opacity: float
 
 @pytest.mark.parametrize("amount", [0.6, -0.6])
 def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted: Scene, amount: float) -> None:
-    """Above 0 the dark ones: a factor of brightness alone, one deviation from the mean exp(LOG_FACTOR a)."""
+    """Above 0 the dark and vivid ones: a factor of paleness alone, one deviation from the mean exp(LOG_FACTOR a)."""
     scene = painted.with_stroke_opacity(amount)
     strokes = strokes_of(scene)
     assert strokes is not None
@@ -104,7 +104,7 @@ def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted
     _, region, sigma = scene.shade(samples, rays, "styled")
     factor = (sigma / samples.sigma).log() - strokes[region, 0]
     assert scene.styled is not None
-    dark = strokes[region, 2] - brightness(scene.styled(samples.position))
+    dark = strokes[region, 2] - paleness(scene.styled(samples.position), strokes[region, 1])
     assert torch.all(factor * dark * amount >= -1e-6)
     assert float(factor.abs().max()) == pytest.approx(LOG_FACTOR * MOST_DEVIATIONS * abs(amount), abs=1e-4), (
         "it is clipped"
@@ -113,6 +113,13 @@ def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted
     torch.testing.assert_close((factor / dark)[middle], strokes[region[middle], 1], rtol=1e-2, atol=1e-3)
     for region_ in range(3):  # the slope is that of a deviation's reach, over a deviation of less than half the range
         assert 2.0 * LOG_FACTOR < float(strokes[region_, 1]) / amount < 100.0
+
+
+def test_vivid_strokes_are_not_taken_for_pale_ones() -> None:
+    """Pure yellow is nearly as luminous as white, but as far from white paper as black."""
+    colours = torch.tensor([[1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    assert paleness(colours, torch.ones(4)).tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert paleness(colours, -torch.ones(4)).tolist() == [1.0, 1.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("amount", [0.8, -0.8])

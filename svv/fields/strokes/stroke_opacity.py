@@ -1,8 +1,8 @@
-"""Opacity that follows strokes: dark strokes of a painted region become more opaque and light ones less, or vice versa.
+"""Opacity that follows strokes: dark and vivid strokes become more opaque than pale ones, or light ones than dark ones.
 
 Paint only changes colours: a region is as dense between the strokes as in them. Here the extinction of a sample follows
-the brightness of its paint. A gain per region keeps the region's mean opacity, so a painting hides neither more nor
-less of what lies behind it.
+how far its paint is from white, or from black. A gain per region keeps the region's mean opacity, so a painting hides
+neither more nor less of what lies behind it.
 
 Letters: S samples, P regions.
 """
@@ -15,20 +15,19 @@ from weakref import WeakKeyDictionary
 import torch
 from torch import Tensor
 
-from svv.core.colour.colour import LUMA
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.model import Model
 from svv.kernels.types import Samples
 
-LOG_FACTOR = 0.8
-"""Logarithm of the extinction's factor where paint is one standard deviation darker than its mean, at amount 1."""
-MOST_DEVIATIONS = 2.0
-"""Standard deviations beyond which the factor no longer changes: it stays within exp(1.6) = 5 times the gain."""
+LOG_FACTOR = 2.0
+"""Logarithm of the extinction's factor where paint is one standard deviation less pale than its mean, at amount 1."""
+MOST_DEVIATIONS = 1.2
+"""Standard deviations beyond which the factor no longer changes: it stays within exp(2.4) = 11 times the gain."""
 
 LEAST_DEVIATION = 0.01
-"""Standard deviation of the paint's brightness below which it is noise and not strokes."""
+"""Standard deviation of the paint's paleness below which it is noise and not strokes."""
 
 OPACITY_TOLERANCE, ITERATIONS, YIELD_BOUNDS = 2e-3, 20, (0.15, 1.0)
 """Relative tolerance of a region's opacity; number of steps after which a larger error is accepted; and bounds of the
@@ -47,7 +46,7 @@ def followed(scene: Model, sigma: Tensor, region: Tensor, paint: Tensor | None) 
         paint: Colour of the paint; None if no paint is shown. (S, 3)
     """
     strokes = None if paint is None else strokes_of(scene)
-    return sigma if strokes is None or paint is None else sigma * _factor(strokes, region, brightness(paint))
+    return sigma if strokes is None or paint is None else sigma * _factor(strokes, region, paint)
 
 
 def fade_of(scene: Model, network: str) -> float:
@@ -60,15 +59,23 @@ def fade_of(scene: Model, network: str) -> float:
     return min(seen, default=1.0)
 
 
-def brightness(colour: Tensor) -> Tensor:
-    """Return the luma of colours (ITU-R BT.709) from encoded values, which are perceptually even. (S, 3) -> (S,)"""
-    return colour.clamp(0.0, 1.0) @ colour.new_tensor(LUMA)
+def paleness(colour: Tensor, amount: Tensor) -> Tensor:
+    """Return by how little colours differ from white paper, or, for negative amounts, how much from black. (S,)
+
+    The smallest of red, green and blue tells strokes of any hue from white; luma would take yellow for it.
+
+    Args:
+        colour: Encoded RGB. (S, 3)
+        amount: How much opacity follows the strokes, or a number of the same sign. (S,)
+    """
+    low, high = colour.clamp(0.0, 1.0).aminmax(dim=1)
+    return torch.where(amount >= 0.0, low, high)
 
 
 def strokes_of(scene: Model) -> Tensor | None:
     """Return how each region's extinction depends on its strokes: a gain g, a slope k, a mean y and a reach b.
 
-    The factor on the extinction of a sample whose paint has the brightness v is exp(g + clip(k (y - v), -b, b)).
+    The factor on the extinction of a sample whose paint has the paleness v is exp(g + clip(k (y - v), -b, b)).
     For a region whose opacity does not follow strokes all four are 0. Solved once per painting and edits.
 
     Returns:
@@ -86,9 +93,10 @@ def strokes_of(scene: Model) -> Tensor | None:
     return known[key]
 
 
-def _factor(strokes: Tensor, region: Tensor, bright: Tensor) -> Tensor:
+def _factor(strokes: Tensor, region: Tensor, paint: Tensor) -> Tensor:
     gain, slope, mean, reach = strokes[region].unbind(1)
-    return torch.exp(gain + torch.minimum(torch.maximum(slope * (mean - bright), -reach), reach))
+    change = slope * (mean - paleness(paint, slope))
+    return torch.exp(gain + torch.minimum(torch.maximum(change, -reach), reach))
 
 
 @torch.no_grad()
@@ -111,15 +119,16 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
             sigma = scene.base.extinction(samples) * opacity[region]
             paint = shown.paint(samples, "styled", region)
             assert paint is not None
-            views.append((samples, sigma, region, brightness(paint)))
+            views.append((samples, sigma, region, paint))
 
     def summed(strokes: Tensor | None, powers: int = 1) -> Tensor:
-        """Return sums over each region's samples of weight, weight times brightness, and so on. (powers, P)"""
+        """Return sums over each region's samples of weight, weight times paleness, and so on. (powers, P)"""
         sums = torch.zeros(powers, len(amounts), dtype=torch.float64, device=scene.device)
-        for samples, sigma, region, bright in views:
-            seen = _weights(samples, sigma if strokes is None else sigma * _factor(strokes, region, bright)).double()
+        for samples, sigma, region, paint in views:
+            seen = _weights(samples, sigma if strokes is None else sigma * _factor(strokes, region, paint)).double()
+            pale = paleness(paint, asked[region]).double()
             for power in range(powers):
-                sums[power].index_add_(0, region, seen * bright.double() ** power)
+                sums[power].index_add_(0, region, seen * pale**power)
         return sums
 
     whole, first, second = summed(None, 3)

@@ -18,7 +18,6 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.colour.colour import LUMA
 from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.fast_math import FAST_MATH
@@ -90,19 +89,22 @@ def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-u
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def _overpaint(paint, region, share, strokes, luma, sigma, colour, followed):  # type: ignore[no-untyped-def]
+def _overpaint(paint, region, share, strokes, sigma, colour, followed):  # type: ignore[no-untyped-def]
     """Blend ``paint`` into ``colour`` (S, 3) in place, and write the extinction that follows its strokes (S,)."""
     for i in prange(paint.shape[0]):
         r = region[i]
         part = share[r]
-        bright = np.float32(0.0)
         for c in range(3):
-            bright += luma[c] * min(max(paint[i, c], np.float32(0.0)), ONE32)
             colour[i, c] = part * paint[i, c] + (ONE32 - part) * colour[i, c]
         followed[i] = sigma[i]
         reach = strokes[r, 3]
         if reach > np.float32(0.0):
-            change = min(max(strokes[r, 1] * (strokes[r, 2] - bright), -reach), reach)
+            slope = strokes[r, 1]
+            pale = min(paint[i, 0], paint[i, 1], paint[i, 2])
+            if slope < np.float32(0.0):
+                pale = max(paint[i, 0], paint[i, 1], paint[i, 2])
+            pale = min(max(pale, np.float32(0.0)), ONE32)
+            change = min(max(slope * (strokes[r, 2] - pale), -reach), reach)
             followed[i] *= np.exp(strokes[r, 0] + change)
 
 
@@ -246,8 +248,7 @@ def material(raw: Tensor, colours: Tensor) -> Surface:
 
 def overpaint(surface: Surface, paint: Tensor, share: Tensor, strokes: Tensor, sigma: Tensor) -> Tensor:
     followed = torch.empty_like(sigma)
-    luma = np.array(LUMA, np.float32)
-    _overpaint(*_arrays(paint.contiguous(), surface.region, share, strokes), luma,
+    _overpaint(*_arrays(paint.contiguous(), surface.region, share, strokes),
                *_arrays(sigma, surface.colour, followed))  # fmt: skip
     return followed
 

@@ -57,8 +57,14 @@ SIDES, BOTH = 6.0, 256
 """Distance within which both sides of what is translucent share their tone, in widths, and largest number of points."""
 
 LIFTED, DULL = 0.4, 0.25
-"""On what is translucent: how far tones are lifted towards the lightest, and lack of chroma, relative to the picture's
-most vivid colours, that costs as much as :data:`TONE`."""
+"""On what is translucent: how far the mean tone is lifted towards the lightest, and lack of chroma, relative to the
+picture's most vivid colours, that costs as much as :data:`TONE`."""
+
+PALE, MIDDLE, FORM, VARIED, SPARSE = 0.95, 0.45, 0.15, 0.2, 0.5
+"""On what is wholly transparent, strokes are sparse and opaque on a clear ground, which shows the sheet and what lies
+behind it (Interrante, Fuchs & Pizer 1997): how far the ground's tone is lifted towards the lightest, the middle tone of
+the strokes above it, how much of the form's tone remains in theirs, the deviation from it, and by how much wider apart
+they are."""
 
 TONE, PLACE, CHANCE = 0.06, 0.15, 0.5
 """Difference in tone, in ranks, and distance in the picture, in its long side, that cost as much when a stroke's colour
@@ -186,7 +192,11 @@ class Painter:
         ratio = float(np.clip(LONGER * self.hand.elongation, *LENGTHS)) if layer.length is None else layer.length
         wide = layer.width * self.width * self.size
         long = ratio * self.width * np.sqrt(self.size) if ratio > 0.0 else wide
-        along, across = layer.apart[0] * long, np.maximum(layer.apart[1] * wide, 0.7 * surface.side)
+        apart = 1.0 + SPARSE * self.clear * (layer is not self.technique.layers[0])
+        along, across = (
+            layer.apart[0] * long * np.sqrt(apart),
+            np.maximum(layer.apart[1] * wide * apart, 0.7 * surface.side),
+        )
         along = np.maximum(along, across)
         order = generator.permutation(len(surface))
         order = order[self.tone[order] <= layer.lightest]
@@ -274,9 +284,12 @@ class Painter:
         near = self.map.picture_tree.query(place, min(2 * NEAR, len(hand.places)))[1]
         among = np.concatenate([near[:, ::2], generator.integers(0, len(hand.places), (len(seed), ANYWHERE))], 1)
         away = np.linalg.norm(hand.places[among] - place[:, None], axis=2)
-        # Dark and dull glazes over each other are only grey: on what is translucent, light and vivid ones are chosen.
+        # Dull glazes over each other are only grey: on what is translucent, vivid ones are chosen.
         clear = self.clear[seed, None]
-        wanted = wanted + LIFTED * clear[:, 0] * (1.0 - wanted)
+        bare = layer is self.technique.layers[0]
+        vary = generator.normal(0.0, VARIED, len(seed))
+        asked = wanted + PALE * (1.0 - wanted) if bare else MIDDLE + FORM * (wanted - 0.5) + vary
+        wanted = wanted + clear[:, 0] * (asked - wanted)
         vivid = np.hypot(hand.colours[:, 1], hand.colours[:, 2])
         dull = 1.0 - (vivid / max(float(np.quantile(vivid, 0.95)), 1.0)).clip(0.0, 1.0)
         cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)

@@ -27,12 +27,13 @@ DEEPEST = 0.8
 LARGEST = 3.0
 """Largest factor by which they do: what is deeper still is fog."""
 
-OPAQUE, GLAZED = 0.6, 1.5
+OPAQUE, GLAZED = 0.6, 0.3
 """Opacity of a sheet below which strokes become larger, and by how much per opacity: through several sheets one sees
 several strokes, and only large ones remain strokes."""
 
-GLAZE = 0.35
-"""How much the opacity of what is hardly opaque follows its strokes: they show, and no sample stands out."""
+GLAZE = 1.5
+"""How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
+through."""
 
 SKY = 0.5
 """Fraction of the picture, from its top, whose light strokes give fog its colour."""
@@ -117,12 +118,11 @@ class Brushing:
             return None
         clear = 1.0 - min(alpha / CLEAR, 1.0)
         work, shown = toned(work, hand, self.views, region, self.cell, clear)
-        glaze = round(GLAZE * clear / max(deep, 1.0), 2)
+        glaze = round(min(GLAZE * clear / max(deep, 1.0), 1.0), 2)
         if glaze > 0.0:
             self.notes.append(
-                f"Region {region} is translucent, so dark strokes are more opaque than light ones: svv edit"
-                " --stroke-opacity changes that (below 0 for dark backgrounds). If its strokes are hard to see, try"
-                " --manner pieces."
+                f"Region {region} is translucent, so its strokes are more opaque than the clear ground between them: "
+                "svv edit --stroke-opacity changes that; --manner pieces paints it evenly."
             )
         return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
 

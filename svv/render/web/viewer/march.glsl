@@ -157,7 +157,8 @@ vec4 shaded(int l, vec3 p) {
     colour = mix(colour, paint, share);
 #if STROKES
     vec4 s = uStrokes[region];
-    factor *= exp(s.x + clamp(s.y * (s.z - dot(paint, vec3(0.2126, 0.7152, 0.0722))), -s.w, s.w));
+    float pale = s.y < 0.0 ? max(paint.r, max(paint.g, paint.b)) : min(paint.r, min(paint.g, paint.b));
+    factor *= exp(s.x + clamp(s.y * (s.z - pale), -s.w, s.w));
 #endif
   }
 #else

@@ -7,15 +7,19 @@ Each name is imported on first use.
 from __future__ import annotations
 
 import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 from svv._version import __version__ as __version__
 from svv.environment import share_cores, use_huge_pages
+from svv.moved import MovedModules
 from svv.own_symbols import TRITON, prefer_own_symbols
 
 if TYPE_CHECKING:
     from svv.core.colour.correction import Correction as Correction
     from svv.core.geometry.cameras import Camera as Camera
+    from svv.dvr.draw.views import make_views as make_views
+    from svv.dvr.functions.transfer_functions import TransferFunction as TransferFunction
     from svv.errors import BadInput as BadInput
     from svv.errors import Cancelled as Cancelled
     from svv.fields.scene.region import Region as Region
@@ -30,12 +34,14 @@ if TYPE_CHECKING:
     from svv.options.making import PaletteOptions as PaletteOptions
     from svv.options.making import TrainOptions as TrainOptions
     from svv.options.making import ViewOptions as ViewOptions
+    from svv.render.baking.baked import bake as bake
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
+    from svv.render.web.page import write_html as write_html
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.paint.ink import Ink as Ink
     from svv.train.paint.ink import StyleInput as StyleInput
@@ -48,8 +54,8 @@ PUBLIC = {
     "Camera": "svv.core.geometry.cameras",
     "Cancelled": "svv.errors",
     "Correction": "svv.core.colour.correction",
-    "Ink": "svv.train.paint.ink",
     "FigureOptions": "svv.options.figures",
+    "Ink": "svv.train.paint.ink",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",
     "Panel": "svv.render.figures.figure",
@@ -58,12 +64,15 @@ PUBLIC = {
     "Scene": "svv.fields.scene.scene",
     "StyleInput": "svv.train.paint.ink",
     "TrainOptions": "svv.options.making",
+    "TransferFunction": "svv.dvr.functions.transfer_functions",
     "ViewOptions": "svv.options.making",
     "ViewSet": "svv.io.views.viewset",
+    "bake": "svv.render.baking.baked",
     "correct_palette": "svv.train.correct",
     "evaluate_scene": "svv.train.pipeline",
     "figure": "svv.render.figures.figure",
     "image_data": "svv.render.show",
+    "make_views": "svv.dvr.draw.views",
     "orbit": "svv.render.frames",
     "read_camera": "svv.io.views.camera_file",
     "read_style": "svv.io.pictures.style_picture",
@@ -71,11 +80,13 @@ PUBLIC = {
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",
     "widget": "svv.render.show",
+    "write_html": "svv.render.web.page",
     "write_png": "svv.io.pictures.output",
 }
 """Public name -> the module that defines it, imported on first access (PEP 562)."""
 
 prefer_own_symbols(TRITON)
+sys.meta_path.append(MovedModules())
 share_cores(os.environ)
 use_huge_pages(os.environ)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import svv
+from svv.moved import MOVED
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py"))
@@ -19,8 +20,8 @@ MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py")
 BOTTOM = {"_version", "errors", "options"}
 COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job", "bench"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
-BELOW["svv"] = {"_version", "environment", "own_symbols"}
-BELOW["_version"] = BELOW["environment"] = BELOW["own_symbols"] = set()
+BELOW["svv"] = {"_version", "environment", "moved", "own_symbols"}
+BELOW["_version"] = BELOW["environment"] = BELOW["moved"] = BELOW["own_symbols"] = set()
 BELOW["errors"] = set()
 BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
@@ -245,3 +246,22 @@ def test_the_interface_is_what_it_promises() -> None:
         assert name in dir(svv)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = svv.nonsense
+
+
+@pytest.mark.parametrize(("old", "new"), MOVED.items())
+def test_old_names_work_with_a_warning(old: str, new: str) -> None:
+    script = f"""import importlib, warnings
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    module = importlib.import_module({old!r})
+assert module is importlib.import_module({new!r})
+assert [str(t.message) for t in told if t.category is DeprecationWarning] == ["{old} is now {new}."], told
+"""
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT)
+
+
+def test_the_scene_is_found_where_its_module_was() -> None:
+    from svv.fields import scene
+
+    with pytest.warns(DeprecationWarning, match="svv.fields.scene.Scene is now svv.Scene"):
+        assert scene.Scene is svv.Scene

@@ -8,7 +8,7 @@ widget, and it works on this page, too: drag the picture, and change its colours
 from pathlib import Path
 
 import svv
-from svv.render.web.page import write_html
+from svv import write_html
 
 scene = svv.Scene.load("scene.svv")
 size = write_html(Path("scene.html"), scene, "The demo")

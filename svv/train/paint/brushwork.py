@@ -56,11 +56,11 @@ CLEAR = 0.7
 SIDES, BOTH = 6.0, 256
 """Distance within which both sides of what is translucent share their tone, in widths, and largest number of points."""
 
-LIFTED, DULL = 0.4, 0.25
+LIFTED, DULL = 0.4, 0.5
 """On what is translucent: how far the mean tone is lifted towards the lightest, and lack of chroma, relative to the
 picture's most vivid colours, that costs as much as :data:`TONE`."""
 
-PALE, MIDDLE, FORM, VARIED, SPARSE = 0.95, 0.45, 0.15, 0.2, 0.5
+PALE, MIDDLE, FORM, VARIED, SPARSE = 0.95, 0.45, 0.15, 0.27, 0.5
 """On what is wholly transparent, strokes are sparse and opaque on a clear ground, which shows the sheet and what lies
 behind it (Interrante, Fuchs & Pizer 1997): how far the ground's tone is lifted towards the lightest, the middle tone of
 the strokes above it, how much of the form's tone remains in theirs, the deviation from it, and by how much wider apart
@@ -118,11 +118,16 @@ class Painter:
         bends = surface.bends(BENT * width)
         self.clear = np.asarray(1.0 - (surface.alpha / CLEAR).clip(0.0, 1.0), np.float64)
         """How translucent each point is, in [0, 1]. (S,)"""
+        self.on_glass = self.clear if self.technique.brush.body == 1.0 else np.zeros(len(surface))
+        """How far strokes are sparse and opaque on a clear ground: washes flow into each other. (S,)"""
         self.tone = self._of_both_sides(surface.tones(opacity, cells, width, bends.mean))
         """Tone of each point, from dark to light, evenly distributed over what is visible. (S,)"""
         self.map = PictureMap(hand, surface, self.tone, width, self.generator)
         self.tangent = self.map.flow(bends)
-        self.size = self._sizes(bends)
+        crumpled = self._crumpled(bends)
+        self.crumpled = float(np.average(crumpled, weights=surface.seen))
+        """How crumpled what is visible is at the scale of a stroke, in [0, 1]."""
+        self.size = self._sizes(bends, crumpled)
         """Width of strokes relative to the usual one. (S,)"""
         self.inner, self.outer = self._depths(bends, cell)
         smooth = surface.average(self.tone)
@@ -168,8 +173,7 @@ class Painter:
         one_way = (bends.strongest - bends.weakest) / np.maximum(bends.strongest + bends.weakest, 1e-9)
         return np.asarray(np.clip(np.maximum(turned, raised), 0.0, 1.0) * (1.0 - np.square(one_way)))
 
-    def _sizes(self, bends: Bends) -> NDArray[np.float64]:
-        crumpled = self._crumpled(bends)
+    def _sizes(self, bends: Bends, crumpled: NDArray[np.float64]) -> NDArray[np.float64]:
         thin = np.clip(ROUND / np.maximum(bends.strongest * self.width, 1e-6), NARROWEST, 1.0)
         size = thin * (1.0 - crumpled) + WIDEST * crumpled
         return self.surface.average(size)
@@ -192,7 +196,7 @@ class Painter:
         ratio = float(np.clip(LONGER * self.hand.elongation, *LENGTHS)) if layer.length is None else layer.length
         wide = layer.width * self.width * self.size
         long = ratio * self.width * np.sqrt(self.size) if ratio > 0.0 else wide
-        apart = 1.0 + SPARSE * self.clear * (layer is not self.technique.layers[0])
+        apart = 1.0 + SPARSE * self.on_glass * (layer is not self.technique.layers[0])
         along, across = (
             layer.apart[0] * long * np.sqrt(apart),
             np.maximum(layer.apart[1] * wide * apart, 0.7 * surface.side),
@@ -289,7 +293,11 @@ class Painter:
         bare = layer is self.technique.layers[0]
         vary = generator.normal(0.0, VARIED, len(seed))
         asked = wanted + PALE * (1.0 - wanted) if bare else MIDDLE + FORM * (wanted - 0.5) + vary
-        wanted = wanted + clear[:, 0] * (asked - wanted)
+        wanted = (
+            wanted
+            + self.on_glass[seed] * (asked - wanted)
+            + LIFTED * (clear[:, 0] - self.on_glass[seed]) * (1.0 - wanted)
+        )
         vivid = np.hypot(hand.colours[:, 1], hand.colours[:, 2])
         dull = 1.0 - (vivid / max(float(np.quantile(vivid, 0.95)), 1.0)).clip(0.0, 1.0)
         cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)

@@ -31,9 +31,9 @@ OPAQUE, GLAZED = 0.6, 0.3
 """Opacity of a sheet below which strokes become larger, and by how much per opacity: through several sheets one sees
 several strokes, and only large ones remain strokes."""
 
-GLAZE = 1.5
+GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
-through."""
+through; and how much it follows washes, which would leave holes. On crumpled ground it would become speckled."""
 
 SKY = 0.5
 """Fraction of the picture, from its top, whose light strokes give fog its colour."""
@@ -118,7 +118,8 @@ class Brushing:
             return None
         clear = 1.0 - min(alpha / CLEAR, 1.0)
         work, shown = toned(work, hand, self.views, region, self.cell, clear)
-        glaze = round(min(GLAZE * clear / max(deep, 1.0), 1.0), 2)
+        follows = GLAZE if work.brush.body == 1.0 else WASH
+        glaze = round(min(follows * clear / max(deep, 1.0), 1.0) * (1.0 - painter.crumpled), 2)
         if glaze > 0.0:
             self.notes.append(
                 f"Region {region} is translucent, so its strokes are more opaque than the clear ground between them: "

@@ -6,8 +6,8 @@ vortex and the sheet that it bounds, in a ball of superfluid.
 """
 
 import svv
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv import make_views
+from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 
 views, unseen = make_views(demo_volume(64), demo_transfer_function(), n=32, test=4, size=128)
 scene, report = svv.train_scene(views, "draft")

@@ -19,6 +19,7 @@ from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
 from svv.pv.points import watch_points
+from svv.pv.sharpening import BESIDE, watch_learning
 from svv.pv.shown import PLAIN
 from svv.pv.undo import watch
 from svv.pv.volume_display import as_volume, watch_volumes
@@ -186,6 +187,9 @@ def _registered(session: Any, *_: Any) -> None:
     for name in follow.IMAGES:
         for filter in _proxies(session, name):
             watch_camera(filter)
+    for name in BESIDE:
+        for filter in _proxies(session, name):
+            watch_learning(filter, loading=bool(session.GetInLoadXMLState()))
     for view in _proxies(session, "RenderView", "views"):
         watch_view(view)
         watch_volumes(view)

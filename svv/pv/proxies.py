@@ -15,6 +15,7 @@ from svv.errors import part
 from svv.io.made import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
+from svv.pv.beside import Beside
 from svv.pv.data import drawn_in, key_of_scene, put_baked, put_drawn, put_mesh, put_no_views, put_scene, scene_of
 from svv.pv.filters import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
@@ -37,7 +38,20 @@ from svv.pv.panels import (
     volume_properties,
 )
 from svv.pv.parallel import DividedInput, do_next_job
-from svv.pv.properties import button, display, file, files, kept_as, number, panel, scalars, shown_view, status, switch
+from svv.pv.properties import (
+    button,
+    display,
+    file,
+    files,
+    kept_as,
+    live,
+    number,
+    panel,
+    scalars,
+    shown_view,
+    status,
+    switch,
+)
 from svv.pv.steps import Moment, Steps
 from svv.pv.volume_display import set_unit_distance
 
@@ -182,7 +196,7 @@ class StyleRFRender(ImageOutput):
         from svv.pv.work import camera_for, draw
 
         scene = scene_of(inputs[0])
-        camera = camera_for(scene, self.values)
+        camera = camera_for(scene.rig, self.values)
         put_drawn(outputs[0], draw(scene, camera, self.values, self.progress), camera)
         return f"{camera.width} x {camera.height} pixels."
 
@@ -258,6 +272,7 @@ class StyleRFVolume(VolumeOutput):
 @keep_input_visible
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
+    *live(),
     *training_properties("fast"),
     button("TakeAsEdited", TAKE_HELP),
     preview_file(),
@@ -267,7 +282,7 @@ class StyleRFVolume(VolumeOutput):
     status(),
 )
 @takes_volume
-class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
+class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
     is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
     this step by step, with edits in between."""
@@ -275,7 +290,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.styling import stylize
         from svv.pv.work import (
             camera_for,
@@ -296,7 +311,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
 
         def learn() -> Any:
             with self.training() as progress:
-                return train(inputs[0], values, part(progress, 0.0, todo))
+                return train(inputs[0], values, part(progress, 0.0, todo), self.checkpoint)
 
         def paint() -> Any:
             with self.training() as progress:
@@ -304,6 +319,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
 
         paintings: Steps[Any] = self.kept("paintings", None, Steps)
         look = digest(styles, now.settings)
+        self.wants(now, look)
         if styles:
             self.begin_with_painting(now, look, paintings)
         self.begin_with("scene", "scene", now)
@@ -314,8 +330,10 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
             painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
             self.gives(painted=name)
             scene = painted
+        if not self.shows:
+            return regions_said(scene)
         told, whole = self.steps.told(now), scene
-        camera = camera_for(whole, values)
+        camera = camera_for(whole.rig, values)
         made = self.steps.made
         if made is not None and made.data == now.data:
             self.kept("moving", (name, now.data), lambda: moving_from(whole, inputs[0], values, now.time))
@@ -325,8 +343,21 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
             told = f" Followed to time {now.time:g}."
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        self.kept("shown", object(), lambda: scene)
+        self.kept("glance", None, lambda: None)  # no longer needed
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         return f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}{told}"
+
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], scene: Any) -> None:
+        from svv.pv.glimpse import drawn_small, glanced
+
+        shown = self.last("shown") if scene is None else self.kept("shown", scene, lambda: scene)
+        if shown is not None:
+            arrays, camera = drawn_small(shown, self.values, self.progress)
+        else:
+            arrays, camera = glanced(self, inputs[0])
+        put_drawn(outputs[0], arrays, camera)
+        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

@@ -1,0 +1,359 @@
+"""Filters that learn beside ParaView's window: in a process of their own, whose results they show as they arrive.
+
+With *Live* on, and if the window has made the filter (:mod:`svv.pv.sharpening`), a result that is not kept yet is
+ordered from :mod:`svv.pv.learner` instead of being made here. Until it is kept, the filter outputs the best there is.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+
+from svv.errors import BadInput
+from svv.io.cache import Cache
+from svv.io.worker import Worker
+from svv.pv.data import key_of_views, time_of
+from svv.pv.filters import ORBIT
+from svv.pv.handed import STATE, hand_over
+from svv.pv.identity import name_of, source_of
+from svv.pv.keeping import FOUND, Keeping
+from svv.pv.parallel import crew_of
+from svv.pv.start import find
+from svv.pv.steps import Moment
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+
+ONLY_SHOWN = (
+    "Live", "InWindow", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera", "ParallelScale",
+    "Frame", "Show", "Background", "BackgroundColour",
+)  # fmt: skip
+"""Properties that do not go to the process, as it shows nothing."""
+
+ENDED = "The process that learned beside ParaView has ended ({why}): press Go On, and it resumes."
+NOT_KEPT = (
+    "The result could not be kept, and so not be shown: raise SVV_CACHE_SIZE, or make room on the disk, or turn Live "
+    "off."
+)
+STOPPED = "Stopped; press Go On to resume. {shown}"
+SHOWN = {0: "The volume is shown as it is.", 1: "A sketch is shown."}
+
+WARM_EVERY = 0.05
+"""Seconds that a look at the process lends to loading its newest scene."""
+
+WARMING = 64
+"""Width and height of the image with which the kernels are loaded, pixels."""
+
+_deleters: list[Any] = []
+"""Deletion observers; if only the filters held them, Python would collect them too early."""
+
+
+class NotYet(Exception):
+    """A result is being made in another process."""
+
+
+class Beside(Keeping):
+    """A filter that learns in a process of its own if it may; the one in ParaView's window otherwise."""
+
+    checkpoint: Path | None = None
+    """File from which training resumes, in the process of its own."""
+
+    shows = True
+    """Whether the results are to be shown, which they are not in that process."""
+
+    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
+        super().__init__(inputs, outputs, kind)
+        self._learner = Ordered(type(self).__name__)
+        self._wanted: tuple[str, str] = ("", "")
+        self._data: vtkDataObject | None = None
+        self._shown = 0
+        self.AddObserver("DeleteEvent", _stopper(self._learner))
+
+    # --- for subclasses ---------------------------------------------------------------------------------------------
+
+    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        """Do the work, as :meth:`Filter.work`; raises :class:`NotYet` from :meth:`found_or_made`."""
+        raise NotImplementedError
+
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], scene: Scene | None) -> None:
+        """Fill the outputs with a scene that is no result yet, or without one with what can be shown at once."""
+        raise NotImplementedError
+
+    def wants(self, now: Moment, painting: str) -> None:
+        """Say what the result depends on: the scene's training, and how it is painted."""
+        self._wanted = name_of("scene", source_of(now), now.settings), painting
+
+    # --- the work ---------------------------------------------------------------------------------------------------
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        """Output the result, or what there is of it."""
+        self._data = inputs[0]
+        if not self._lives():
+            self._learner.end()
+        try:
+            said = self.result(inputs, outputs, out_info)
+        except NotYet:
+            self.meanwhile(inputs, outputs, self._learner.state())
+            return self._learner.told()
+        self._learner.rest()
+        return said
+
+    def found_or_made(
+        self, slot: str, kind: str, now: Moment, make: Callable[[], Any], own: Callable[[], Any] | None = None
+    ) -> tuple[Any, str]:
+        """Return a result and its name as :meth:`Keeping.found_or_made`, or order it.
+
+        Raises:
+            NotYet: It has been ordered.
+            BadInput: It could not be made.
+        """
+        found, name = super().found_or_made(slot, kind, now, self._order if self._lives() else make, own)
+        if self._learner.made(self._wanted) and self.note == FOUND:
+            self.note = ""
+        return found, name
+
+    def _lives(self) -> bool:
+        """Whether results are made in another process."""
+        return (
+            bool(self.values["Live"] and self.values["InWindow"] and not self.values["TrainEachTimeStep"])
+            and key_of_views(self._data) is None
+            and crew_of(self._data) is None
+            and Cache.of_user().bound > 0
+        )
+
+    def _order(self) -> Any:
+        from svv.pv.work import transfer_function_of, volume_of
+
+        if not self._learner.asks_for(self._wanted):
+            values = {k: v for k, v in self.values.items() if k not in ONLY_SHOWN}
+            values["TransferFunction"] = transfer_function_of(self.values).to_dict()
+            image = volume_of(self._data, self.values)
+            self._learner.order(self._wanted, values, image, time_of(self._data))
+        raise NotYet
+
+    # --- what the client asks and the panel's buttons ---------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Start the process, so that it has loaded what it takes when the first order comes."""
+        self._learner.start()
+
+    def GetLearned(self) -> str:
+        """Return a text that changes whenever there is something new to show; it ends in * while more is to come."""
+        if self._learner.busy:
+            self._status = self._learner.told()
+        return self._learner.news(self.values["Device"])
+
+    def Pause(self) -> None:
+        """Let the process wait."""
+        self._learner.pause(True)
+
+    def GoOn(self) -> None:
+        """Let the process go on, after a pause, a stop or its end."""
+        if not self._learner.pause(False):
+            self._learner.forget()
+            self.Modified()
+
+    def StopHere(self) -> None:
+        """End the process; what is shown stays."""
+        self._learner.stop_here()
+        self._status = self._learner.told()
+
+
+class Ordered:
+    """What one filter has ordered, and the process that makes it; the process is started when it is needed.
+
+    Args:
+        kind: Name of the filter's class.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._worker: Worker | None = None
+        self._wanted: tuple[str, str] | None = None
+        self._number = 0
+        self._stopped = self._paused = False
+        self._state: tuple[tuple[int, int], Scene] | None = None
+        """Number of the order and of its state, and the scene."""
+        self._last: dict[str, Any] = {}
+        self._sent = ""
+        self._loading: threading.Thread | None = None
+        self._fetched = (0, -1)
+
+    def start(self) -> None:
+        """Start the process, unless it is running."""
+        if self._worker is not None and self._worker.alive:
+            return
+        self.end()
+        code = "from svv.pv.learner import main; main()"
+        self._worker = Worker([_pvpython(), "-c", code], _environ())
+
+    def asks_for(self, wanted: tuple[str, str]) -> bool:
+        """Return whether this is being made, or has been stopped by the user.
+
+        Raises:
+            BadInput: It could not be made.
+        """
+        if self._wanted != wanted:
+            return False
+        if self._stopped:
+            return True
+        said = self._answer()
+        if "error" in said:
+            raise BadInput(said["error"])
+        if said.get("done"):
+            raise BadInput(NOT_KEPT)
+        if self._worker is None or not self._worker.alive:
+            raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
+        return True
+
+    def order(self, wanted: tuple[str, str], values: dict[str, Any], image: Any, time: float | None) -> None:
+        """Order a result, instead of the last one."""
+        self.start()
+        assert self._worker is not None
+        self._number += 1
+        order = {"number": self._number, "kind": self._kind, "scene": wanted[0], "values": values}
+        if self._sent != wanted[0]:
+            folder = self._worker.folder / f"volume-{self._number}"
+            hand_over(image, values, time, folder)
+            order["volume"] = str(folder)
+            self._sent = wanted[0]
+        self._worker.send(order)
+        self._wanted, self._stopped, self._paused = wanted, False, False
+
+    def state(self) -> Scene | None:
+        """Return the newest scene that has been loaded; None if there is none yet."""
+        if self._loading is not None and self._loading.is_alive() and self._state is not None:
+            self._loading.join()  # two threads must not render at once
+        return None if self._state is None else self._state[1]
+
+    @property
+    def busy(self) -> bool:
+        """Whether something has been ordered that is not there yet."""
+        said = self._answer()
+        return bool(
+            self._wanted and not self._stopped and self._worker is not None and self._worker.alive
+            and not said.get("done") and "error" not in said
+        )  # fmt: skip
+
+    def news(self, device: str) -> str:
+        """Return a text that changes with every state that has been loaded, and at the end; meanwhile, load the next.
+
+        Loading a scene and what drawing it takes is a thread's work, or it would hold up the window for seconds. The
+        thread touches no VTK, and runs only while this waits for it.
+        """
+        if self._wanted is None:
+            return f"{self._number} none"
+        if not self.busy:
+            return f"{self._number} ended"
+        state = self._number, int(self._answer().get("state", 0))
+        if (self._loading is None or not self._loading.is_alive()) and self._fetched != state:
+            assert self._worker is not None
+            self._fetched, file = state, self._worker.folder / STATE
+            self._loading = threading.Thread(target=self._fetch, args=(state, file, device), daemon=True)
+            self._loading.start()
+        if self._loading is not None:
+            self._loading.join(WARM_EVERY)
+        return f"{self._number}.{self._state[0] if self._state else 0}*"
+
+    def _fetch(self, state: tuple[int, int], file: Path, device: str) -> None:
+        """Load a state and draw it once, which loads the kernels; without a state, load only the modules."""
+        from svv.fields.scene import Scene
+        from svv.kernels.dispatch import device_named
+
+        if state[1] == 0:
+            return
+        try:
+            scene = Scene.load(file).on(device_named(device))
+        except BadInput:  # the process has just been ended
+            return
+        scene.while_moving().render(scene.rig.orbit(ORBIT, WARMING, [0])[0])
+        self._state = state, scene
+
+    def told(self) -> str:
+        """Return one line about the work."""
+        said = self._answer()
+        shown = SHOWN[min(said.get("state", 0), 1)]
+        if self._stopped:
+            return STOPPED.format(shown=shown)
+        if not said:
+            return f"Learning begins. {shown}"
+        if said["paused"] or self._paused:
+            return f"Paused at {said['fraction']:.0%}; press Go On. {shown}"
+        left = "" if said["left"] is None else f", {duration(said['left'])} left"
+        return f"Learning, {said['fraction']:.0%}{left}: {said['label']}. {shown}"
+
+    def made(self, wanted: tuple[str, str]) -> bool:
+        """Return whether the process has made this."""
+        return self._wanted == wanted
+
+    def rest(self) -> None:
+        """Take note that all that was ordered is there."""
+        if self._answer().get("done"):
+            self._state, self._paused = None, False
+
+    def pause(self, paused: bool) -> bool:
+        """Let the process wait or go on; return whether it is at work."""
+        if not self.busy or self._worker is None:
+            return False
+        self._paused = paused
+        self._worker.send({"pause": paused})
+        return True
+
+    def stop_here(self) -> None:
+        """End the process for now."""
+        if self.busy:
+            self.end()
+            self._stopped = True
+
+    def forget(self) -> None:
+        """Forget what was ordered, so that it is ordered again."""
+        self._wanted, self._stopped = None, False
+
+    def end(self) -> None:
+        """End the process, and forget what it has been given."""
+        if self._worker is not None:
+            self._last = self._worker.said()
+            self._worker.stop()
+        self._worker, self._sent = None, ""
+
+    def _answer(self) -> dict[str, Any]:
+        """Return what the process says about the last order; empty if nothing yet."""
+        said = self._last if self._worker is None else self._worker.said()
+        return said if said.get("order") == self._number else {}
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as people say it: ``about 40 s`` or ``about 3 min``."""
+    if seconds < 90:
+        return f"about {max(5 * round(seconds / 5), 5)} s"
+    return f"about {round(seconds / 60)} min"
+
+
+def _pvpython() -> Path:
+    """Return the Python of the ParaView that runs."""
+    from paraview.modules.vtkRemotingCore import vtkProcessModule
+
+    module = vtkProcessModule.GetProcessModule()
+    beside = Path(module.GetSelfDir()) / "pvpython" if module is not None else None
+    return beside if beside is not None and beside.is_file() else find().program("pvpython")
+
+
+def _environ() -> dict[str, str]:
+    """Return the process's environment: it needs no plugin."""
+    return {name: value for name, value in os.environ.items() if name != "PV_PLUGIN_PATH"}
+
+
+def _stopper(learner: Ordered) -> Callable[[Any, str], None]:
+    """Return an observer that ends a deleted filter's process."""
+
+    def stop(_: Any, event: str) -> None:
+        learner.end()
+        _deleters.remove(stop)
+
+    _deleters.append(stop)
+    return stop

@@ -1,4 +1,4 @@
-"""A process of its own that works for this one: at low priority, and never longer than this one lives.
+"""A process of its own that works for this one, and never longer than this one lives.
 
 Orders go to it as lines of JSON through its standard input, whose end means that the other side has gone. What it says
 and the results that it has are files in a folder, each replaced as a whole, so reading them never waits.
@@ -38,6 +38,9 @@ SAID, LOG = "said.json", "log.txt"
 PARENT = "SVV_PARENT"
 """Environment variable with the number of the process for which a worker works."""
 
+POLITE = "SVV_POLITE"
+"""Environment variable that tells a worker whether to have a low priority."""
+
 PR_SET_PDEATHSIG = 1
 
 
@@ -46,17 +49,17 @@ class Worker:
 
     Args:
         command: Its program and arguments; the folder is added at the end.
-        environ: Its environment variables; by default those of this process.
+        polite: Whether it has a low priority.
 
     Raises:
         BadInput: It cannot be started.
     """
 
-    def __init__(self, command: Sequence[str | Path], environ: Mapping[str, str] | None = None) -> None:
+    def __init__(self, command: Sequence[str | Path], polite: bool = True) -> None:
         remove_left_behind()
         self.folder = Path(tempfile.mkdtemp(prefix=PREFIX))
         self._held = hold_folder(self.folder)
-        variables = {**(os.environ if environ is None else environ), PARENT: str(os.getpid())}
+        variables = {**os.environ, PARENT: str(os.getpid()), POLITE: str(int(polite))}
         try:
             with (self.folder / LOG).open("wb") as log:
                 self._process = subprocess.Popen(
@@ -150,7 +153,7 @@ class Orders:
 
     def __init__(self) -> None:
         self._waiting: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-        self._input = open(0, "rb", closefd=False)  # noqa: SIM115  (pvpython replaces sys.stdin)
+        self._input = open(0, "rb", closefd=False)  # pvpython replaces sys.stdin
         threading.Thread(target=self._read, daemon=True).start()
 
     def next(self, timeout: float) -> dict[str, Any] | None:
@@ -172,8 +175,8 @@ class Orders:
 
 
 def be_worker() -> Orders:
-    """Make this process a worker: of low priority, ended with its parent. Return the orders that reach it."""
-    if hasattr(os, "nice"):
+    """Make this process a worker, of low priority, which ends with its parent. Return the orders that reach it."""
+    if hasattr(os, "nice") and os.environ.get(POLITE) != "0":
         os.nice(NICE)
     if sys.platform.startswith("linux"):  # elsewhere, and as well, the end of the input does it
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

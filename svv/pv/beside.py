@@ -6,9 +6,7 @@ ordered from :mod:`svv.pv.learner` instead of being made here. Until it is kept,
 
 from __future__ import annotations
 
-import os
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,16 +16,16 @@ from svv.errors import BadInput
 from svv.io.cache import Cache
 from svv.io.worker import Worker
 from svv.pv.data import key_of_views, time_of
-from svv.pv.filters import ORBIT
-from svv.pv.handed import STATE, hand_over
+from svv.pv.drawer import PATIENCE, Arrays, Drawer
+from svv.pv.handed import STATE, WARM, hand_over
 from svv.pv.identity import name_of, source_of
 from svv.pv.keeping import FOUND, Keeping
 from svv.pv.parallel import crew_of
-from svv.pv.start import find
+from svv.pv.start import pvpython_here
 from svv.pv.steps import Moment
 
 if TYPE_CHECKING:
-    from svv.fields.scene import Scene
+    from svv.core.cameras import Camera
 
 ONLY_SHOWN = (
     "Live", "InWindow", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera", "ParallelScale",
@@ -42,12 +40,6 @@ NOT_KEPT = (
 )
 STOPPED = "Stopped; press Go On to resume. {shown}"
 SHOWN = {0: "The volume is shown as it is.", 1: "A sketch is shown."}
-
-WARM_EVERY = 0.05
-"""Seconds that a look at the process lends to loading its newest scene."""
-
-WARMING = 64
-"""Width and height of the image with which the kernels are loaded, pixels."""
 
 _deleters: list[Any] = []
 """Deletion observers; if only the filters held them, Python would collect them too early."""
@@ -80,8 +72,8 @@ class Beside(Keeping):
         """Do the work, as :meth:`Filter.work`; raises :class:`NotYet` from :meth:`found_or_made`."""
         raise NotImplementedError
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Any], scene: Scene | None) -> None:
-        """Fill the outputs with a scene that is no result yet, or without one with what can be shown at once."""
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+        """Fill the outputs with the best there is, while there is no result yet."""
         raise NotImplementedError
 
     def wants(self, now: Moment, painting: str) -> None:
@@ -98,7 +90,7 @@ class Beside(Keeping):
         try:
             said = self.result(inputs, outputs, out_info)
         except NotYet:
-            self.meanwhile(inputs, outputs, self._learner.state())
+            self.meanwhile(inputs, outputs, self._learner)
             return self._learner.told()
         self._learner.rest()
         return said
@@ -146,7 +138,7 @@ class Beside(Keeping):
         """Return a text that changes whenever there is something new to show; it ends in * while more is to come."""
         if self._learner.busy:
             self._status = self._learner.told()
-        return self._learner.news(self.values["Device"])
+        return self._learner.news(self.values)
 
     def Pause(self) -> None:
         """Let the process wait."""
@@ -159,7 +151,7 @@ class Beside(Keeping):
             self.Modified()
 
     def StopHere(self) -> None:
-        """End the process; what is shown stays."""
+        """Stop learning; what is shown stays."""
         self._learner.stop_here()
         self._status = self._learner.told()
 
@@ -177,20 +169,18 @@ class Ordered:
         self._wanted: tuple[str, str] | None = None
         self._number = 0
         self._stopped = self._paused = False
-        self._state: tuple[tuple[int, int], Scene] | None = None
-        """Number of the order and of its state, and the scene."""
-        self._last: dict[str, Any] = {}
+        self._drawer = Drawer()
+        self._state: tuple[int, int] | None = None
+        """Number of an order and of its newest state; None if nothing was learned yet."""
         self._sent = ""
-        self._loading: threading.Thread | None = None
-        self._fetched = (0, -1)
 
     def start(self) -> None:
         """Start the process, unless it is running."""
         if self._worker is not None and self._worker.alive:
             return
         self.end()
-        code = "from svv.pv.learner import main; main()"
-        self._worker = Worker([_pvpython(), "-c", code], _environ())
+        self._worker = Worker([*pvpython_here(), "from svv.pv.learner import main; main()"])
+        self._drawer.load(self._worker.folder / WARM)
 
     def asks_for(self, wanted: tuple[str, str]) -> bool:
         """Return whether this is being made, or has been stopped by the user.
@@ -225,11 +215,23 @@ class Ordered:
         self._worker.send(order)
         self._wanted, self._stopped, self._paused = wanted, False, False
 
-    def state(self) -> Scene | None:
-        """Return the newest scene that has been loaded; None if there is none yet."""
-        if self._loading is not None and self._loading.is_alive() and self._state is not None:
-            self._loading.join()  # two threads must not render at once
-        return None if self._state is None else self._state[1]
+    def picture(self, values: Mapping[str, Any]) -> tuple[Arrays, Camera] | None:
+        """Return a small image of the newest state, and the camera that it is meant for; None if there is none yet."""
+        return self._drawer.image(PATIENCE if values["Moving"] else 0.0) if self._ask(values) else None
+
+    def _ask(self, values: Mapping[str, Any]) -> bool:
+        """Ask for an image of the newest state, if there is any."""
+        state = self._newest()
+        if state is None or self._worker is None:
+            return False
+        self._drawer.ask(self._worker.folder / STATE, state, values)
+        return True
+
+    def _newest(self) -> tuple[int, int] | None:
+        number = int(self._answer().get("state", 0))
+        if number:
+            self._state = self._number, number
+        return self._state
 
     @property
     def busy(self) -> bool:
@@ -240,39 +242,14 @@ class Ordered:
             and not said.get("done") and "error" not in said
         )  # fmt: skip
 
-    def news(self, device: str) -> str:
-        """Return a text that changes with every state that has been loaded, and at the end; meanwhile, load the next.
-
-        Loading a scene and what drawing it takes is a thread's work, or it would hold up the window for seconds. The
-        thread touches no VTK, and runs only while this waits for it.
-        """
+    def news(self, values: Mapping[str, Any]) -> str:
+        """Return a text that changes with every image of a state, and at the end; it ends in * before that."""
         if self._wanted is None:
             return f"{self._number} none"
         if not self.busy:
             return f"{self._number} ended"
-        state = self._number, int(self._answer().get("state", 0))
-        if (self._loading is None or not self._loading.is_alive()) and self._fetched != state:
-            assert self._worker is not None
-            self._fetched, file = state, self._worker.folder / STATE
-            self._loading = threading.Thread(target=self._fetch, args=(state, file, device), daemon=True)
-            self._loading.start()
-        if self._loading is not None:
-            self._loading.join(WARM_EVERY)
-        return f"{self._number}.{self._state[0] if self._state else 0}*"
-
-    def _fetch(self, state: tuple[int, int], file: Path, device: str) -> None:
-        """Load a state and draw it once, which loads the kernels; without a state, load only the modules."""
-        from svv.fields.scene import Scene
-        from svv.kernels.dispatch import device_named
-
-        if state[1] == 0:
-            return
-        try:
-            scene = Scene.load(file).on(device_named(device))
-        except BadInput:  # the process has just been ended
-            return
-        scene.while_moving().render(scene.rig.orbit(ORBIT, WARMING, [0])[0])
-        self._state = state, scene
+        self._ask(values)
+        return f"{self._number} {self._drawer.drawn}*"
 
     def told(self) -> str:
         """Return one line about the work."""
@@ -305,9 +282,9 @@ class Ordered:
         return True
 
     def stop_here(self) -> None:
-        """End the process for now."""
-        if self.busy:
-            self.end()
+        """Stop the work for now; what there is can still be drawn."""
+        if self.busy and self._worker is not None:
+            self._worker.send({"stop": True})
             self._stopped = True
 
     def forget(self) -> None:
@@ -317,13 +294,13 @@ class Ordered:
     def end(self) -> None:
         """End the process, and forget what it has been given."""
         if self._worker is not None:
-            self._last = self._worker.said()
             self._worker.stop()
         self._worker, self._sent = None, ""
+        self._drawer.end()
 
     def _answer(self) -> dict[str, Any]:
         """Return what the process says about the last order; empty if nothing yet."""
-        said = self._last if self._worker is None else self._worker.said()
+        said = {} if self._worker is None else self._worker.said()
         return said if said.get("order") == self._number else {}
 
 
@@ -332,20 +309,6 @@ def duration(seconds: float) -> str:
     if seconds < 90:
         return f"about {max(5 * round(seconds / 5), 5)} s"
     return f"about {round(seconds / 60)} min"
-
-
-def _pvpython() -> Path:
-    """Return the Python of the ParaView that runs."""
-    from paraview.modules.vtkRemotingCore import vtkProcessModule
-
-    module = vtkProcessModule.GetProcessModule()
-    beside = Path(module.GetSelfDir()) / "pvpython" if module is not None else None
-    return beside if beside is not None and beside.is_file() else find().program("pvpython")
-
-
-def _environ() -> dict[str, str]:
-    """Return the process's environment: it needs no plugin."""
-    return {name: value for name, value in os.environ.items() if name != "PV_PLUGIN_PATH"}
 
 
 def _stopper(learner: Ordered) -> Callable[[Any, str], None]:

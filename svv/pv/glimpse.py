@@ -21,11 +21,11 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def drawn_small(scene: Scene, values: Any, progress: Progress) -> tuple[Arrays, Camera]:
-    """Return the image of a scene as a panel's values ask, rendered with fewer pixels, and its camera."""
+    """Return the image of a scene as a panel's values ask, with fewer pixels, and the camera that it is meant for."""
     from svv.pv.work import camera_for, draw
 
     camera = camera_for(scene.rig, values)
-    return enlarged(draw(scene, small(camera), {**values, "Moving": True}, progress), camera), camera
+    return draw(scene, small(camera), {**values, "Moving": True}, progress), camera
 
 
 def glanced(filter: Filter, data: Any) -> tuple[Arrays, Camera]:
@@ -48,7 +48,7 @@ def glanced(filter: Filter, data: Any) -> tuple[Arrays, Camera]:
         "Depth": np.full(rgba.shape[:2], np.nan, np.float32),
         "Region": np.full(rgba.shape[:2], -1, np.int16),
     }
-    return enlarged({"RGBA": rgba, **nothing}, camera), camera
+    return {"RGBA": rgba, **nothing}, camera
 
 
 def small(camera: Camera) -> Camera:

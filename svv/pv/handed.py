@@ -18,6 +18,9 @@ from svv.pv.data import time_of
 STATE = "state.svv"
 """File in a learner's folder with the newest scene to be shown meanwhile."""
 
+WARM = "warm.svv"
+"""File there with a small scene, drawing which loads all that it takes."""
+
 ABOUT = "about.json"
 """File with the grid, the time and the names of the arrays."""
 

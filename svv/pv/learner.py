@@ -22,7 +22,7 @@ from svv.io.worker import Orders, be_worker, say
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
 from svv.pv import proxies
 from svv.pv.filters import sentence_on
-from svv.pv.handed import STATE, taken
+from svv.pv.handed import STATE, WARM, taken
 from svv.pv.option_panel import options_in
 
 if TYPE_CHECKING:
@@ -55,12 +55,12 @@ def main() -> None:
     orders = be_worker()
     learner = Learner(orders, Path(sys.argv[-1]))
     with suppress(Cancelled):  # an order came
-        warm(orders)
+        warm(orders, learner.folder / WARM)
     learner.run()
 
 
-def warm(orders: Orders) -> None:
-    """Load all that a job takes, by doing a whole small one; stop as soon as there is an order."""
+def warm(orders: Orders, file: Path) -> None:
+    """Load all that a job takes, by doing a whole small one; stop as soon as there is an order. Save its result."""
     from svv.job.ahead import ball_views
     from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
@@ -79,7 +79,7 @@ def warm(orders: Orders) -> None:
     views = ball_views()
     scene, _ = train_scene(views, few, hurry)
     picture = views.images[0, ..., :3].astype("float32") / 255.0
-    stylize_scene(scene, [picture], few, hurry, manner="strokes")
+    stylize_scene(scene, [picture], few, hurry, manner="strokes")[0].save(file)
 
 
 class Learner:
@@ -93,7 +93,7 @@ class Learner:
     def __init__(self, orders: Orders, folder: Path) -> None:
         self.orders, self.folder = orders, folder
         self.order: dict[str, Any] = {}
-        self.paused = False
+        self.paused = self._stopped = False
         self._pending: dict[str, Any] | None = None
         self._said: dict[str, Any] = {}
         self._began = self._told = 0.0
@@ -117,6 +117,8 @@ class Learner:
             return False
         if "pause" in order:
             self.paused = order["pause"]
+        elif "stop" in order:
+            self._stopped, self.paused = True, False
         else:
             self._pending, self.paused = order, False
         return True
@@ -133,6 +135,8 @@ class Learner:
         while self.paused:
             self._tell(fraction, label)
             self._listen(LISTEN_EVERY)
+        if self._stopped:
+            raise Cancelled
         self._began += time.monotonic() - begun
         if time.monotonic() - self._told > TELL_EVERY:
             self._tell(fraction, label)
@@ -162,7 +166,7 @@ class Learner:
     def _do(self, order: dict[str, Any]) -> None:
         self._began = time.monotonic()
         same = self.order.get("scene") == order["scene"]
-        self.order, self._said = order, {"state": 0}
+        self.order, self._said, self._stopped = order, {"state": 0}, False
         try:
             self._open(order, same)
             self._show_sketch()
@@ -199,7 +203,7 @@ class Learner:
         filter.failed, filter.repaints, filter.trains = "", False, True
         filter.Modified()
         filter.Update()
-        if self._pending is not None:
+        if self._pending is not None or self._stopped:
             raise Cancelled
         if filter.failed and not filter.repaints:
             raise BadInput(filter.failed)

@@ -15,7 +15,7 @@ from svv.errors import part
 from svv.io.made import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
-from svv.pv.beside import Beside
+from svv.pv.beside import Beside, Ordered
 from svv.pv.data import drawn_in, key_of_scene, put_baked, put_drawn, put_mesh, put_no_views, put_scene, scene_of
 from svv.pv.filters import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
@@ -348,15 +348,14 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         return f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}{told}"
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Any], scene: Any) -> None:
-        from svv.pv.glimpse import drawn_small, glanced
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+        from svv.pv.glimpse import drawn_small, enlarged, glanced
 
-        shown = self.last("shown") if scene is None else self.kept("shown", scene, lambda: scene)
-        if shown is not None:
-            arrays, camera = drawn_small(shown, self.values, self.progress)
-        else:
-            arrays, camera = glanced(self, inputs[0])
-        put_drawn(outputs[0], arrays, camera)
+        drawn, shown = learner.picture(self.values), self.last("shown")
+        if drawn is None:
+            drawn = glanced(self, inputs[0]) if shown is None else drawn_small(shown, self.values, self.progress)
+        arrays, camera = drawn
+        put_drawn(outputs[0], enlarged(arrays, camera), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
 
     def before(self, outputs: list[Any]) -> None:

@@ -32,7 +32,7 @@ _timers: list[Timer] = []
 
 
 def watch_learning(filter: Any, loading: bool = False) -> None:
-    """Keep what a filter shows up to date while it learns, from now on, if the window has made it.
+    """Tell a filter whether the window has made it, and keep what it shows up to date while it learns beside that.
 
     Args:
         filter: Proxy of one of :data:`BESIDE`.
@@ -42,9 +42,8 @@ def watch_learning(filter: Any, loading: bool = False) -> None:
     if proxy in _watched:
         return
     _watched.put(proxy, [""])
-    if not by_window():
-        return
-    filter.InWindow = 1 if loading else 2
+    if by_window():
+        filter.InWindow = 1 if loading else 2
     proxy.AddObserver("UpdateDataEvent", _updated)
     proxy.AddObserver("UpdatePropertyEvent", _pressed)
 
@@ -60,16 +59,20 @@ def by_window() -> bool:
 
 
 def _updated(proxy: Any, event: str) -> None:
-    if not server_gone(proxy) and _news_of(proxy).endswith("*"):
+    if _in_window(proxy) and not server_gone(proxy) and _news_of(proxy).endswith("*"):
         _soon()
 
 
 def _pressed(proxy: Any, event: str, name: str) -> None:
-    if name in BUTTONS:
+    if name in BUTTONS and _in_window(proxy):
         _soon()
 
 
 _pressed.CallDataType = "string0"  # type: ignore[attr-defined]
+
+
+def _in_window(proxy: Any) -> bool:
+    return bool(proxy.GetProperty("InWindow").GetElement(0))
 
 
 def _news_of(proxy: Any) -> str:
@@ -93,7 +96,7 @@ def _look() -> None:
         _soon()
         return
     for proxy, last in _watched.items():
-        if server_gone(proxy) or not proxy.GetProperty("InWindow").GetElement(0):
+        if server_gone(proxy) or not _in_window(proxy):
             continue
         news = _news_of(proxy)
         if news != last[0]:

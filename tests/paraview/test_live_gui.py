@@ -58,14 +58,14 @@ def beat(*_):
     blocks.append((round(now - last, 3), round(now - applied, 1)))
     last = now
     told = filter.Status
-    if "sketch" in told and filter.LiveState.count("(") and "sketch" not in seen:
+    if "sketch" in told and filter.LiveState.endswith(" 1*") and "sketch" not in seen:
         seen["sketch"] = now - applied
         done("sketch")
     elif "regions" in told:
         over, seen["result"] = True, now - applied
         longest = sorted(blocks, reverse=True)[:8]
         done(json.dumps({**seen, "longest": longest, "beats": beats}))
-    elif "Learning" not in told and "Paused" not in told:
+    elif told and "Learning" not in told:
         over = True
         done("failed: " + str(told))
 

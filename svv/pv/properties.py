@@ -366,7 +366,7 @@ def live() -> list[Property]:
     for kind, name, default, setter, help in hidden:
         xml = (
             f'<{kind} name="{name}" command="Set{name}" number_of_elements="1" default_values="{default}" '
-            f'panel_visibility="never" state_ignored="1" animateable="0"><Documentation>{help}</Documentation></{kind}>'
+            f'panel_visibility="never" is_internal="1" animateable="0"><Documentation>{help}</Documentation></{kind}>'
         )
         found.append(Property(name, xml, False if default else "", {f"Set{name}": setter}))
     return [*found, hidden_text("Learned", "GetLearned", "A text that changes when there is something new to show.")]

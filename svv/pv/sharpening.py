@@ -43,9 +43,25 @@ def watch_learning(filter: Any, loading: bool = False) -> None:
         return
     _watched.put(proxy, [""])
     if by_window():
-        filter.InWindow = 1 if loading else 2
+        in_window(filter, soon=not loading)
     proxy.AddObserver("UpdateDataEvent", _updated)
     proxy.AddObserver("UpdatePropertyEvent", _pressed)
+
+
+def in_window(filter: Any, soon: bool = True) -> None:
+    """Tell a filter that the window has made it, so that its property Live counts.
+
+    Args:
+        filter: Proxy of one of :data:`BESIDE`.
+        soon: Whether it will be applied for the first time, for which its process gets ready.
+    """
+    _tell(filter.SMProxy, "InWindow", 2 if soon else 1)
+
+
+def _tell(proxy: Any, name: str, value: Any) -> None:
+    """Set an internal property, of which neither states nor traces nor Python know."""
+    proxy.GetProperty(name).SetElement(0, value)
+    proxy.UpdateProperty(name)
 
 
 def by_window() -> bool:
@@ -112,7 +128,7 @@ def _show(proxy: Any, news: str) -> None:
     from paraview import servermanager, simple
 
     filter = servermanager._getPyProxy(proxy)
-    filter.LiveState = news
+    _tell(proxy, "LiveState", news)
     if filter.GetDataInformation().GetNumberOfPoints() == 0:
         return  # it has not been applied
     filter.UpdatePipeline()

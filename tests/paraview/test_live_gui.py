@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -19,6 +20,7 @@ from tests.paraview.test_gui import write_input
 SCRIPT = """
 import json, time
 from paraview.simple import *
+from svv.pv import sharpening
 from svv.pv.follow import busy
 
 volume, preset, style, settings = ARGUMENTS
@@ -37,7 +39,7 @@ ResetCamera(view)
 Render(view)
 filter = StyleRFStylizedView(Input=reader, StyleFiles=[style], FollowCamera=1, **settings)
 RenameSource("painting", filter)
-filter.InWindow = 2  # as for a filter that the menu makes
+sharpening.in_window(filter)  # as for a filter that the menu makes
 begun, beats, seen, blocks, applied, over = time.perf_counter(), 0, {}, [], None, False
 
 def beat(*_):
@@ -57,8 +59,8 @@ def beat(*_):
     now = time.perf_counter()
     blocks.append((round(now - last, 3), round(now - applied, 1)))
     last = now
-    told = filter.Status
-    if "sketch" in told and filter.LiveState.endswith(" 1*") and "sketch" not in seen:
+    told, drawn = filter.Status, filter.SMProxy.GetProperty("LiveState").GetElement(0).endswith(" 1*")
+    if "sketch" in told and drawn and "sketch" not in seen:
         seen["sketch"] = now - applied
         done("sketch")
     elif "regions" in told:
@@ -128,9 +130,11 @@ def test_the_window_shows_a_sketch_and_then_the_painting(gui: Callable, tmp_path
     figures = json.loads(running.wait(900.0 if kept else 300.0))
     print(figures)
     painted = running.screenshot(tmp_path / "painted.png")
-    shown = [np.asarray(Image.open(file).convert("RGB"), np.int16)[200:900, 850:1270] for file in (first, sketch, painted)]
+    shown = [
+        np.asarray(Image.open(file).convert("RGB"), np.int16)[200:900, 850:1270] for file in (first, sketch, painted)
+    ]
     assert all((one.min(2) < 215).mean() > 0.02 for one in shown), "the right view is empty"
-    assert all((np.abs(a - b).max(2) > 30).mean() > 0.005 for a, b in zip(shown, shown[1:], strict=False))
+    assert all((np.abs(a - b).max(2) > 30).mean() > 0.005 for a, b in itertools.pairwise(shown))
     if kept:
         shutil.copy(painted, Path(kept) / "at-the-end.png")
         (Path(kept) / "live.json").write_text(json.dumps(figures))

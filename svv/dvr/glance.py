@@ -15,7 +15,7 @@ from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import open_caster, rig_of
 from svv.options.making import ViewOptions
 
-STEP = 1.0
+STEP = 0.5
 """Sample distance in voxels."""
 
 

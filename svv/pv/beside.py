@@ -63,7 +63,8 @@ class Beside(Keeping):
         self._learner = Ordered(type(self).__name__)
         self._wanted: tuple[str, str] = ("", "")
         self._data: vtkDataObject | None = None
-        self._shown = 0
+        self._moment: Moment | None = None
+        self._take = False
         self.AddObserver("DeleteEvent", _stopper(self._learner))
 
     # --- for subclasses ---------------------------------------------------------------------------------------------
@@ -80,6 +81,24 @@ class Beside(Keeping):
         """Say what the result depends on: the scene's training, and how it is painted."""
         self._wanted = name_of("scene", source_of(now), now.settings), painting
 
+    def settled(self, now: Moment) -> Moment:
+        """Return what is being learned from: it stays the same while the time or the transfer function changes."""
+        before, take = self._moment, self._take
+        self._take = False
+        if (
+            self._lives() and before is not None and not take
+            and (before.settings, before.here) == (now.settings, now.here)
+            and (before.data == now.data or before.asked != now.asked)
+        ):  # fmt: skip
+            return before
+        self._moment = now
+        return now
+
+    def TakeAsEdited(self) -> None:
+        """Update the result to the current transfer function and time step."""
+        self._take = True
+        super().TakeAsEdited()
+
     # --- the work ---------------------------------------------------------------------------------------------------
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
@@ -92,6 +111,7 @@ class Beside(Keeping):
         except NotYet:
             self.meanwhile(inputs, outputs, self._learner)
             return self._learner.told()
+        self._moment = None
         self._learner.rest()
         return said
 

@@ -305,7 +305,8 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
         )
 
         values = self.values
-        now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
+        present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
+        now = self.settled(present)
         styles = style_key(values) if values["StyleFiles"] else ""
         todo = 0.7 if styles else 0.98
 
@@ -332,15 +333,16 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
             scene = painted
         if not self.shows:
             return regions_said(scene)
-        told, whole = self.steps.told(now), scene
+        told, whole = self.steps.told(present), scene
         camera = camera_for(whole.rig, values)
         made = self.steps.made
-        if made is not None and made.data == now.data:
-            self.kept("moving", (name, now.data), lambda: moving_from(whole, inputs[0], values, now.time))
-        if made is not None and follows(whole, inputs[0], made, now):
+        if made is not None and made.data == present.data:
+            self.kept("moving", (name, present.data), lambda: moving_from(whole, inputs[0], values, present.time))
+        if made is not None and follows(whole, inputs[0], made, present):
             moving = self.kept("moving", (name, made.data), lambda: None)
-            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], values, now, moving))
-            told = f" Followed to time {now.time:g}."
+            followed_to = (name, present.data)
+            scene = self.kept("followed", followed_to, lambda: followed(whole, inputs[0], values, present, moving))
+            told = f" Followed to time {present.time:g}."
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         self.kept("shown", object(), lambda: scene)

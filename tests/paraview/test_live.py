@@ -169,8 +169,10 @@ assert workers() == [worker]
 
 # Another transfer function: the old picture stays until there is a new sketch, of what is shown now.
 GetOpacityTransferFunction("RTData").Points = [37, 0, 0.5, 0, 100, 0, 0.5, 0, 140, 1, 0.5, 0, 277, 1, 0.5, 0]
+number = news(filter).split()[0]
+filter.Frame = 5  # this makes the filter look at its input
 filter.UpdatePipeline()
-assert "base NeRF" in look(filter), "an edited transfer function has started something by itself"
+assert "base NeRF" in status(filter) and news(filter).split()[0] == number, "editing has started something by itself"
 old = image(filter)[1]["RGBA"].copy()
 press(filter, "TakeAsEdited")
 filter.Settings = FEW["Settings"]

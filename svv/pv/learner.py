@@ -120,6 +120,9 @@ class Learner:
         elif "stop" in order:
             self._stopped, self.paused = True, False
         else:
+            last = self._pending
+            if last is not None and last["scene"] == order["scene"]:  # it has the volume, which is sent only once
+                order = {**last, **order}
             self._pending, self.paused = order, False
         return True
 
@@ -185,7 +188,7 @@ class Learner:
         """Make a filter that has the order's input, unless the last one's has it."""
         if same and self._filter is not None:
             return
-        self._sketch = None
+        self._sketch = self._filter = None
         from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
 
         image = taken(Path(order["volume"]))

@@ -194,3 +194,16 @@ filter.UpdatePipeline()
 assert "There is no style picture" in status(filter)
 assert (image(filter)[1]["RGBA"][:, 3] > 127).any()
 """)
+
+
+@pytest.mark.slow
+def test_a_server_learns_beside_itself(live: Callable, pvserver: int) -> None:
+    live(f"""
+Connect("127.0.0.1", {pvserver})
+wavelet, display = shown()
+filter = make(**FEW)
+filter.UpdatePipeline()
+until(filter, sketched)
+until(filter, is_done)
+assert workers() == [], "the client learns"
+""")

@@ -7,6 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import (
+    vtkCharArray,
+    vtkIdTypeArray,
+    vtkLongArray,
+    vtkLongLongArray,
+    vtkUnsignedLongArray,
+)
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.dvr.appearance import GHOSTS
@@ -50,6 +57,20 @@ def test_a_volume_arrives_as_it_was(tmp_path: Path, time: float | None) -> None:
             assert np.array_equal(vtk_to_numpy(two.GetArray(name)), vtk_to_numpy(one.GetArray(name)))
         assert two.GetArray("other") is None, "an array that nobody asked for was handed over"
     assert again.GetPointData().GetScalars().GetName() == "pressure"
+
+
+@pytest.mark.parametrize("kind", [vtkCharArray, vtkIdTypeArray, vtkLongArray, vtkLongLongArray, vtkUnsignedLongArray])
+def test_types_of_the_same_size_stay_apart(tmp_path: Path, kind: type) -> None:
+    image, array = vtkImageData(), kind()
+    image.SetDimensions(2, 2, 1)
+    array.SetName("values")
+    for value in (1, 2, 3, 100):
+        array.InsertNextValue(chr(value) if kind is vtkCharArray else value)
+    image.GetPointData().SetScalars(array)
+    hand_over(image, {"Scalars": ""}, None, tmp_path / "volume")
+    again = taken(tmp_path / "volume").GetPointData().GetScalars()
+    assert again.GetDataTypeAsString() == array.GetDataTypeAsString()
+    assert vtk_to_numpy(again).tolist() == [1, 2, 3, 100]
 
 
 def test_a_volume_outlives_its_files(tmp_path: Path) -> None:

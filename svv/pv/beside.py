@@ -7,11 +7,13 @@ ordered from :mod:`svv.pv.learner` instead of being made here. Until it is kept,
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
+from svv.dvr.ranks import ranks_here
 from svv.errors import BadInput
 from svv.io.cache import Cache
 from svv.io.worker import Worker
@@ -135,6 +137,7 @@ class Beside(Keeping):
             bool(self.values["Live"] and self.values["InWindow"] and not self.values["TrainEachTimeStep"])
             and key_of_views(self._data) is None
             and crew_of(self._data) is None
+            and ranks_here() is None
             and Cache.of_user().bound > 0
         )
 
@@ -152,7 +155,9 @@ class Beside(Keeping):
 
     def prepare(self) -> None:
         """Start the process, so that it has loaded what it takes when the first order comes."""
-        self._learner.start()
+        if self._lives():
+            with suppress(BadInput):  # the first order will say so
+                self._learner.start()
 
     def GetLearned(self) -> str:
         """Return a text that changes whenever there is something new to show; it ends in * while more is to come."""
@@ -237,15 +242,15 @@ class Ordered:
 
     def picture(self, values: Mapping[str, Any]) -> tuple[Arrays, Camera] | None:
         """Return a small image of the newest state, and the camera that it is meant for; None if there is none yet."""
-        return self._drawer.image(PATIENCE if values["Moving"] else 0.0) if self._ask(values) else None
+        asked = self._ask(values)
+        return None if asked is None else self._drawer.image(PATIENCE if asked else 0.0)
 
-    def _ask(self, values: Mapping[str, Any]) -> bool:
-        """Ask for an image of the newest state, if there is any."""
+    def _ask(self, values: Mapping[str, Any]) -> bool | None:
+        """Ask for an image of the newest state; return whether that is news, and None if there is no state."""
         state = self._newest()
         if state is None or self._worker is None:
-            return False
-        self._drawer.ask(self._worker.folder / STATE, state, values)
-        return True
+            return None
+        return self._drawer.ask(self._worker.folder / STATE, state, values)
 
     def _newest(self) -> tuple[int, int] | None:
         number = int(self._answer().get("state", 0))

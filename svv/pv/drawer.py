@@ -30,7 +30,7 @@ IMAGE = "image.npz"
 """File in the process's folder with the image that was drawn last."""
 
 PATIENCE = 0.12
-"""Seconds that the window waits for an image while the mouse moves the camera, before it shows the last one."""
+"""Seconds that the window waits for an image from another camera, before it shows the last one."""
 
 IDLE = 180.0
 """Seconds without orders after which the process ends."""
@@ -61,8 +61,8 @@ class Drawer:
         """Let the process load what it takes, by drawing any scene, as soon as its file is there."""
         self.start().send({"warm": str(file)})
 
-    def ask(self, file: Path, state: tuple[int, int], values: Mapping[str, Any]) -> None:
-        """Ask for an image, unless it has been asked for last.
+    def ask(self, file: Path, state: tuple[int, int], values: Mapping[str, Any]) -> bool:
+        """Ask for an image, unless it was asked for last; return whether it was not.
 
         Args:
             file: A scene's file.
@@ -70,10 +70,12 @@ class Drawer:
             values: The panel's values, as which it is to be drawn.
         """
         wanted = (state, {name: values[name] for name in NAMES if name in values})
-        if wanted != self._asked[1]:
-            worker = self.start()
-            self._asked = self._asked[0] + 1, wanted
-            worker.send({"number": self._asked[0], "file": str(file), "state": state, "values": wanted[1]})
+        if wanted == self._asked[1]:
+            return False
+        worker = self.start()
+        self._asked = self._asked[0] + 1, wanted
+        worker.send({"number": self._asked[0], "file": str(file), "state": state, "values": wanted[1]})
+        return True
 
     def image(self, patience: float = 0.0) -> tuple[Arrays, Camera] | None:
         """Return the newest small image, and the camera that it is meant for; None before the first.

@@ -52,7 +52,7 @@ def hand_over(image: vtkImageData, values: Mapping[str, Any], time: float | None
                     continue
                 file = f"{len(about['arrays'])}.npy"
                 np.save(folder / file, vtk_to_numpy(array))
-                about["arrays"].append([file, cells, array.GetName(), array is active])
+                about["arrays"].append([file, cells, array.GetName(), array.GetDataType(), array is active])
         (folder / ABOUT).write_text(json.dumps(about))
     except OSError as error:
         raise cannot_write(folder, error) from error
@@ -66,8 +66,8 @@ def taken(folder: Path) -> vtkImageData:
     image.SetSpacing(about["spacing"])
     image.SetOrigin(about["origin"])
     image.SetDirectionMatrix(about["direction"])
-    for file, cells, name, active in about["arrays"]:
-        array = numpy_to_vtk(np.load(folder / file, mmap_mode="c"))
+    for file, cells, name, kind, active in about["arrays"]:
+        array = numpy_to_vtk(np.load(folder / file, mmap_mode="c"), array_type=kind)  # VTK has several for a size
         array.SetName(name)
         data = image.GetCellData() if cells else image.GetPointData()
         data.AddArray(array)

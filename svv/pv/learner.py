@@ -24,6 +24,7 @@ from svv.pv import proxies
 from svv.pv.filters import sentence_on
 from svv.pv.handed import STATE, WARM, taken
 from svv.pv.option_panel import options_in
+from svv.pv.steps import Moment
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -45,6 +46,8 @@ SKETCHED = 0.15
 
 IDLE = 120.0
 """Seconds without work after which the process ends; the next order starts another one."""
+
+DIFFERS = "The process beside ParaView does not see the volume as ParaView does: turn Live off, and please report this."
 
 TELL_EVERY, LISTEN_EVERY = 0.2, 0.5
 """Seconds between two reports, and between two looks at the orders while it is paused."""
@@ -283,6 +286,11 @@ def learning(kind: str, learner: Learner) -> Any:
         failed = ""
         trains = True
         repaints = False
+
+        def wants(self, now: Moment, painting: str) -> None:
+            super().wants(now, painting)
+            if self._wanted[0] != learner.order["scene"]:
+                raise BadInput(DIFFERS)
 
         def progress(self, fraction: float, label: str) -> None:
             if self.repaints and not self.trains:

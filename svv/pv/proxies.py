@@ -20,6 +20,7 @@ from svv.pv.data import drawn_in, key_of_scene, put_baked, put_drawn, put_mesh, 
 from svv.pv.filters import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
 from svv.pv.keeping import Keeping, views_in, write_views
+from svv.pv.live_properties import live
 from svv.pv.meshes import told as told_of
 from svv.pv.option_panel import options_in, properties_of
 from svv.pv.panels import (
@@ -44,7 +45,6 @@ from svv.pv.properties import (
     file,
     files,
     kept_as,
-    live,
     number,
     panel,
     scalars,

@@ -1,13 +1,14 @@
-"""How learning rates fall."""
+"""The loop of every stage: how learning rates fall, and which time counts."""
 
 from __future__ import annotations
 
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.train.config import PRESETS
-from svv.train.run.loop import falling
+from svv.train.run.loop import Loop, falling
 
 FRACTIONS = st.floats(0.0, 1.0)
 
@@ -37,3 +38,18 @@ def test_the_paper_s_schedule_is_the_paper_s() -> None:
     for stage in ("reconstruct", "recolour"):
         assert getattr(paper, stage).decay > 0.0 and getattr(paper, stage).by_contrast == 0.0
         assert all(getattr(other, stage).decay == 0.0 for other in others)
+
+
+def test_a_pause_does_not_count_towards_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("svv.train.run.loop.time.monotonic", lambda: now[0])
+
+    def step(number: int, fraction: float) -> torch.Tensor:
+        now[0] += 1.0
+        return torch.tensor(0.0)
+
+    def pause(fraction: float, label: str) -> None:
+        now[0] += 1000.0
+
+    loop = Loop(100, 10.0, pause, "work")
+    assert loop.run(step) == loop.done == 10

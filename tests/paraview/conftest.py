@@ -102,6 +102,11 @@ class Gui:
                 return Path(path)
             before = now
 
+    def snapshot(self, path: str | Path) -> Path:
+        """A picture of the whole screen as it is now."""
+        _tool(["import", "-window", "root", f"png:{path}"], self.environ)
+        return Path(path)
+
     def fill_screen(self) -> str:
         """Give the main window all of the screen, and return its number."""
         window = self._main_window()

@@ -53,9 +53,11 @@ def tick(*_):
         if quick == "quick":
             filter.Preset, filter.TimeLimit, filter.Views, filter.ViewSize = "draft", 4.0, 12, 128
         done(f"made {filter.TransferFunction is not None} {filter.Shade}")
-    elif stage == "made" and made and made[0].GetDataInformation().GetNumberOfPoints() > 0:
+    elif stage == "made" and made and "Learning" in made[0].Status:
+        stage = "learning"
+        done(f"learning {made[0].GetDataInformation().GetNumberOfPoints() > 0}")
+    elif stage == "learning" and "Learning" not in made[0].Status:
         stage = "painted"
-        made[0].UpdatePropertyInformation()
         done("painted: " + made[0].Status)
     elif stage == "painted" and len(GetRenderViews()) == 2 and max(made[0].ImageSize) == 800:
         stage = "followed"
@@ -151,6 +153,7 @@ def test_a_newcomer_paints_a_volume_from_the_menu(gui: Callable, tmp_path: Path)
     assert running.wait() == "made True 1", "the filter did not take how the volume is shown"
     running.screenshot(tmp_path / "made.png")
     running.xdotool("key", "alt+a")  # Apply
+    assert running.wait() == "learning True", "Live is on in the window, and something is shown at once"
     said = running.wait(1500.0 if kept else 300.0)
     assert said.startswith("painted: ") and "regions" in said, said
     assert running.wait() == "followed"

@@ -190,7 +190,7 @@ def views_of(
     """Render the views of a volume that is on its stage, see :func:`make_views`; ``began`` is a monotonic time."""
     _check_options(asked)
     n, size, stage = asked.n, asked.size, subject.stage
-    rig, numbers = _rig(asked, stage, subject.whole), unseen_numbers(asked.test)
+    rig, numbers = rig_of(asked, stage, subject.whole), unseen_numbers(asked.test)
     cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
     volume_classified = subject.classify(stage)
     caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.caster, subject.kept)
@@ -336,7 +336,7 @@ def _image(caster: Caster, camera: Camera, number: int, kept: DrawnViews | None)
     return image
 
 
-def _rig(asked: ViewOptions, stage: Stage, whole: Level) -> CameraRig:
+def rig_of(asked: ViewOptions, stage: Stage, whole: Level) -> CameraRig:
     """Return the cameras around what is visible, or around the whole volume."""
     fov = float(np.radians(asked.fov))
     centre, half = stage.centre, 0.5 * stage.visible_size

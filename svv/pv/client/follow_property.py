@@ -12,6 +12,7 @@ from vtkmodules.vtkCommonCore import VTK_INT, vtkWeakReference
 
 from svv.pv.client.linked_camera import busy, follow, follower_of, followers, placed, stop_following, view_to_follow
 from svv.pv.client.observers import Watched
+from svv.pv.client.timers import Timer, window
 
 PROPERTY = "FollowCamera"
 
@@ -29,29 +30,6 @@ _beginning: list[bool] = []
 
 _timers: list[Timer] = []
 """The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
-
-
-class Timer:
-    """One-shot timer that processes the waiting filters from a window's event loop."""
-
-    def __init__(self, interactor: Any) -> None:
-        self._interactor = vtkWeakReference()
-        self._interactor.Set(interactor)
-        self._do = self._tick
-        self._tag = interactor.AddObserver("TimerEvent", self._do)
-        self._id = interactor.CreateOneShotTimer(PAUSE)
-
-    @property
-    def alive(self) -> bool:
-        """Whether the window still exists."""
-        return self._interactor.Get() is not None
-
-    def _tick(self, *_: Any) -> None:
-        interactor: Any = self._interactor.Get()
-        interactor.RemoveObserver(self._tag)
-        interactor.DestroyTimer(self._id)
-        _timers.remove(self)
-        _begin()
 
 
 def watch_camera(filter: Any) -> None:
@@ -128,17 +106,16 @@ _drawn.CallDataType = VTK_INT  # type: ignore[attr-defined]
 
 def _soon() -> bool:
     """Start the window's timer for the waiting filters; return False if there is no window (in a script)."""
-    from paraview import simple
-
     _timers[:] = [timer for timer in _timers if timer.alive]
-    if _timers:
-        return True
-    for view in simple.GetRenderViews():
-        interactor = view.GetInteractor()
-        if interactor is not None and interactor.GetClassName().startswith("QVTK"):  # only Qt's has an event loop
-            _timers.append(Timer(interactor))
-            return True
-    return False
+    interactor = window()
+    if not _timers and interactor is not None:
+        _timers.append(Timer(interactor, PAUSE, _go))
+    return bool(_timers)
+
+
+def _go() -> None:
+    _timers.clear()
+    _begin()
 
 
 def _begin() -> None:

@@ -27,6 +27,11 @@ class Watched(Generic[Kept]):
         """Return what is kept for a proxy; None if it is not known."""
         return next((kept for reference, kept in self._known if reference.Get() is proxy), None)
 
+    def items(self) -> list[tuple[Any, Kept]]:
+        """Return the proxies that still exist, each with what is kept for it."""
+        pairs = [(reference.Get(), kept) for reference, kept in self._known]
+        return [(proxy, kept) for proxy, kept in pairs if proxy is not None]
+
     def put(self, proxy: Any, kept: Kept) -> None:
         """Keep something for a proxy, instead of what was kept for it before."""
         self._known[:] = [known for known in self._known if known[0].Get() not in (None, proxy)]

@@ -21,6 +21,7 @@ from svv.pv.client.part_picking import watch_picks
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
 from svv.pv.display.volume_display import as_volume, watch_volumes
+from svv.pv.live.sharpening import BESIDE, watch_learning
 from svv.pv.panel.cached_names import KEEPING, watch_kept
 from svv.pv.panel.undo import watch
 
@@ -186,6 +187,9 @@ def _registered(session: Any, *_: Any) -> None:
     for name in linked_camera.IMAGES:
         for filter in _proxies(session, name):
             watch_camera(filter)
+    for name in BESIDE:
+        for filter in _proxies(session, name):
+            watch_learning(filter, loading=bool(session.GetInLoadXMLState()))
     for view in _proxies(session, "RenderView", "views"):
         watch_view(view)
         watch_volumes(view)

@@ -108,6 +108,8 @@ class Keeping(Filter):
         """Return the result that is kept under a name, or None."""
         if kind == "views":
             return Cache.of_user().read(name, read_views)
+        if not Cache.of_user().holds(name):  # what follows imports torch, which takes seconds
+            return None
         from svv.fields.scene.scene import Scene
         from svv.kernels.dispatch import device_named
 

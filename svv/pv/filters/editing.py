@@ -151,7 +151,7 @@ def point_seen(scene: Scene, where: str) -> str:
     from svv.pv.filters.engine import camera_for
 
     seen = parsed(where)
-    return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene, seen), seen["pixel"]))
+    return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene.rig, seen), seen["pixel"]))
 
 
 def correction_in(values: Values) -> Correction:

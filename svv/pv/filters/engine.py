@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
-from svv.core.geometry.cameras import Camera
+from svv.core.geometry.cameras import Camera, CameraRig
 from svv.dvr.draw.appearance import GHOSTS
 from svv.errors import BadInput, Progress, part
 from svv.io.files.keyed_results import digest, digest_of_file
@@ -122,6 +122,8 @@ def transfer_function_of(values: Values) -> Any:
     if values.get("Refusal"):
         raise BadInput(f"{values['Refusal']} Then run the macro 'StyleRF capture'.")
     table = values["TransferFunction"]
+    if isinstance(table, dict):  # handed from another process
+        return TransferFunction.from_dict(table, "the transfer function")
     opacity = None if table is None else table.GetScalarOpacityFunction()
     if table is None or opacity is None:
         raise BadInput(
@@ -243,10 +245,11 @@ def regions_said(scene: Scene) -> str:
     return f"{len(scene.regions)} regions{origin}"
 
 
-def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
+def train(data: vtkDataObject | None, values: Values, progress: Progress, checkpoint: Path | None = None) -> Scene:
     """Train a scene on a volume, or on the views that the input belongs to.
 
-    If the panel names a scene file, the scene is written to it, and training that was stopped resumes.
+    If the panel names a scene file, the scene is written to it, and training that was stopped resumes; it also does
+    from a ``checkpoint``.
 
     Raises:
         BadInput: Any reason of the engine.
@@ -268,7 +271,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     if views is None:
         views, _ = draw_views(volume_of(data, values), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
         learn = part(progress, 0.15, 1.0)
-    checkpoint = None if file is None else checkpoint_of(file)
+    checkpoint = checkpoint if file is None else checkpoint_of(file)
     scene, _ = train_scene(views, options, learn, checkpoint)
     made = {"key": key_of(now), "look": now.look, "data": now.data, "time": time_of(data)}
     scene = replace(scene, made={**scene.made, **made})
@@ -315,8 +318,8 @@ def as_cut(volume: BakedVolume, values: Values) -> BakedVolume:
 # --- images ---------------------------------------------------------------------------------------------------------
 
 
-def camera_for(scene: Scene, values: Values) -> Camera:
-    """Return the panel's camera; if it is all zeros, the camera of the panel's frame of the orbit.
+def camera_for(rig: CameraRig, values: Values) -> Camera:
+    """Return the panel's camera; if it is all zeros, the camera of the panel's frame of an orbit.
 
     Raises:
         BadInput: The camera is invalid, or the orbit has no such frame.
@@ -327,7 +330,7 @@ def camera_for(scene: Scene, values: Values) -> Camera:
     frame = values["Frame"]
     if not 0 <= frame < ORBIT:
         raise BadInput(f"Frame must be 0 to {ORBIT - 1}, the frames of the orbit, not {frame}.")
-    (camera,) = scene.rig.orbit(ORBIT, width, [frame])
+    (camera,) = rig.orbit(ORBIT, width, [frame])
     return camera.resized(width, height)
 
 

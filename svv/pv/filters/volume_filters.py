@@ -33,6 +33,7 @@ from svv.pv.filters.vtk_data import (
     put_scene,
     scene_of,
 )
+from svv.pv.live.beside import Beside, Ordered
 from svv.pv.panel.groups import (
     PICTURES,
     TAKE_HELP,
@@ -48,6 +49,7 @@ from svv.pv.panel.groups import (
     training_properties,
     volume_properties,
 )
+from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
     button,
@@ -204,7 +206,7 @@ class StyleRFRender(ImageOutput):
         from svv.pv.filters.engine import camera_for, draw
 
         scene = scene_of(inputs[0])
-        camera = camera_for(scene, self.values)
+        camera = camera_for(scene.rig, self.values)
         put_drawn(outputs[0], draw(scene, camera, self.values, self.progress), camera)
         return f"{camera.width} x {camera.height} pixels."
 
@@ -280,6 +282,7 @@ class StyleRFVolume(VolumeOutput):
 @keep_input_visible
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
+    *live(),
     *training_properties("fast"),
     button("TakeAsEdited", TAKE_HELP),
     preview_file(),
@@ -289,7 +292,7 @@ class StyleRFVolume(VolumeOutput):
     status(),
 )
 @takes_volume
-class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
+class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
     is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
     this step by step, with edits in between."""
@@ -297,7 +300,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.filters.engine import (
             camera_for,
             draw,
@@ -312,13 +315,14 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
         from svv.pv.filters.styling import stylize
 
         values = self.values
-        now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
+        present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
+        now = self.settled(present)
         styles = style_key(values) if values["StyleFiles"] else ""
         todo = 0.7 if styles else 0.98
 
         def learn() -> Any:
             with self.training() as progress:
-                return train(inputs[0], values, part(progress, 0.0, todo))
+                return train(inputs[0], values, part(progress, 0.0, todo), self.checkpoint)
 
         def paint() -> Any:
             with self.training() as progress:
@@ -326,6 +330,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
 
         paintings: Steps[Any] = self.kept("paintings", None, Steps)
         look = digest(styles, now.settings)
+        self.wants(now, look)
         if styles:
             self.begin_with_painting(now, look, paintings)
         self.begin_with("scene", "scene", now)
@@ -336,19 +341,34 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
             painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
             self.gives(painted=name)
             scene = painted
-        told, whole = self.steps.told(now), scene
-        camera = camera_for(whole, values)
+        if not self.shows:
+            return regions_said(scene)
+        told, whole = self.steps.told(present), scene
+        camera = camera_for(whole.rig, values)
         made = self.steps.made
-        if made is not None and made.data == now.data:
-            self.kept("moving", (name, now.data), lambda: moving_from(whole, inputs[0], values, now.time))
-        if made is not None and follows(whole, inputs[0], made, now):
+        if made is not None and made.data == present.data:
+            self.kept("moving", (name, present.data), lambda: moving_from(whole, inputs[0], values, present.time))
+        if made is not None and follows(whole, inputs[0], made, present):
             moving = self.kept("moving", (name, made.data), lambda: None)
-            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], values, now, moving))
-            told = f" Followed to time {now.time:g}."
+            followed_to = (name, present.data)
+            scene = self.kept("followed", followed_to, lambda: followed(whole, inputs[0], values, present, moving))
+            told = f" Followed to time {present.time:g}."
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        self.kept("shown", object(), lambda: scene)
+        self.kept("glance", None, lambda: None)  # no longer needed
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         return f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}{told}"
+
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+        from svv.pv.live.glimpse import drawn_small, enlarged, glanced
+
+        drawn, shown = learner.picture(self.values), self.last("shown")
+        if drawn is None:
+            drawn = glanced(self, inputs[0]) if shown is None else drawn_small(shown, self.values, self.progress)
+        arrays, camera = drawn
+        put_drawn(outputs[0], enlarged(arrays, camera), camera)
+        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

@@ -300,6 +300,16 @@ def run(program: str, arguments: Sequence[str], folder: str | Path | None = None
     os.execve(path, [str(path), *arguments], environ)
 
 
+def pvpython_here() -> list[str]:
+    """Return the beginning of a command that runs Python text in the ParaView that runs now."""
+    from paraview.modules.vtkRemotingCore import vtkProcessModule
+
+    module = vtkProcessModule.GetProcessModule()
+    beside = None if module is None else Path(module.GetSelfDir()) / "pvpython"
+    program = beside if beside is not None and beside.is_file() else find().program("pvpython")
+    return [str(program), "-c"]
+
+
 def _home() -> Path:
     """Return the folder that contains the package svv."""
     return Path(__file__).resolve().parents[3]

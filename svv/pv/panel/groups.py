@@ -175,7 +175,7 @@ def preview_file() -> Property:
     """Return the property that names the file for a preview of the painting."""
     return file("PreviewFile", "png", "Pictures",
                 "File for a small preview of the painting while it is made, updated as paint is laid. "
-                "ParaView's own windows show the painting only when it is finished.",
+                "Without Live, ParaView's own windows show the painting only when it is finished.",
                 save=True)  # fmt: skip
 
 

@@ -56,7 +56,9 @@ def label_of(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)
 
 
-def _store(name: str, convert: Callable[..., Any]) -> Callable[..., None]:
+def stored(name: str, convert: Callable[..., Any]) -> Callable[..., None]:
+    """Return a setter that converts what it is given, and marks the filter as modified if that is another value."""
+
     def setter(self: Any, *given: Any) -> None:
         value = convert(*given)
         if self.values[name] != value:
@@ -81,7 +83,7 @@ def integer(
         f'command="Set{name}" number_of_elements="1" default_values="{default}"',
         _range("IntRangeDomain", low, high), advanced,
     )  # fmt: skip
-    return Property(name, xml, default, {f"Set{name}": _store(name, int)})
+    return Property(name, xml, default, {f"Set{name}": stored(name, int)})
 
 
 def number(
@@ -94,7 +96,7 @@ def number(
         f'command="Set{name}" number_of_elements="1" default_values="{default:g}"',
         _range("DoubleRangeDomain", low, high), advanced,
     )  # fmt: skip
-    return Property(name, xml, float(default), {f"Set{name}": _store(name, float)})
+    return Property(name, xml, float(default), {f"Set{name}": stored(name, float)})
 
 
 def numbers(
@@ -109,7 +111,7 @@ def numbers(
         '<DoubleRangeDomain name="range"/>', advanced,
     )  # fmt: skip
     convert = lambda *given: tuple(float(value) for value in given)  # noqa: E731
-    return Property(name, xml, tuple(map(float, default)), {f"Set{name}": _store(name, convert)})
+    return Property(name, xml, tuple(map(float, default)), {f"Set{name}": stored(name, convert)})
 
 
 def switch(name: str, default: bool, help: str, advanced: bool = False) -> Property:
@@ -119,7 +121,7 @@ def switch(name: str, default: bool, help: str, advanced: bool = False) -> Prope
         f'command="Set{name}" number_of_elements="1" default_values="{int(default)}"',
         '<BooleanDomain name="bool"/>', advanced,
     )  # fmt: skip
-    return Property(name, xml, default, {f"Set{name}": _store(name, bool)})
+    return Property(name, xml, default, {f"Set{name}": stored(name, bool)})
 
 
 def client_switch(name: str, help: str) -> Property:
@@ -139,7 +141,7 @@ def choice(name: str, entries: Sequence[str], default: str, help: str, advanced:
         f'command="Set{name}" number_of_elements="1" default_values="{list(entries).index(default)}"',
         f'<EnumerationDomain name="enum">{inside}</EnumerationDomain>', advanced,
     )  # fmt: skip
-    return Property(name, xml, default, {f"Set{name}": _store(name, lambda k: entries[int(k)])})
+    return Property(name, xml, default, {f"Set{name}": stored(name, lambda k: entries[int(k)])})
 
 
 def text(name: str, help: str, default: str = "", advanced: bool = False) -> Property:
@@ -148,7 +150,7 @@ def text(name: str, help: str, default: str = "", advanced: bool = False) -> Pro
         "StringVectorProperty", name, help,
         f'command="Set{name}" number_of_elements="1" default_values={quoteattr(default)}', "", advanced,
     )  # fmt: skip
-    return Property(name, xml, default, {f"Set{name}": _store(name, lambda value: value or "")})
+    return Property(name, xml, default, {f"Set{name}": stored(name, lambda value: value or "")})
 
 
 def file(name: str, extensions: str, what: str, help: str, save: bool = False, advanced: bool = False) -> Property:
@@ -163,7 +165,7 @@ def file(name: str, extensions: str, what: str, help: str, save: bool = False, a
         "StringVectorProperty", name, help,
         f'command="Set{name}" number_of_elements="1" default_values="" animateable="0"', domain, advanced, hints,
     )  # fmt: skip
-    return Property(name, xml, "", {f"Set{name}": _store(name, lambda value: value or "")})
+    return Property(name, xml, "", {f"Set{name}": stored(name, lambda value: value or "")})
 
 
 def files(name: str, extensions: str, what: str, help: str) -> Property:
@@ -217,7 +219,7 @@ def shown_view() -> Sequence[Property]:
         '<IntRangeDomain name="range"><RequiredProperties><Property name="ViewNumbers" function="RangeInfo"/>'
         "</RequiredProperties></IntRangeDomain>",
     )  # fmt: skip
-    shown = Property("ShownView", xml, 0, {"SetShownView": _store("ShownView", int)})
+    shown = Property("ShownView", xml, 0, {"SetShownView": stored("ShownView", int)})
     return [Property("ViewNumbers", ends, None, {}), shown]
 
 
@@ -252,7 +254,7 @@ def capture_reports() -> list[Property]:
             f'<StringVectorProperty name="{name}" command="Set{name}" number_of_elements="1" default_values="" '
             f'panel_visibility="never"><Documentation>{escape(help)}</Documentation></StringVectorProperty>',
             "",
-            {f"Set{name}": _store(name, lambda value: value or "")},
+            {f"Set{name}": stored(name, lambda value: value or "")},
         )
         for name, help in helps.items()
     ]
@@ -311,7 +313,7 @@ def _marker(filter: Any) -> Callable[..., None]:
 def display() -> Property:
     """Return the property for a display of data in a view."""
     xml = '<ProxyProperty name="Display" command="SetDisplay" null_on_empty="1"/>'
-    return Property("Display", xml, None, {"SetDisplay": _store("Display", lambda shown: shown)})
+    return Property("Display", xml, None, {"SetDisplay": stored("Display", lambda shown: shown)})
 
 
 def kept_as() -> list[Property]:
@@ -339,7 +341,7 @@ def moving() -> Property:
         'panel_visibility="never" state_ignored="1"><BooleanDomain name="bool"/><Documentation>Whether the image is '
         "made in a hurry, with fewer samples, because the camera moves.</Documentation></IntVectorProperty>"
     )
-    return Property("Moving", xml, False, {"SetMoving": _store("Moving", bool)})
+    return Property("Moving", xml, False, {"SetMoving": stored("Moving", bool)})
 
 
 def picked() -> list[Property]:

@@ -114,9 +114,11 @@ class Loop:
             now = time.monotonic()
             self.spent = before + now - begin
             if now - told > SHOW_EVERY:
-                told = now
+                told, label = now, f"{self.label} (loss {float(mean):.4f})"
+                asked = time.monotonic()
                 try:
-                    self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")
+                    self.progress(fraction, label)
+                    begin += time.monotonic() - asked  # a pause does not count
                 except Cancelled:
                     if not ranks.many():
                         raise

@@ -1,0 +1,47 @@
+"""Timers of ParaView's window, from whose event loop client code may change proxies and draw views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from vtkmodules.vtkCommonCore import vtkWeakReference
+
+
+class Timer:
+    """One-shot timer of a window; whoever starts it keeps it until it has gone off, because VTK does not.
+
+    Args:
+        interactor: The window's interactor.
+        pause: Milliseconds until it goes off.
+        do: Called then.
+    """
+
+    def __init__(self, interactor: Any, pause: int, do: Callable[[], None]) -> None:
+        self._interactor = vtkWeakReference()
+        self._interactor.Set(interactor)
+        self._do, self._observer = do, self._tick
+        self._tag = interactor.AddObserver("TimerEvent", self._observer)
+        self._id = interactor.CreateOneShotTimer(pause)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the window still exists."""
+        return self._interactor.Get() is not None
+
+    def _tick(self, *_: Any) -> None:
+        interactor: Any = self._interactor.Get()
+        interactor.RemoveObserver(self._tag)
+        interactor.DestroyTimer(self._id)
+        self._do()
+
+
+def window() -> Any:
+    """Return the interactor of one of the window's views; None if there is no window (in a script), or no view."""
+    from paraview import simple
+
+    for view in simple.GetRenderViews():
+        interactor = view.GetInteractor()
+        if interactor is not None and interactor.GetClassName().startswith("QVTK"):  # only Qt's has an event loop
+            return interactor
+    return None

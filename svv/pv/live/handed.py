@@ -1,0 +1,79 @@
+"""Volumes handed from one process to another: as arrays in files, which the other one maps into its memory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
+
+from svv.dvr.draw.appearance import GHOSTS
+from svv.io.files.atomic import cannot_write
+from svv.pv.filters.vtk_data import time_of
+
+STATE = "state.svv"
+"""File in a learner's folder with the newest scene to be shown meanwhile."""
+
+WARM = "warm.svv"
+"""File there with a small scene, drawing which loads all that it takes."""
+
+ABOUT = "about.json"
+"""File with the grid, the time and the names of the arrays."""
+
+
+def hand_over(image: vtkImageData, values: Mapping[str, Any], time: float | None, folder: Path) -> None:
+    """Write a volume to a new folder: its grid, and of its arrays those that a panel's values choose or may choose.
+
+    Raises:
+        BadInput: It cannot be written.
+    """
+    direction = image.GetDirectionMatrix()
+    about: dict[str, Any] = {
+        "dimensions": image.GetDimensions(),
+        "spacing": image.GetSpacing(),
+        "origin": image.GetOrigin(),
+        "extent": image.GetExtent(),
+        "direction": [direction.GetElement(i, j) for i in range(3) for j in range(3)],
+        "time": time,
+        "arrays": [],
+    }
+    try:
+        folder.mkdir()
+        for cells, data in enumerate((image.GetPointData(), image.GetCellData())):
+            active = data.GetScalars()
+            chosen = {values["Scalars"], GHOSTS, None if active is None else active.GetName()}
+            for number in range(data.GetNumberOfArrays()):
+                array = data.GetArray(number)  # None for text
+                if array is None or (array.GetName() not in chosen and array is not active):
+                    continue
+                file = f"{len(about['arrays'])}.npy"
+                np.save(folder / file, vtk_to_numpy(array))
+                about["arrays"].append([file, cells, array.GetName(), array.GetDataType(), array is active])
+        (folder / ABOUT).write_text(json.dumps(about))
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def taken(folder: Path) -> vtkImageData:
+    """Return the volume in a folder; its arrays stay on the disk, and are read as they are needed."""
+    about = json.loads((folder / ABOUT).read_text())
+    image = vtkImageData()
+    image.SetExtent(about["extent"])
+    image.SetSpacing(about["spacing"])
+    image.SetOrigin(about["origin"])
+    image.SetDirectionMatrix(about["direction"])
+    for file, cells, name, kind, active in about["arrays"]:
+        array = numpy_to_vtk(np.load(folder / file, mmap_mode="c"), array_type=kind)  # VTK has several for a size
+        array.SetName(name)
+        data = image.GetCellData() if cells else image.GetPointData()
+        data.AddArray(array)
+        if active:
+            data.SetScalars(array)
+    if about["time"] is not None:
+        image.GetInformation().Set(vtkDataObject.DATA_TIME_STEP(), about["time"])
+    assert time_of(image) == about["time"]
+    return image

@@ -1,0 +1,314 @@
+"""The process that learns beside ParaView's window: a filter of the same kind, in pvpython, at low priority.
+
+It does what the filter in ParaView would do (:mod:`svv.pv.live.beside` gives the orders), so its results are the same,
+and it keeps them in the cache under the names under which that filter looks for them. First it paints a sketch, from
+few small views, with broad strokes. Orders that come meanwhile are obeyed from the callback of the progress.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from svv.errors import BadInput, Cancelled, Progress, part
+from svv.io.files.atomic import make_folder
+from svv.io.files.cache import Cache
+from svv.io.files.worker import Orders, be_worker, say
+from svv.options.making import PaintOptions, TrainOptions, ViewOptions
+from svv.pv.filters import volume_filters
+from svv.pv.filters.base import sentence_on
+from svv.pv.filters.time_steps import Moment
+from svv.pv.live.handed import STATE, WARM, taken
+from svv.pv.panel.option_panel import options_in
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+
+SKETCH_VIEWS = ViewOptions(n=16, test=0, size=160, step=1.0)
+"""The views of a sketch."""
+
+SKETCH_SECONDS = 3.0
+"""Time limit of a sketch's training."""
+
+SKETCH_PAINT = {"Preset": "draft", "Settings": "stylize.style_views=8; stylize.style_size=100", "PreviewFile": ""}
+"""Properties of a sketch's painting."""
+
+BROADER, BROADEST = 2.0, 4.0
+"""Size of a sketch's strokes relative to those that are asked for, and the largest one."""
+
+SKETCHED = 0.15
+"""Fraction of the work that the sketch is counted as."""
+
+IDLE = 120.0
+"""Seconds without work after which the process ends; the next order starts another one."""
+
+DIFFERS = "The process beside ParaView does not see the volume as ParaView does: turn Live off, and please report this."
+
+TELL_EVERY, LISTEN_EVERY = 0.2, 0.5
+"""Seconds between two reports, and between two looks at the orders while it is paused."""
+
+
+def main() -> None:
+    """Obey orders until none has come for a while."""
+    orders = be_worker()
+    learner = Learner(orders, Path(sys.argv[-1]))
+    with suppress(Cancelled):  # an order came
+        warm(orders, learner.folder / WARM)
+    learner.run()
+
+
+def warm(orders: Orders, file: Path) -> None:
+    """Load all that a job takes, by doing a whole small one; stop as soon as there is an order. Save its result."""
+    from svv.job.compile_ahead import ball_views
+    from svv.train.config import preset
+    from svv.train.pipeline import stylize_scene, train_scene
+
+    def hurry(fraction: float, label: str) -> None:
+        if not orders.empty:
+            raise Cancelled
+
+    draft = preset("draft")
+    few = replace(
+        draft,
+        reconstruct=replace(draft.reconstruct, iterations=60, cells=32),
+        recolour=replace(draft.recolour, iterations=6),
+        stylize=replace(draft.stylize, style_views=4, style_size=64),
+    )
+    views = ball_views()
+    scene, _ = train_scene(views, few, hurry)
+    picture = views.images[0, ..., :3].astype("float32") / 255.0
+    stylize_scene(scene, [picture], few, hurry, manner="strokes")[0].save(file)
+
+
+class Learner:
+    """Obeys orders, one after another.
+
+    Args:
+        orders: Where they come from.
+        folder: Where states and reports go.
+    """
+
+    def __init__(self, orders: Orders, folder: Path) -> None:
+        self.orders, self.folder = orders, folder
+        self.order: dict[str, Any] = {}
+        self.paused = self._stopped = False
+        self._pending: dict[str, Any] | None = None
+        self._said: dict[str, Any] = {}
+        self._began = self._told = 0.0
+        self._filter: Any = None
+        self._sketch: Scene | None = None
+        self._repainting = False
+
+    def run(self) -> None:
+        """Obey orders until none has come for a while."""
+        while self._pending is not None or self._listen(IDLE):
+            if self._pending is not None:
+                order, self._pending = self._pending, None
+                self._do(order)
+
+    # --- orders -----------------------------------------------------------------------------------------------------
+
+    def _listen(self, timeout: float) -> bool:
+        """Take the next order; return whether there was one within ``timeout`` seconds."""
+        order = self.orders.next(timeout)
+        if order is None:
+            return False
+        if "pause" in order:
+            self.paused = order["pause"]
+        elif "stop" in order:
+            self._stopped, self.paused = True, False
+        else:
+            last = self._pending
+            if last is not None and last["scene"] == order["scene"]:  # it has the volume, which is sent only once
+                order = {**last, **order}
+            self._pending, self.paused = order, False
+        return True
+
+    def heard(self, fraction: float, label: str) -> None:
+        """Tell the progress of the present work, and obey what has been ordered meanwhile.
+
+        Raises:
+            Cancelled: The work is no longer wanted as it is.
+        """
+        while self._listen(0.0):
+            pass
+        begun = time.monotonic()
+        while self.paused:
+            self._tell(fraction, label)
+            self._listen(LISTEN_EVERY)
+        if self._stopped:
+            raise Cancelled
+        self._began += time.monotonic() - begun
+        if time.monotonic() - self._told > TELL_EVERY:
+            self._tell(fraction, label)
+        if self._pending is not None and not self._repainting:
+            if self._pending["scene"] != self.order["scene"] or not self._goes_on():
+                raise Cancelled
+            self._repaint(self._pending)
+
+    def _goes_on(self) -> bool:
+        """Return whether what is being learned does not depend on how it is painted."""
+        return self._sketch is not None and self._filter.trains
+
+    def _repaint(self, order: dict[str, Any]) -> None:
+        """Paint the sketch anew, in the midst of the training, as an order asks that changes nothing else."""
+        self._repainting = True
+        try:
+            self.order, self._pending = order, None
+            self._filter.repaints = True
+            self._paint_sketch(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
+        except BadInput:  # the painting itself will say why
+            return
+        finally:
+            self._repainting = False
+
+    # --- work -------------------------------------------------------------------------------------------------------
+
+    def _do(self, order: dict[str, Any]) -> None:
+        self._began = time.monotonic()
+        same = self.order.get("scene") == order["scene"]
+        self.order, self._said, self._stopped = order, {"state": 0}, False
+        try:
+            self._open(order, same)
+            self._show_sketch()
+            while True:
+                self._finish()
+                if not self._filter.repaints:  # its painting is no longer the one that is asked for
+                    break
+        except Cancelled:
+            return
+        except Exception as error:
+            self._tell(1.0, "failed", error=sentence_on(error))
+            return
+        self._tell(1.0, "done", done=True)
+
+    def _open(self, order: dict[str, Any], same: bool) -> None:
+        """Make a filter that has the order's input, unless the last one's has it."""
+        if same and self._filter is not None:
+            return
+        self._sketch = self._filter = None
+        from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
+
+        image = taken(Path(order["volume"]))
+        shutil.rmtree(order["volume"], ignore_errors=True)  # they stay as long as they are mapped
+        producer = vtkTrivialProducer()
+        producer.SetOutput(image)
+        self._filter = learning(order["kind"], self)
+        self._filter.SetInputConnection(producer.GetOutputPort())
+        self._filter.image = image
+
+    def _finish(self) -> None:
+        """Do all of the work, as the filter in ParaView would."""
+        filter = self._filter
+        filter.values.update(self.order["values"])
+        filter.failed, filter.repaints, filter.trains = "", False, True
+        filter.Modified()
+        filter.Update()
+        if self._pending is not None or self._stopped:
+            raise Cancelled
+        if filter.failed and not filter.repaints:
+            raise BadInput(filter.failed)
+        filter.checkpoint.unlink(missing_ok=True)
+
+    def _show_sketch(self) -> None:
+        """Make the first scene that can be shown. If that cannot be done, the work itself will say why."""
+        told = part(self.heard, 0.0, SKETCHED)
+        self._filter.trains = False
+        try:
+            self._sketch = self._trained_before() or self._sketch or self._sketched(part(told, 0.0, 0.6))
+            self._paint_sketch(part(told, 0.6, 1.0))
+        except BadInput:
+            return
+
+    def _trained_before(self) -> Scene | None:
+        from svv.fields.scene.scene import Scene
+        from svv.kernels.dispatch import device_named
+
+        found = Cache.of_user().read(self.order["scene"], Scene.load)
+        return None if found is None else found.on(device_named(self.order["values"]["Device"]))
+
+    def _sketched(self, progress: Progress) -> Scene:
+        """Return a scene learned from few small views."""
+        from svv.dvr.draw.views import make_views
+        from svv.pv.display.shown import volume_shown
+        from svv.pv.filters.engine import shading_of, transfer_function_of
+        from svv.train.pipeline import train_scene
+
+        values = self.order["values"]
+        asked, few = options_in(ViewOptions, values), SKETCH_VIEWS
+        views, _ = make_views(
+            volume_shown(self._filter.image, values), transfer_function_of(values),
+            replace(few, n=min(few.n, asked.n), size=min(few.size, asked.size), mapper=asked.mapper),
+            shading=shading_of(values), rescale=False, name="sketch", progress=part(progress, 0.0, 0.3),
+        )  # fmt: skip
+        options = replace(options_in(TrainOptions, values), preset="draft", time_limit=SKETCH_SECONDS, change=())
+        return train_scene(views, options, part(progress, 0.3, 1.0))[0]
+
+    def _paint_sketch(self, progress: Progress) -> None:
+        """Paint the sketch with broad strokes, and show it."""
+        from svv.pv.filters.styling import stylize
+
+        assert self._sketch is not None
+        values, scene = self.order["values"], self._sketch
+        if values["StyleFiles"]:
+            asked = options_in(PaintOptions, values).stroke_size
+            strokes = min(BROADER * asked, max(BROADEST, asked))
+            scene = stylize(scene, {**values, **SKETCH_PAINT, "StrokeSize": strokes}, progress)
+        self.show(scene)
+
+    def show(self, scene: Scene) -> None:
+        """Give a scene away, to be shown until there is a better one."""
+        scene.save(self.folder / STATE)
+        self._said["state"] = self._said["state"] + 1
+        self._tell(self._said.get("fraction", 0.0), self._said.get("label", ""))
+
+    def _tell(self, fraction: float, label: str, **more: Any) -> None:
+        """Say how far the work is, and how long it will take."""
+        self._told = time.monotonic()
+        spent = self._told - self._began
+        left = spent * (1.0 - fraction) / fraction if fraction > 0.05 and spent > 2.0 else None
+        self._said |= {"fraction": fraction, "label": label, "left": left, "paused": self.paused}
+        say(self.folder, {**self._said, "order": self.order["number"], **more})
+
+
+def learning(kind: str, learner: Learner) -> Any:
+    """Return a filter of a kind that reports to a learner instead of ParaView's window."""
+    decorated = getattr(volume_filters, kind)
+    plain: Any = getattr(decorated, "_pv_original_func", decorated)
+
+    class Learning(plain):
+        shows = False
+        failed = ""
+        trains = True
+        repaints = False
+
+        def wants(self, now: Moment, painting: str) -> None:
+            super().wants(now, painting)
+            if self._wanted[0] != learner.order["scene"]:
+                raise BadInput(DIFFERS)
+
+        def progress(self, fraction: float, label: str) -> None:
+            if self.repaints and not self.trains:
+                raise Cancelled
+            learner.heard(SKETCHED + (1.0 - SKETCHED) * fraction, label)
+
+        def gives(self, **names: str) -> None:
+            self.trains = self.trains and "scene" not in names
+            super().gives(**names)
+
+        def say(self, sentence: str, error: bool = True) -> None:
+            self.failed = sentence
+
+    filter = Learning()
+    filter.checkpoint = checkpoint_for(learner.order["scene"])
+    return filter
+
+
+def checkpoint_for(name: str) -> Path:
+    """Return the file from which the training of a scene resumes: in the cache, which removes it when it is old."""
+    return make_folder(Cache.of_user().folder) / f".{name}-checkpoint"

@@ -1,0 +1,142 @@
+"""Show what filters learn beside ParaView's window as it becomes better.
+
+Client code: a timer of the window asks the filters that are learning, and updates those that have something new.
+Filters that a script makes, or a state that a script loads, are not told that there is a window: they are finished when
+they return.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from svv.pv.client.connection import server_gone
+from svv.pv.client.linked_camera import busy, follower_of, shows, upstream
+from svv.pv.client.observers import Watched
+from svv.pv.client.timers import Timer, window
+
+BESIDE = ("StyleRFStylizedView",)
+"""Filters that learn beside the window (:class:`svv.pv.live.beside.Beside`)."""
+
+LOOK_EVERY = 250
+"""Interval of the timer while something is learning, milliseconds."""
+
+BUTTONS = ("Pause", "GoOn", "StopHere")
+"""Buttons after which the panel is to say something else."""
+
+_watched: Watched[list[str]] = Watched()
+"""The filters, each with what it last told."""
+
+_timers: list[Timer] = []
+"""The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
+
+
+def watch_learning(filter: Any, loading: bool = False) -> None:
+    """Tell a filter whether the window has made it, and keep what it shows up to date while it learns beside that.
+
+    Args:
+        filter: Proxy of one of :data:`BESIDE`.
+        loading: Whether a state is being loaded, whose results may all be there.
+    """
+    proxy = filter.SMProxy
+    if proxy in _watched:
+        return
+    _watched.put(proxy, [""])
+    if by_window():
+        in_window(filter, soon=not loading)
+    proxy.AddObserver("UpdateDataEvent", _updated)
+    proxy.AddObserver("UpdatePropertyEvent", _pressed)
+
+
+def in_window(filter: Any, soon: bool = True) -> None:
+    """Tell a filter that the window has made it, so that its property Live counts.
+
+    Args:
+        filter: Proxy of one of :data:`BESIDE`.
+        soon: Whether it will be applied for the first time, for which its process gets ready.
+    """
+    _tell(filter.SMProxy, "InWindow", 2 if soon else 1)
+
+
+def _tell(proxy: Any, name: str, value: Any) -> None:
+    """Set an internal property, of which neither states nor traces nor Python know."""
+    proxy.GetProperty(name).SetElement(0, value)
+    proxy.UpdateProperty(name)
+
+
+def by_window() -> bool:
+    """Return whether this is called by the window itself, and not by a script."""
+    frame: Any = sys._getframe()
+    while frame is not None:
+        if frame.f_globals.get("__package__") != __package__:
+            return False
+        frame = frame.f_back
+    return True
+
+
+def _updated(proxy: Any, event: str) -> None:
+    if _in_window(proxy) and not server_gone(proxy) and _news_of(proxy).endswith("*"):
+        _soon()
+
+
+def _pressed(proxy: Any, event: str, name: str) -> None:
+    if name in BUTTONS and _in_window(proxy):
+        _soon()
+
+
+_pressed.CallDataType = "string0"  # type: ignore[attr-defined]
+
+
+def _in_window(proxy: Any) -> bool:
+    return bool(proxy.GetProperty("InWindow").GetElement(0))
+
+
+def _news_of(proxy: Any) -> str:
+    """Return what a filter tells of its learning (:meth:`svv.pv.live.beside.Beside.GetLearned`)."""
+    told = proxy.GetProperty("Learned")
+    proxy.UpdatePropertyInformation(told)
+    return str(told.GetElement(0) or "")
+
+
+def _soon() -> None:
+    _timers[:] = [timer for timer in _timers if timer.alive]
+    interactor = window()
+    if not _timers and interactor is not None:
+        _timers.append(Timer(interactor, LOOK_EVERY, _look))
+
+
+def _look() -> None:
+    """Ask all filters that learn, and update those with news."""
+    _timers.clear()
+    if busy():
+        _soon()
+        return
+    for proxy, last in _watched.items():
+        if server_gone(proxy) or not _in_window(proxy):
+            continue
+        news = _news_of(proxy)
+        if news != last[0]:
+            last[0] = news
+            _show(proxy, news)
+        if news.endswith("*"):
+            proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
+            _soon()
+
+
+def _show(proxy: Any, news: str) -> None:
+    """Update a filter that has something new, and draw the views that show it."""
+    from paraview import servermanager, simple
+
+    filter = servermanager._getPyProxy(proxy)
+    _tell(proxy, "LiveState", news)
+    if filter.GetDataInformation().GetNumberOfPoints() == 0:
+        return  # it has not been applied
+    filter.UpdatePipeline()
+    proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
+    follower = follower_of(filter)
+    if follower is not None:
+        follower.update(False)
+    for view in simple.GetRenderViews():
+        behind = [source for source in simple.GetSources().values() if filter in list(upstream(source))]
+        if shows(view, [filter, *behind]):
+            simple.Render(view)

@@ -1,0 +1,37 @@
+"""The properties and buttons of the filters that learn beside ParaView's window."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from svv.pv.panel.properties import Property, button, hidden_text, stored, switch
+
+
+def live() -> list[Property]:
+    """Return the properties and buttons of a filter that learns beside ParaView's window (:mod:`svv.pv.live.beside`)."""
+
+    def in_window(self: Any, value: int) -> None:
+        self.values["InWindow"] = bool(value)
+        if value > 1:
+            self.prepare()
+
+    hidden = (
+        ("IntVectorProperty", "InWindow", "0", in_window,
+         "1 if the window has made the filter, so that Live counts; 2 if it is soon to be applied, too."),
+        ("StringVectorProperty", "LiveState", "", stored("LiveState", lambda value: value or ""),
+         "What the filter had to show when the client last asked."),
+    )  # fmt: skip
+    found = [
+        switch("Live", True, "In ParaView's window: learn in a process of its own and show what there is as it becomes "
+               "better. Scripts, and states that they load, wait until all is done."),
+        button("Pause", "Let the learning wait, until Go On is pressed."),
+        button("StopHere", "Stop learning, and keep what is shown. Go On resumes."),
+        button("GoOn", "Go on after Pause or Stop Here."),
+    ]  # fmt: skip
+    for kind, name, default, setter, help in hidden:
+        xml = (
+            f'<{kind} name="{name}" command="Set{name}" number_of_elements="1" default_values="{default}" '
+            f'panel_visibility="never" is_internal="1" animateable="0"><Documentation>{help}</Documentation></{kind}>'
+        )
+        found.append(Property(name, xml, False if default else "", {f"Set{name}": setter}))
+    return [*found, hidden_text("Learned", "GetLearned", "A text that changes when there is something new to show.")]

@@ -1,0 +1,161 @@
+"""ParaView's window while a filter learns beside it: what it shows, how long it is held up, and what is left."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.paraview.test_gui import write_input
+
+SCRIPT = """
+import json, time
+from paraview.simple import *
+from svv.pv.live import sharpening
+from svv.pv.client.linked_camera import busy
+
+volume, preset, style, settings = ARGUMENTS
+LoadPalette("WhiteBackground")
+reader = OpenDataFile(volume)
+view = GetActiveViewOrCreate("RenderView")
+display = Show(reader, view)
+display.SetRepresentationType("Volume")
+ColorBy(display, ("POINTS", "concentration"))
+function = json.load(open(preset))[0]
+GetColorTransferFunction("concentration").RGBPoints = function["RGBPoints"]
+GetOpacityTransferFunction("concentration").Points = function["Points"]
+display.Shade = 1
+display.SetScalarBarVisibility(view, False)
+ResetCamera(view)
+Render(view)
+filter = StyleRFStylizedView(Input=reader, StyleFiles=[style], FollowCamera=1, **settings)
+RenameSource("painting", filter)
+sharpening.in_window(filter)  # as for a filter that the menu makes
+begun, beats, seen, blocks, applied, over = time.perf_counter(), 0, {}, [], None, False
+
+def beat(*_):
+    global beats, applied, last, over
+    if busy() or over:
+        return
+    beats += 1
+    if applied is None:
+        if time.perf_counter() - begun > WARM:
+            applied = time.perf_counter()
+            filter.UpdatePipeline()
+            seen["apply"] = time.perf_counter() - applied
+            Show(filter) if not filter.FollowCamera else None
+            last = time.perf_counter()
+            done("applied")
+        return
+    now = time.perf_counter()
+    blocks.append((round(now - last, 3), round(now - applied, 1)))
+    last = now
+    told, drawn = filter.Status, filter.SMProxy.GetProperty("LiveState").GetElement(0).endswith(" 1*")
+    if "sketch" in told and drawn and "sketch" not in seen:
+        seen["sketch"] = now - applied
+        done("sketch")
+    elif "regions" in told:
+        over, seen["result"] = True, now - applied
+        longest = sorted(blocks, reverse=True)[:8]
+        done(json.dumps({**seen, "longest": longest, "beats": beats}))
+    elif told and "Learning" not in told:
+        over = True
+        done("failed: " + str(told))
+
+interactor = view.GetInteractor()
+interactor.AddObserver("TimerEvent", beat)
+timer = interactor.CreateRepeatingTimer(20)
+done("ready")
+"""
+
+QUICK = {"Preset": "draft", "Views": 12, "ViewSize": 128, "Device": "cpu"}
+
+
+def script(folder: Path, settings: dict[str, object], warm: float = 3.0, opaque: bool = True) -> str:
+    """The script with a volume and a picture in a folder."""
+    files = [str(file) for file in write_input(folder, 48 if opaque else 128, opaque=opaque)]
+    return f"ARGUMENTS = {[*files, settings]!r}\nWARM = {warm}\n{SCRIPT}"
+
+
+def workers_of(process: int) -> list[int]:
+    """The learning processes whose parent is this one."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and b"svv.pv.live.learner" in (entry / "cmdline").read_bytes():
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+                found += [int(entry.name)] if parent == process else []
+        except OSError:  # it has just ended
+            continue
+    return found
+
+
+def has_ended(process: int, within: float = 20.0) -> bool:
+    """Whether a process ends within a time; zombies have ended."""
+    until = time.monotonic() + within
+    while time.monotonic() < until:
+        try:
+            if Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
+                return True
+        except OSError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.mark.slow
+def test_the_window_shows_a_sketch_and_then_the_painting(gui: Callable, tmp_path: Path) -> None:
+    # SVV_SCREENSHOT names a folder for pictures of the window and figures: then everything is done in full.
+    kept = os.environ.get("SVV_SCREENSHOT")
+    settings = {} if kept else QUICK
+    running = gui(script(tmp_path, settings, 12.0 if kept else 3.0, opaque=not kept))
+    assert running.wait() == "applied"
+    begun = time.monotonic()
+    (worker,) = workers_of(running.process.pid)
+    first = [] if kept else [running.screenshot(tmp_path / "applied.png")]
+    for second in (0, 2, 5, 10, 20, 60) if kept else ():
+        time.sleep(max(0.0, begun + second - time.monotonic()))
+        shutil.copy(running.snapshot(tmp_path / f"at-{second}.png"), Path(str(kept)))
+    assert running.wait() == "sketch"
+    sketch = running.screenshot(tmp_path / "sketch.png")
+    figures = json.loads(running.wait(900.0 if kept else 300.0))
+    print(figures)
+    painted = running.screenshot(tmp_path / "painted.png")
+    pictures = [np.asarray(Image.open(file).convert("RGB"), np.int16) for file in (*first, sketch, painted)]
+    shown = [picture[200:900, 850:1270] for picture in pictures]
+    assert all((one.min(2) < 215).mean() > 0.02 for one in shown), "the right view is empty"
+    assert all((np.abs(a - b).max(2) > 30).mean() > 0.005 for a, b in itertools.pairwise(shown))
+    if kept:
+        shutil.copy(painted, Path(kept) / "at-the-end.png")
+        (Path(kept) / "live.json").write_text(json.dumps(figures))
+    running.process.send_signal(signal.SIGKILL)
+    assert has_ended(worker), "the learning process outlives the window"
+
+
+@pytest.mark.slow
+def test_a_closed_window_leaves_no_process_and_the_next_one_resumes(gui: Callable, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    text = f"import os\nos.environ['SVV_CACHE'] = {str(cache)!r}\n{script(tmp_path, QUICK)}"
+    running = gui(text)
+    assert running.wait() == "applied"
+    (worker,) = workers_of(running.process.pid)
+    until = time.monotonic() + 300.0
+    while not list(cache.glob(".scene-*-checkpoint")):
+        assert time.monotonic() < until, running.log()
+        time.sleep(0.1)
+    running.process.kill()
+    assert has_ended(worker), "the learning process outlives the window"
+    again = gui(text)
+    assert again.wait() == "applied"
+    assert again.wait() == "sketch"
+    assert "result" in json.loads(again.wait())
+    assert not list(cache.glob(".scene-*-checkpoint")), "the next start did not take the checkpoint"

@@ -16,11 +16,10 @@ from svv.errors import part
 from svv.io.files.keyed_results import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
-from svv.pv.display.volume_display import set_unit_distance
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.filters.cached import Keeping, views_in, write_views
 from svv.pv.filters.keys import key_in, key_of
-from svv.pv.filters.parallel import DividedInput, do_next_job
+from svv.pv.filters.parallel import DividedInput
 from svv.pv.filters.resampled import told as told_of
 from svv.pv.filters.time_steps import Moment, Steps
 from svv.pv.filters.vtk_data import (
@@ -53,13 +52,10 @@ from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
     button,
-    display,
     file,
     files,
     kept_as,
-    number,
     panel,
-    scalars,
     shown_view,
     status,
     switch,
@@ -67,7 +63,7 @@ from svv.pv.panel.properties import (
 
 __all__ = [
     "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",
-    "StyleRFVolume", "StyleRFPieces", "StyleRFUnitDistance",
+    "StyleRFVolume",
 ]  # fmt: skip
 
 
@@ -373,32 +369,3 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:
             outputs[0].ShallowCopy(self.last("image"))
-
-
-@smproxy.filter(group="internal_filters", label="StyleRF Pieces", support_reload=False)
-@panel(scalars())
-@takes_volume
-class StyleRFPieces(DividedInput):
-    """Lend a script the ranks among which a volume is divided (svv.pv.filters.parallel); it is in no menu."""
-
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
-
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
-        do_next_job(inputs[0])
-
-
-@smproxy.filter(group="internal_filters", label="StyleRF Unit Distance", support_reload=False)
-@panel(display(), number("Distance", 1.0, "Opacity unit distance of the fourth component, world units."))
-class StyleRFUnitDistance(Filter):
-    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.display.volume_display)."""
-
-    def __init__(self) -> None:
-        import paraview.modules.vtkRemotingViews  # noqa: F401  (lets a server's Python know the class of displays)
-
-        super().__init__(0, 1, "vtkTable")
-
-    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """Set it, on every rank."""
-        set_unit_distance(self.values["Display"], self.values["Distance"])
-        return 1

@@ -68,7 +68,7 @@ def by_window() -> bool:
     """Return whether this is called by the window itself, and not by a script."""
     frame: Any = sys._getframe()
     while frame is not None:
-        if frame.f_globals.get("__package__") != __package__:
+        if not str(frame.f_globals.get("__package__")).startswith("svv.pv"):
             return False
         frame = frame.f_back
     return True

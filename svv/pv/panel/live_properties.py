@@ -8,7 +8,7 @@ from svv.pv.panel.properties import Property, button, hidden_text, stored, switc
 
 
 def live() -> list[Property]:
-    """Return the properties and buttons of a filter that learns beside ParaView's window (:mod:`svv.pv.live.beside`)."""
+    """Return the properties and buttons of a filter that learns beside the window (:mod:`svv.pv.live.beside`)."""
 
     def in_window(self: Any, value: int) -> None:
         self.values["InWindow"] = bool(value)

@@ -352,11 +352,8 @@ def picked() -> list[Property]:
         "</Documentation></StringVectorProperty>"
     )
 
-    def setter(self: Any, value: str) -> None:
-        self.pick(value or "")
-
     told = hidden_text("Picked", "GetPicked", "The point in space that is visible there; empty if there is none.")
-    return [Property("Pick", xml, "", {"SetPick": setter}), told]
+    return [Property("Pick", xml, "", {"SetPick": lambda self, value: self.pick(value or "")}), told]
 
 
 def hidden_text(name: str, command: str, help: str) -> Property:

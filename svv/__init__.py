@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
+    from svv.render.looks.look import Look as Look
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
@@ -49,6 +50,7 @@ PUBLIC = {
     "Cancelled": "svv.errors",
     "Correction": "svv.core.correction",
     "Ink": "svv.train.ink",
+    "Look": "svv.render.looks.look",
     "FigureOptions": "svv.options.figures",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",

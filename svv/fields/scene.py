@@ -22,6 +22,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.history import History
 from svv.fields.image import draw, image_kernels_of
 from svv.fields.joined import Shaded, Together, members, split_in_a_layer
+from svv.fields.kept_styles import without_kept
 from svv.fields.model import NETWORKS, for_colours, of_colour
 from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
@@ -353,7 +354,7 @@ class Scene(PaintedModel):
             "undo": [step.what for step in self.history.past],
             "redo": [step.what for step in self.history.future],
             "camera_rig": {} if self.camera_rig is None else self.camera_rig.to_json(),
-            "made": self.made,
+            "made": without_kept(self.made),
         }
 
     def _light_info(self) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import VALUES, MatchSettings, Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.ink import Ink, Style, StyleInput
+from svv.train.kept import with_styles_kept
 from svv.train.layers import stylize_layers
 from svv.train.laying import Laying
 from svv.train.matching import Matching
@@ -151,8 +152,10 @@ def stylize_scene(
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
     paint = partial(_stylize_alone, chosen, pieces)
     if scene.layers:
-        return stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
-    return paint(scene, inputs, asked, progress, checkpoint, preview)
+        styled, report = stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
+    else:
+        styled, report = paint(scene, inputs, asked, progress, checkpoint, preview)
+    return with_styles_kept(scene, styled, inputs, asked, report), report
 
 
 def _stylize_alone(

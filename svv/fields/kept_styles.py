@@ -1,0 +1,59 @@
+"""The style pictures of paintings, which a scene keeps so that its look can be saved and applied to other scenes.
+
+They belong to the record of how a painting was made: ``made["kept"]["styles"]`` holds each style's picture and mask as
+data URIs, by its name, ``made["kept"]["laid"]`` how the paint of each region was laid. In a file they are arrays, each
+once, however many paintings share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.io.made import digest
+
+KEPT = "kept"
+"""Key of a painting's record under which its styles are kept."""
+
+PREFIX = "picture."
+"""Start of the names of their arrays in a file."""
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def without_kept(made: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of how a scene was made without the styles that it keeps, for people to read."""
+    painted = made.get("stylized")
+    if not isinstance(painted, Mapping) or KEPT not in painted:
+        return dict(made)
+    return {**made, "stylized": {key: value for key, value in painted.items() if key != KEPT}}
+
+
+def put_apart(painted: Any, tensors: Arrays) -> Any:
+    """Return the record of a painting with names of arrays in place of pictures, which are added to ``tensors``."""
+    if not isinstance(painted, Mapping) or KEPT not in painted:
+        return painted
+    styles: dict[str, dict[str, str]] = {}
+    for name, style in painted[KEPT]["styles"].items():
+        styles[name] = {}
+        for key, text in style.items():
+            content = np.frombuffer(text.encode("ascii"), np.uint8)
+            styles[name][key] = PREFIX + digest(content)[:24]
+            tensors[styles[name][key]] = content
+    return {**painted, KEPT: {**painted[KEPT], "styles": styles}}
+
+
+def put_back(painted: Any, tensors: Mapping[str, NDArray[Any]]) -> Any:
+    """Invert :func:`put_apart`; raises KeyError, TypeError or ValueError if the content does not fit."""
+    if not isinstance(painted, Mapping) or KEPT not in painted:
+        return painted
+    kept = painted[KEPT]
+    styles = {
+        str(name): {str(key): tensors[array].astype(np.uint8).tobytes().decode("ascii") for key, array in style.items()}
+        for name, style in kept["styles"].items()
+    }
+    laid = {str(region): {str(k): v for k, v in how.items()} for region, how in kept["laid"].items()}
+    return {**painted, KEPT: {"styles": styles, "laid": laid}}

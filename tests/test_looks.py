@@ -215,7 +215,7 @@ BAD_EDITS = [
     ({"colours": 1}, "has no colours"),
     ({"edited_colour": [2, 0, 0]}, "between 0 and 1"),
     ({"name": "a" * 300}, "at most 100 characters"),
-    ({"outline_width": 99}, "width"),
+    ({"outline_width": 99}, "at most 16 pixels wide"),
     ({"stroke_width": 9}, "out of range"),
     ({"shininess": 0.1}, "shininess"),
 ]

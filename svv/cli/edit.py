@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
     "svv edit scene.svv --name 0=bone --name 1='soft tissue' --out named.svv",
+    "svv edit scene.svv --matcap 0=jade --matcap 1=sphere.png --out jade.svv",
     "svv edit scene.svv --distinct colours --out apart.svv",
     "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
     "svv edit scene.svv --isolate 0 --out alone.svv",
@@ -101,6 +102,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
         ),
     ] = None,
+    matcap: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME|IMG|none",
+            help="Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, "
+            "x-ray, pearl, velvet, or the file of a square picture. May be repeated.",
+        ),
+    ] = None,
     distinct: Annotated[
         DistinctName | None,
         typer.Option(
@@ -129,7 +138,8 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    regions = _named(dict.fromkeys(chosen, own), name or [])
+    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(name or []))
+    regions = _with(regions, "matcap", parse_names(matcap or [], "--matcap 0=jade"))
     request = SceneEdit(regions, light, paint, outline, visibility, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
@@ -204,11 +214,11 @@ def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scen
     return found.scene.as_one_step(as_one_step_since)
 
 
-def _named(edits: dict[int, RegionEdit], texts: Sequence[str]) -> dict[int, RegionEdit]:
-    """Return the edits of regions with the names that --name gives them."""
+def _with(edits: dict[int, RegionEdit], field: str, texts: Mapping[int, str]) -> dict[int, RegionEdit]:
+    """Return the edits of regions with a field, such as the name, that an option gives several of them."""
     found = dict(edits)
-    for region, name in parse_names(texts).items():
-        found[region] = replace(found.get(region, RegionEdit()), name=name)
+    for region, text in texts.items():
+        found[region] = replace(found.get(region, RegionEdit()), **{field: text})  # type: ignore[arg-type]
     return found
 
 

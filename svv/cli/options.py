@@ -95,7 +95,7 @@ def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
     return found
 
 
-def parse_names(texts: Sequence[str]) -> dict[int, str]:
+def parse_names(texts: Sequence[str], example: str = "--name 0=bone") -> dict[int, str]:
     """Return ['0=bone', '1=soft tissue'] as {region: name}.
 
     Raises:
@@ -105,7 +105,7 @@ def parse_names(texts: Sequence[str]) -> dict[int, str]:
     for text in texts:
         number, sign, name = text.partition("=")
         if not (sign and number.strip().isascii() and number.strip().isdigit()):
-            raise BadInput(f"'{text}' does not name a region; write region=name, for example --name 0=bone.")
+            raise BadInput(f"'{text}' does not name a region; write region=name, for example {example}.")
         if int(number) in found:
             raise BadInput(f"'{text}' names region {int(number)} a second time: give each region one name.")
         found[int(number)] = name

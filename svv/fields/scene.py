@@ -23,6 +23,7 @@ from svv.fields.history import History
 from svv.fields.image import draw, image_kernels_of
 from svv.fields.joined import Shaded, Together, members, split_in_a_layer
 from svv.fields.kept_styles import without_kept
+from svv.fields.matcaps import dress
 from svv.fields.model import NETWORKS, for_colours, of_colour
 from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
@@ -265,7 +266,11 @@ class Scene(PaintedModel):
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
         diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets, here)), region, paint)
-        return self.light(parts, diffuse, region, network), region, sigma
+        colour = self.light(parts, diffuse, region, network)
+        if any(r.matcap is not None for r in self.regions):
+            seen = beams or Beams.headlight(-rays.lit_along)
+            dress(self, colour, samples.position, region, samples.ray, seen)
+        return colour, region, sigma
 
     def light(self, parts: PaletteColours, diffuse: Tensor, region: Tensor, network: str) -> Tensor:
         """Light diffuse colours (S, 3) with the brightness that the edits of their regions (S,) set. (S, 3)"""

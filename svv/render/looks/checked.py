@@ -13,6 +13,7 @@ from svv.errors import BadInput
 from svv.fields import stroke_edits
 from svv.fields.checked import values_of
 from svv.fields.history import edits_of, with_edits
+from svv.fields.matcaps import checked_matcap, picture_of
 from svv.fields.region import Region, checked_name
 
 RANGES = {
@@ -50,6 +51,10 @@ def checked_edits(told: object, name: str) -> dict[str, Any]:
         raise BadInput(f"{name}: colours must have red, green and blue between 0 and 1.")
     checked_coefficients({key: getattr(region, key) for key in COEFFICIENTS})
     Pen(region.outline, region.outline_width, region.outline_colour)
+    if region.matcap is not None:
+        picture_of(region.matcap)
+        if region.matcap != checked_matcap(region.matcap):
+            raise BadInput(f"{name}: the MatCap must be a name or a picture inside the file.")
     if region.name is not None:
         checked_name(region.name)
     stroke_edits.checked_edits(None, None, region.stroke_light, region.stroke_palette or None)

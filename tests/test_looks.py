@@ -19,8 +19,10 @@ from svv.fields.scene import Scene
 from svv.io.picture_data import as_data, mask_in, picture_in
 from svv.options.figures import FigureOptions
 from svv.render.frames import seen_from
-from svv.render.looks.file import from_json, to_json
-from svv.render.looks.look import Look, LookRegion
+from svv.render.looks import file
+from svv.render.looks.file import to_json
+from svv.render.looks.kept import LookRegion
+from svv.render.looks.look import Look
 from svv.train.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene
 from tests.cube import cube_scene, lit_cube_scene
@@ -35,6 +37,11 @@ def painted(cube: Scene) -> Scene:
     named = cube.edited(0, name="bone", opacity=0.5).edited(1, (0.1, 0.9, 0.8)).with_outline(0.7, 2)
     styles = [StyleInput(PICTURE, "noise", MASK), StyleInput(Ink("stippling"))]
     return stylize_scene(named, styles, "draft", mapping={0: 0, 2: 1}, manner="strokes")[0]
+
+
+def from_json(content: Any, name: str) -> Look:
+    """The look that plain values hold."""
+    return Look(**vars(file.from_json(content, name)))
 
 
 def told(look: Look) -> dict[str, Any]:

@@ -111,7 +111,7 @@ def test_a_matcap_is_an_edit_kept_in_file_history_and_look(cube: Scene, halves: 
     assert loaded.regions == scene.regions
     camera = cube_camera()
     np.testing.assert_array_equal(loaded.render(camera).rgba, scene.render(camera).rgba)
-    look = from_json(to_json(Look.of(scene)), "it")
+    look = Look(**vars(from_json(to_json(Look.of(scene)), "it")))
     np.testing.assert_array_equal(look.applied(cube).scene.render(camera).rgba, scene.render(camera).rgba)
     assert scene.undone().undone().regions == cube.regions
     assert scene.edited(0, matcap="none").regions[0].matcap is None

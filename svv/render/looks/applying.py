@@ -13,7 +13,7 @@ from svv.fields.history import edits_of, with_edits
 from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.options.making import PaintOptions
-from svv.render.looks.look import Laid, Look, LookRegion, region_with
+from svv.render.looks.kept import Kept, Laid, LookRegion, region_with
 from svv.render.looks.matching import Matches, matched
 from svv.train.pipeline import stylize_scene
 
@@ -29,7 +29,7 @@ class Applied:
 
 
 def applied(
-    look: Look,
+    look: Kept,
     scene: Scene,
     mapping: Mapping[int, int] | None = None,
     progress: Progress = silent,
@@ -83,7 +83,7 @@ def _looking_like(region: Region, theirs: LookRegion, phong: bool) -> Region:
 
 
 def _painted(
-    look: Look,
+    look: Kept,
     scene: Scene,
     source: Mapping[int, LookRegion],
     progress: Progress,

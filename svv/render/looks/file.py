@@ -31,7 +31,7 @@ from svv.options.described import Described, described
 from svv.options.figures import FigureOptions
 from svv.options.making import AskedHandName
 from svv.render.looks.checked import checked_edits
-from svv.render.looks.look import Laid, Look, LookRegion
+from svv.render.looks.kept import Kept, Laid, LookRegion
 from svv.render.looks.offered import offered
 from svv.train.ink import Ink, StyleInput, ink_named
 from svv.train.order import LEAST_STROKE, MOST_STROKE
@@ -48,12 +48,12 @@ MOST_BYTES, MOST_REGIONS, LONGEST_TITLE = 64 << 20, 256, 200
 MANNERS = ("auto", "strokes", "pieces", "ink", "matched")
 
 
-def write(look: Look, path: str | Path) -> None:
+def write(look: Kept, path: str | Path) -> None:
     """Write a look to a JSON file, whole or not at all; raises BadInput if it cannot be written."""
     write_json(path, to_json(look))
 
 
-def read(path: str | Path) -> Look:
+def read(path: str | Path) -> Kept:
     """Read a look from a JSON file, or take one that ships, ``gallery:NAME``.
 
     Raises:
@@ -78,7 +78,7 @@ def read(path: str | Path) -> Look:
     return from_json(content, str(file))
 
 
-def to_json(look: Look) -> dict[str, Any]:
+def to_json(look: Kept) -> dict[str, Any]:
     """Return a look as plain values."""
     content: dict[str, Any] = {KEY: VERSION}
     if look.title:
@@ -111,7 +111,7 @@ def _style_told(style: StyleInput) -> dict[str, str]:
     return told if style.mask is None else {**told, "mask": mask_as_data(style.mask)}
 
 
-def from_json(content: object, name: str) -> Look:
+def from_json(content: object, name: str) -> Kept:
     """Return the look that plain values hold.
 
     Args:
@@ -144,7 +144,7 @@ def from_json(content: object, name: str) -> Look:
     }
     regions = tuple(_region_in(one, styles, f"{name}, region {number}") for number, one in enumerate(told))
     used = {region.style for region in regions}
-    return Look(
+    return Kept(
         regions, {key: style for key, style in styles.items() if key in used}, _lamp_in(content, name),
         None if "camera" not in content else _camera_in(content["camera"], f"{name}, camera"),
         figure_in(content.get("figure", {}), f"{name}, figure"), title,

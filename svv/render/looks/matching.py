@@ -14,7 +14,7 @@ from svv.core.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.region import Region, label_of
 from svv.fields.scene import Scene
-from svv.render.looks.look import Look, LookRegion
+from svv.render.looks.kept import Kept, LookRegion
 
 LEAST_OVERLAP = 0.25
 """Least fraction that two ranges of values share of what both cover, for their regions to be the same."""
@@ -40,7 +40,7 @@ class Matches:
     unused: tuple[int, ...]
     """Regions of the look that nothing gets."""
 
-    def said(self, look: Look, scene: Scene) -> list[str]:
+    def said(self, look: Kept, scene: Scene) -> list[str]:
         """Return a line for each region of both sides: what it gets, or that it gets nothing."""
         lines = [
             f"{_named(scene, m.region)} looks like {look.regions[m.source].label(m.source)}: {m.reason}"
@@ -50,7 +50,7 @@ class Matches:
         return lines + [f"{look.regions[k].label(k)} is not used: no region of the scene is left" for k in self.unused]
 
 
-def matched(look: Look, scene: Scene, mapping: Mapping[int, int] | None = None) -> Matches:
+def matched(look: Kept, scene: Scene, mapping: Mapping[int, int] | None = None) -> Matches:
     """Match the regions of a look and a scene, one to one.
 
     Regions of the same name belong together; of the others, first those whose ranges of values overlap most, then those

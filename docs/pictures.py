@@ -36,6 +36,7 @@ from svv.render.frames import orbit
 from svv.render.looks.look import Look
 from svv.render.looks.offered import LOOKS
 from svv.render.pictures import sheet
+from svv.render.words.say import say
 from svv.styles.gallery import gallery_picture
 from svv.train.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
@@ -320,11 +321,24 @@ def look_on_another(studio: Studio) -> None:
     write("look-applied.jpg", pictures)
 
 
+def words(studio: Studio) -> None:
+    """The demo's scene, and as two sentences change it."""
+    scene = studio.scene("demo")
+    for region, name in enumerate(("sheet", "knot", "shell")):
+        scene = scene.edited(region, name=name)
+    shown = [scene]
+    said = "make the sheet pale jade, hide the shell", "the knot in bronze, the sheet deep teal and outlined"
+    for sentence in said:
+        shown.append(say(shown[-1], sentence).scene)
+    camera = view_of(scene, FRAMES["demo"], 2 * SIZE)
+    write("words.jpg", [halved(drawn(one, camera, "pcn")) for one in shown])
+
+
 PICTURES: dict[str, Callable[[Studio], None]] = {
     one.__name__: one
     for one in (
         showpiece, gallery, stages, figures, ink, outlines, parts, journal_figure, colour_vision, matcaps, looks,
-        look_on_another,
+        look_on_another, words,
     )
 }
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
+    from svv.render.words.say import say as say
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.ink import Ink as Ink
     from svv.train.ink import StyleInput as StyleInput
@@ -69,6 +70,7 @@ PUBLIC = {
     "orbit": "svv.render.frames",
     "read_camera": "svv.io.camera_file",
     "read_style": "svv.io.images",
+    "say": "svv.render.words.say",
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",

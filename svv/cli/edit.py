@@ -36,6 +36,7 @@ EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
     "svv edit scene.svv --name 0=bone --name 1='soft tissue' --out named.svv",
     "svv edit scene.svv --matcap 0=jade --matcap 1=sphere.png --out jade.svv",
+    "svv edit named.svv --say 'make the shell pale jade, thinner, hide the ring' --out said.svv",
     "svv edit scene.svv --distinct colours --out apart.svv",
     "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
     "svv edit scene.svv --isolate 0 --out alone.svv",
@@ -110,6 +111,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             "x-ray, pearl, velvet, or the file of a square picture. May be repeated.",
         ),
     ] = None,
+    say: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT",
+            help="Say in words what should change: names of regions or 'region 0', colours, thinner, hide, only, light "
+            "from the left, in jade, as watercolour ... What was understood is printed; an unknown word is an error.",
+        ),
+    ] = None,
     distinct: Annotated[
         DistinctName | None,
         typer.Option(
@@ -145,7 +154,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    _check(region, own, bool(own or paint or outline), steps, bool(request or own or distinct))
+    _check(region, own, bool(own or paint or outline), steps, bool(request or own or distinct or say))
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:
@@ -155,6 +164,8 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         with shown("Splitting") as progress:
             result = with_edit(result, replace(request, part=split), progress)
         print(_told(result), file=sys.stderr)
+    if say is not None:
+        result = _said(result, say, out, as_one_step_since=loaded)
     if distinct is not None:
         result = _distinct(result, distinct, as_one_step_since=loaded)
     result = _after(result, steps)
@@ -191,6 +202,19 @@ def _after(result: Scene, steps: Steps) -> Scene:
     if steps.show_variant is not None:
         result = result.with_variant(steps.show_variant)
     return result
+
+
+def _said(scene: Scene, text: str, out: Path, as_one_step_since: Scene) -> Scene:
+    """Return the scene as words ask for it, and print how they were understood."""
+    from svv.io.scene_file import checkpoint_of
+    from svv.render.words.say import say
+
+    checkpoint = checkpoint_of(out)
+    with shown("Painting") as progress:
+        spoken = say(scene, text, progress, checkpoint)
+    checkpoint.unlink(missing_ok=True)
+    print("\n".join(spoken.understood))
+    return spoken.scene.as_one_step(as_one_step_since)
 
 
 def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scene:

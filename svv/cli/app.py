@@ -78,6 +78,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Show or clear what is kept so that it need not be computed again: results of ParaView's "
         "filters, and pyramids.",
     ),
+    "mcp": ("mcp", "Serve svv to assistants by the Model Context Protocol, over standard input and output."),
     "bench": (
         "bench",
         "Measure accuracy against time, stability, consistency between frames, and the effect of each part.",

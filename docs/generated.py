@@ -160,7 +160,7 @@ def _decorated() -> list[Any]:
              "paraview.util.vtkAlgorithm": fake}  # fmt: skip
     sys.modules.update(names)
     try:
-        for module in ("proxies", "edit_filters", "figure_filter", "scene_filters", "readers"):
+        for module in ("proxies", "edit_filters", "figure_filter", "look_filter", "scene_filters", "readers"):
             importlib.import_module(f"svv.pv.{module}")
     finally:
         for name in names:

@@ -19,6 +19,7 @@ try:
     from svv.pv.capture import watch_new_filters
     from svv.pv.edit_filters import *  # noqa: F403  (ParaView looks for the filters in this module)
     from svv.pv.figure_filter import *  # noqa: F403
+    from svv.pv.look_filter import *  # noqa: F403
     from svv.pv.proxies import *  # noqa: F403
     from svv.pv.readers import *  # noqa: F403
     from svv.pv.scene_filters import *  # noqa: F403

@@ -17,6 +17,7 @@ from svv.errors import BadInput
 from svv.fields.kept_styles import without_kept
 from svv.fields.scene import Scene
 from svv.io.picture_data import as_data, mask_in, picture_in
+from svv.io.scene_file import write_scene_file
 from svv.options.figures import FigureOptions
 from svv.render.frames import seen_from
 from svv.render.looks import file
@@ -308,3 +309,70 @@ def test_the_commands(
     run("save", "b.svv", "--out", "plain.json")
     with pytest.raises(BadInput, match="has no camera"):
         run("apply", "plain.json", "b.svv", "--camera", "d.json", "--out", "d.svv")
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        [], "x", {}, {"styles": [], "laid": {}}, {"styles": {}, "laid": {"a": {}}}, {"styles": {}, "laid": {"0": []}},
+        {"styles": {"a": {"picture": "picture.none"}}, "laid": {}}, {"styles": {"a": {"picture": [1]}}, "laid": {}},
+        {"styles": {"a": {"picture": "base.encoding.table"}}, "laid": {}},
+        {"styles": {}, "laid": {"0": {"style": 1, "manner": "auto", "hand": "auto", "stroke_size": 1}}},
+    ],
+)  # fmt: skip
+def test_damaged_records_of_styles_are_one_sentence(painted: Scene, kept: Any, tmp_path: Path) -> None:
+    header, tensors = painted.to_arrays()
+    header["made"]["stylized"] = {**header["made"]["stylized"], "kept": kept}
+    write_scene_file(tmp_path / "a.svv", header, tensors)
+    with pytest.raises(BadInput, match=r"a\.svv"):
+        Scene.load(tmp_path / "a.svv")
+
+
+def test_looks_that_ship_are_sound_and_differ() -> None:
+    from svv.render.looks.offered import LOOKS
+
+    assert len(LOOKS) == 10 and {len(look["regions"]) for look in LOOKS.values()} == {1, 2, 3}
+    for name in LOOKS:
+        look = Look.load(f"gallery:{name}")
+        assert look.title and all(region.edits or region.style for region in look.regions)
+
+
+def test_a_figure_takes_camera_and_settings_from_a_look(
+    cube: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need matplotlib: install svv[figure]")
+    monkeypatch.chdir(tmp_path)
+    cube.save("a.svv")
+    camera = seen_from(cube, 90.0, 0.0, 64, 64)
+    Look.of(cube, camera, FigureOptions(width=50.0, dpi=60, legend="none", scale_bar=False, axes=None)).save(
+        "look.json"
+    )
+    seen = []
+    monkeypatch.setattr(
+        "svv.render.figures.figure.figure", lambda panels, out, options, progress: seen.append((panels, options))
+    )
+    cli.app(["figure", "a.svv", "--look", "look.json", "--dpi", "80", "--out", "f.png"], standalone_mode=False)
+    ((panel,), options) = seen[0]
+    np.testing.assert_allclose(panel.camera.position, camera.position, atol=1e-9)
+    assert (options.width, options.dpi, options.legend, options.scale_bar) == (50.0, 80, "none", False)
+
+
+def test_a_job_gives_its_scene_a_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from svv.job.source import ViewSource
+    from svv.job.stages import Stages, unseen
+    from svv.job.steps import Job, JobSettings
+    from svv.options.making import TrainOptions
+
+    look = Look((LookRegion({"opacity": 0.5, "matcap": "jade", "name": "stone"}),), title="Stone")
+    settings = JobSettings(train=TrainOptions(preset="draft", device="cpu"), look=look)
+    job = Job(ViewSource(tmp_path), [], tmp_path, settings, Stages(tmp_path, unseen))
+    cube_scene().save(job.scene)
+    monkeypatch.setattr(job.stages, "do", lambda name, label, given, files, work, after=(): work(lambda *_: None))
+    job.give_look()
+    scene = Scene.load(job.variants["styled"][1])
+    assert [r.name for r in scene.regions].count("stone") == 1
+    assert "looks like stone: in turn" in json.loads((tmp_path / "look.json").read_text())["matches"][0]
+    with pytest.raises(BadInput, match="not both"):
+        cli.app(
+            ["run", "x.vti", "--look", "gallery:sea-glass", "--style", "a.png", "--out", "o"], standalone_mode=False
+        )

@@ -41,6 +41,9 @@ SHOW = ("svv look show look.json", "svv look show gallery:porcelain")
 LIST = ("svv look list",)
 """Examples in the help."""
 
+LOOK = (SAVE[0], APPLY[1])
+"""Examples in the help."""
+
 LookFile = Annotated[str, typer.Argument(metavar="LOOK.json|gallery:NAME", help="A look; `svv look list` lists some.")]
 
 

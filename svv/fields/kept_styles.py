@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.json_values import number_in, object_in, text_in
 from svv.io.made import digest
 
 KEPT = "kept"
@@ -50,10 +51,14 @@ def put_back(painted: Any, tensors: Mapping[str, NDArray[Any]]) -> Any:
     """Invert :func:`put_apart`; raises KeyError, TypeError or ValueError if the content does not fit."""
     if not isinstance(painted, Mapping) or KEPT not in painted:
         return painted
-    kept = painted[KEPT]
-    styles = {
-        str(name): {str(key): tensors[array].astype(np.uint8).tobytes().decode("ascii") for key, array in style.items()}
-        for name, style in kept["styles"].items()
-    }
-    laid = {str(region): {str(k): v for k, v in how.items()} for region, how in kept["laid"].items()}
+    kept = object_in(painted[KEPT], KEPT)
+    styles: dict[str, dict[str, str]] = {}
+    for name, told in object_in(kept["styles"], "styles").items():
+        arrays = {key: tensors[text_in(array, key)] for key, array in object_in(told, "style").items()}
+        styles[name] = {key: array.astype(np.uint8).tobytes().decode("ascii") for key, array in arrays.items()}
+    laid: dict[str, dict[str, Any]] = {}
+    for region, value in object_in(kept["laid"], "laid").items():
+        how = object_in(value, "laid")
+        laid[str(int(region))] = {key: text_in(how[key], key) for key in ("style", "manner", "hand")}
+        laid[str(int(region))]["stroke_size"] = number_in(how["stroke_size"], "stroke_size")
     return {**painted, KEPT: {"styles": styles, "laid": laid}}

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from svv.core.colour_vision import simulated
+from svv.fields.scene import Scene
 from svv.options.figures import VISIONS
 from tests.cube import cube_scene
 
@@ -97,10 +99,41 @@ assert "no MatCap 'granite'" in status(edit), status(edit)
 """,
         tmp_path / "scene.svv", tmp_path, json.dumps(VISIONS),
     )  # fmt: skip
-    from svv.core.colour_vision import simulated
-
     normal = np.load(tmp_path / "normal.npy")
     for vision in VISIONS[1:]:
         expected = simulated(normal[..., :3] / 255.0, vision)
         assert np.abs(np.load(tmp_path / f"{vision}.npy")[..., :3] / 255.0 - expected).max() < 1.01 / 255
     assert np.abs(np.load(tmp_path / "jade.npy").astype(int) - normal).max() > 20
+
+
+def test_a_scene_takes_over_a_look_and_gives_its_own(pvpython, tmp_path: Path) -> None:
+    cube_scene().edited(0, name="bone", opacity=0.5).edited(1, matcap="jade").save(tmp_path / "scene.svv")
+    cube_scene(1).edited(2, name="Bone").save(tmp_path / "other.svv")
+    pvpython(
+        HEAD
+        + """
+look = StyleRFLook(Input=scene, SaveLookFile=sys.argv[2] + "/look.json")
+look.UpdatePipeline()
+assert status(look) == "Choose a look.", status(look)
+look.SMProxy.InvokeCommand("SaveLook")
+assert status(look).startswith("Saved as"), status(look)
+other = StyleRFScene(FileName=sys.argv[2] + "/other.svv")
+same = StyleRFLook(Input=other, LookFile=sys.argv[2] + "/look.json", SaveFile=sys.argv[2] + "/same.svv")
+same.UpdatePipeline()
+assert "Region 2 (bone) looks like bone: the same name" in status(same), status(same)
+same.SMProxy.InvokeCommand("SaveScene")
+same.Pairs = "a=b"
+same.UpdatePipeline()
+assert "must be regions" in status(same), status(same)
+same.Pairs, same.Look = "", "museum"
+same.UpdatePipeline()
+assert status(same).count("in turn") == 2, status(same)
+open(sys.argv[2] + "/look.json", "w").write("{}")
+same.Look = "the file below"
+same.UpdatePipeline()
+assert "is not a look" in status(same), status(same)
+""",
+        tmp_path / "scene.svv", tmp_path,
+    )  # fmt: skip
+    regions = Scene.load(tmp_path / "same.svv").regions
+    assert (regions[2].name, regions[2].opacity) == ("bone", 0.5) and "jade" in [r.matcap for r in regions]

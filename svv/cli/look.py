@@ -217,9 +217,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
 """Each command's name, its function and the examples in its help, in the order of the help."""
 
 
-@app.callback(
-    epilog=examples("svv look save painted.svv --out look.json", "svv look apply look.json other.svv -o b.svv")
-)
+@app.callback(epilog=examples(*LOOK))
 def look() -> None:
     """Save how a scene looks to a file, and give other scenes that look: colours, styles, light, outlines."""
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from svv.core.json_values import number_in, object_in, text_in
 from svv.io.made import digest
+from svv.io.picture_data import as_text, content_of
 
 KEPT = "kept"
 """Key of a painting's record under which its styles are kept."""
@@ -34,16 +35,19 @@ def without_kept(made: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def put_apart(painted: Any, tensors: Arrays) -> Any:
-    """Return the record of a painting with names of arrays in place of pictures, which are added to ``tensors``."""
+    """Return the record of a painting with names of arrays, without :data:`PREFIX`, in place of pictures.
+
+    The arrays are added to ``tensors``.
+    """
     if not isinstance(painted, Mapping) or KEPT not in painted:
         return painted
     styles: dict[str, dict[str, str]] = {}
     for name, style in painted[KEPT]["styles"].items():
         styles[name] = {}
         for key, text in style.items():
-            content = np.frombuffer(text.encode("ascii"), np.uint8)
-            styles[name][key] = PREFIX + digest(content)[:24]
-            tensors[styles[name][key]] = content
+            content = np.frombuffer(content_of(text), np.uint8)
+            styles[name][key] = digest(content)
+            tensors[PREFIX + styles[name][key]] = content
     return {**painted, KEPT: {**painted[KEPT], "styles": styles}}
 
 
@@ -54,8 +58,8 @@ def put_back(painted: Any, tensors: Mapping[str, NDArray[Any]]) -> Any:
     kept = object_in(painted[KEPT], KEPT)
     styles: dict[str, dict[str, str]] = {}
     for name, told in object_in(kept["styles"], "styles").items():
-        arrays = {key: tensors[text_in(array, key)] for key, array in object_in(told, "style").items()}
-        styles[name] = {key: array.astype(np.uint8).tobytes().decode("ascii") for key, array in arrays.items()}
+        arrays = {key: tensors[PREFIX + text_in(array, key)] for key, array in object_in(told, "style").items()}
+        styles[name] = {key: as_text(array.astype(np.uint8).tobytes()) for key, array in arrays.items()}
     laid: dict[str, dict[str, Any]] = {}
     for region, value in object_in(kept["laid"], "laid").items():
         how = object_in(value, "laid")

@@ -13,8 +13,11 @@ from PIL import Image
 
 from svv.errors import BadInput
 
-LONG_SIDE, QUALITY = 640, 90
+LONG_SIDE, QUALITY = 512, 88
 """Long side in pixels to which pictures are shrunk, and quality of their JPEG: about 100 kB each."""
+
+PNG = b"\x89PNG"
+"""First bytes of a PNG."""
 
 SMALLEST, LARGEST = 16, 2048
 """Bounds of a picture's sides in pixels."""
@@ -70,10 +73,25 @@ def mask_in(text: object, shape: tuple[int, ...], name: str) -> NDArray[np.bool_
 def _uri(image: Image.Image, kind: str) -> str:
     stream = io.BytesIO()
     if kind == "jpeg":
-        image.save(stream, "JPEG", quality=QUALITY, subsampling=0, optimize=True)
+        image.save(stream, "JPEG", quality=QUALITY, optimize=True)
     else:
         image.save(stream, "PNG", optimize=True)
-    return f"data:image/{kind};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+    return as_text(stream.getvalue())
+
+
+def as_text(content: bytes) -> str:
+    """Return the data URI of a JPEG's or PNG's bytes.
+
+    >>> content_of(as_text(PNG)) == PNG
+    True
+    """
+    kind = "png" if content.startswith(PNG) else "jpeg"
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def content_of(text: str) -> bytes:
+    """Return the bytes of a data URI that :func:`as_text` made."""
+    return base64.b64decode(text.split(",", 1)[1])
 
 
 def _image(text: object, name: str) -> Image.Image:

@@ -64,7 +64,7 @@ def checked_matcap(text: str) -> str | None:
         )
     picture = read_style(text)
     _check_square(picture.shape, text)
-    return as_data(picture, STORED)
+    return as_data(picture, STORED, sharp=True)
 
 
 def said_of(text: str | None) -> str:

@@ -13,8 +13,9 @@ from PIL import Image
 
 from svv.errors import BadInput
 
-LONG_SIDE, QUALITY = 512, 88
-"""Long side in pixels to which pictures are shrunk, and quality of their JPEG: about 100 kB each."""
+LONG_SIDE, QUALITY, SHARP = 512, 88, 96
+"""Long side in pixels to which pictures are shrunk, and quality of their JPEG: about 100 kB each; and where edges of
+colours must stay sharp."""
 
 PNG = b"\x89PNG"
 """First bytes of a PNG."""
@@ -28,18 +29,29 @@ MOST_BYTES = 16 << 20
 URI = re.compile(r"data:image/(jpeg|png);base64,([A-Za-z0-9+/=\s]*)")
 
 
-def as_data(picture: NDArray[np.floating], long_side: int = LONG_SIDE, lossless: bool = False) -> str:
-    """Return a picture (h, w, 3), sRGB in [0, 1], as a data URI; large ones are shrunk to ``long_side`` pixels."""
+def as_data(picture: NDArray[np.floating], long_side: int = LONG_SIDE, sharp: bool = False) -> str:
+    """Return a picture (h, w, 3), sRGB in [0, 1], as a data URI of a JPEG.
+
+    Args:
+        picture: The picture; a large one is shrunk.
+        long_side: Largest side of the result in pixels.
+        sharp: Whether edges of colours must stay sharp, as in a cartoon; the result is larger.
+    """
     image = Image.fromarray(np.rint(255.0 * np.clip(np.asarray(picture, np.float32), 0.0, 1.0)).astype(np.uint8))
     image.thumbnail((long_side, long_side), Image.Resampling.LANCZOS)
-    return _uri(image, "png" if lossless else "jpeg")
+    stream = io.BytesIO()
+    how = {"quality": SHARP, "subsampling": 0} if sharp else {"quality": QUALITY}
+    image.save(stream, "JPEG", optimize=True, **how)
+    return as_text(stream.getvalue())
 
 
 def mask_as_data(mask: NDArray[np.bool_], long_side: int = LONG_SIDE) -> str:
     """Return a mask (h, w) as a data URI, as large as :func:`as_data` makes its picture."""
     image = Image.fromarray(255 * np.asarray(mask, np.uint8))
     image.thumbnail((long_side, long_side), Image.Resampling.BOX)
-    return _uri(image.point(lambda level: 255 * (level >= 128)).convert("1"), "png")
+    stream = io.BytesIO()
+    image.point(lambda level: 255 * (level >= 128)).convert("1").save(stream, "PNG", optimize=True)
+    return as_text(stream.getvalue())
 
 
 def picture_in(text: object, name: str) -> NDArray[np.float32]:
@@ -68,15 +80,6 @@ def mask_in(text: object, shape: tuple[int, ...], name: str) -> NDArray[np.bool_
     if found.shape != tuple(shape[:2]):
         raise BadInput(f"{name} has another size than its picture: make the file again.")
     return found
-
-
-def _uri(image: Image.Image, kind: str) -> str:
-    stream = io.BytesIO()
-    if kind == "jpeg":
-        image.save(stream, "JPEG", quality=QUALITY, optimize=True)
-    else:
-        image.save(stream, "PNG", optimize=True)
-    return as_text(stream.getvalue())
 
 
 def as_text(content: bytes) -> str:

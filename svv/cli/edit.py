@@ -86,6 +86,42 @@ class PictureOptions:
     """Size of the picture for --split-at in pixels; 800 by default."""
 
 
+@dataclass(frozen=True)
+class Asked:
+    """Names, MatCaps and words, which concern several regions, and colours that all can tell apart."""
+
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
+        ),
+    ] = None
+    matcap: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME|IMG|none",
+            help="Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, "
+            "x-ray, pearl, velvet, or the file of a square picture. May be repeated.",
+        ),
+    ] = None
+    say: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT",
+            help="Say in words what should change: names of regions or 'region 0', colours, thinner, hide, only, light "
+            "from the left, in jade, as watercolour ... What was understood is printed; an unknown word is an error.",
+        ),
+    ] = None
+    distinct: Annotated[
+        DistinctName | None,
+        typer.Option(
+            metavar="colours|lightness",
+            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
+            "also in a grey print; hues are kept where possible.",
+        ),
+    ] = None
+
+
 @spread
 def edit(  # noqa: PLR0913  (one parameter per group of options)
     scene: SceneFile,
@@ -97,36 +133,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             help="Number of the region; `svv info` lists them. Without it, paint and outlines change in all regions.",
         ),
     ] = None,
-    name: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
-        ),
-    ] = None,
-    matcap: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K=NAME|IMG|none",
-            help="Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, "
-            "x-ray, pearl, velvet, or the file of a square picture. May be repeated.",
-        ),
-    ] = None,
-    say: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TEXT",
-            help="Say in words what should change: names of regions or 'region 0', colours, thinner, hide, only, light "
-            "from the left, in jade, as watercolour ... What was understood is printed; an unknown word is an error.",
-        ),
-    ] = None,
-    distinct: Annotated[
-        DistinctName | None,
-        typer.Option(
-            metavar="colours|lightness",
-            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
-            "also in a grey print; hues are kept where possible.",
-        ),
-    ] = None,
+    asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
     paint: PaintEdit = PaintEdit(),
@@ -147,14 +154,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(name or []))
-    regions = _with(regions, "matcap", parse_names(matcap or [], "--matcap 0=jade"))
+    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name or []))
+    regions = _with(regions, "matcap", parse_names(asked.matcap or [], "--matcap 0=jade"))
     request = SceneEdit(regions, light, paint, outline, visibility, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    _check(region, own, bool(own or paint or outline), steps, bool(request or own or distinct or say))
+    _check(region, own, bool(own or paint or outline), steps, bool(request or own or asked.distinct or asked.say))
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:
@@ -164,10 +171,10 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         with shown("Splitting") as progress:
             result = with_edit(result, replace(request, part=split), progress)
         print(_told(result), file=sys.stderr)
-    if say is not None:
-        result = _said(result, say, out, as_one_step_since=loaded)
-    if distinct is not None:
-        result = _distinct(result, distinct, as_one_step_since=loaded)
+    if asked.say is not None:
+        result = _said(result, asked.say, out, as_one_step_since=loaded)
+    if asked.distinct is not None:
+        result = _distinct(result, asked.distinct, as_one_step_since=loaded)
     result = _after(result, steps)
     result.save(out)
     print(out)

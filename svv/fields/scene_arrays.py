@@ -17,7 +17,7 @@ from svv.core.light import Lamp
 from svv.fields.brushed import Brushed
 from svv.fields.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
 from svv.fields.encodings import Encoding, SparseLattice
-from svv.fields.kept_styles import put_apart, put_back
+from svv.fields.kept_styles import KEPT, put_apart, put_back
 from svv.fields.model import NETWORKS, Model
 from svv.fields.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
@@ -196,13 +196,12 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         Variant(text_in(v["name"], "name"), network, _styles_in(v["styles"]), _made_in(v["made"], tensors))
         for v, network in zip(told, others, strict=True)
     ]
-    made = {name: put_back(value, tensors) for name, value in object_in(header["made"], "made").items()}
     painting = None if header.get("painting") is None else text_in(header["painting"], "painting")
     if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
-        "styled": styled, "regions": regions, "camera_rig": rig, "made": made,
+        "styled": styled, "regions": regions, "camera_rig": rig, "made": _made_in(header["made"], tensors),
         "painting": painting, "others": tuple(variants), "lamp": Lamp(**values_of(Lamp, header.get("lamp", {}))),
         **images, "parts": parts, "unsplit": unsplit, "values": values, "steps": steps,
     }  # fmt: skip
@@ -237,8 +236,9 @@ def _fill(
 
 
 def _made_in(told: object, tensors: Arrays) -> dict[str, Any]:
-    """Return the record of how a painting was made."""
-    return dict(put_back(object_in(told, "made"), tensors))
+    """Return the record of how a painting was made, or a scene, whose record holds that of its painting."""
+    inner = {name: put_back(value, tensors) for name, value in object_in(told, "made").items() if name != KEPT}
+    return dict(put_back({**object_in(told, "made"), **inner}, tensors))
 
 
 def _value_function(header: dict[str, Any], tensors: Arrays) -> ValueFunction | None:

@@ -33,9 +33,11 @@ if TYPE_CHECKING:
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
+    from svv.render.looks.look import Look as Look
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
+    from svv.render.words.say import say as say
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.paint.ink import Ink as Ink
     from svv.train.paint.ink import StyleInput as StyleInput
@@ -49,6 +51,7 @@ PUBLIC = {
     "Cancelled": "svv.errors",
     "Correction": "svv.core.colour.correction",
     "Ink": "svv.train.paint.ink",
+    "Look": "svv.render.looks.look",
     "FigureOptions": "svv.options.figures",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",
@@ -67,6 +70,7 @@ PUBLIC = {
     "orbit": "svv.render.frames",
     "read_camera": "svv.io.views.camera_file",
     "read_style": "svv.io.pictures.style_picture",
+    "say": "svv.render.words.say",
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",

@@ -71,8 +71,7 @@ def layers() -> Iterator[str]:
 
 def commands() -> Iterator[str]:
     """Yield every command with its arguments, options and examples."""
-    from svv.cli.app import COMMANDS, command_of
-    from svv.cli.bench import COMMANDS as BENCH
+    from svv.cli.app import COMMANDS, GROUPS, command_of
     from svv.cli.commands import paraview
 
     yield "# Commands\n"
@@ -80,12 +79,13 @@ def commands() -> Iterator[str]:
     yield "`svv COMMAND --help` says the same in a terminal. How commands end, what they read and what they resume: "
     yield "[conventions](command-line.md).\n"
     for name in COMMANDS:
-        if name != "bench":  # a group, at the end
+        if name not in GROUPS:  # they follow at the end
             yield from _command(f"svv {name}", *command_of(name))
     for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):
         yield from _command(f"svv {function.__name__}", function, ())
-    for name, (function, examples) in BENCH.items():
-        yield from _command(f"svv bench {name}", function, examples)
+    for group in GROUPS:
+        for name, (function, examples) in importlib.import_module(f"svv.cli.{group}").COMMANDS.items():
+            yield from _command(f"svv {group} {name}", function, examples)
 
 
 def _command(name: str, function: Any, examples: Any) -> Iterator[str]:
@@ -202,7 +202,7 @@ def _decorated() -> list[Any]:
              "paraview.util.vtkAlgorithm": fake}  # fmt: skip
     sys.modules.update(names)
     try:
-        for module in ("volume_filters", "edit_filters", "scene_filters", "readers"):
+        for module in ("volume_filters", "edit_filters", "figure_filter", "look_filter", "scene_filters", "readers"):
             importlib.import_module(f"svv.pv.filters.{module}")
     finally:
         for name in names:

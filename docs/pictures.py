@@ -20,6 +20,7 @@ from PIL import Image, ImageDraw, ImageFont
 from docs import volumes
 from svv.bench.styles.exhibits import Exhibit, paint_figures
 from svv.core.colour.colour_vision import COLOUR_VISIONS, simulated
+from svv.core.colour.matcaps import MATCAPS, matcap_picture
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.views import make_views, render_views
 from svv.dvr.functions.transfer_functions import TransferFunction
@@ -32,7 +33,10 @@ from svv.render.distinct import distinct
 from svv.render.figures.figure import Panel, figure
 from svv.render.figures.files import pixels_of
 from svv.render.frames import orbit
+from svv.render.looks.look import Look
+from svv.render.looks.offered import LOOKS
 from svv.render.pictures import sheet
+from svv.render.words.say import say
 from svv.styles.gallery import gallery_picture
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
@@ -256,9 +260,97 @@ def colour_vision(studio: Studio) -> None:
     Image.fromarray(sheet(rows, COLOUR_VISIONS)).save(IMAGES / "colour-vision.jpg", quality=88)
 
 
+def matcaps(studio: Studio) -> None:
+    """The MatCaps that ship; and the gyroid and the demo's scene in some of them."""
+    side = WIDTH // (len(MATCAPS) // 2)
+    spheres = [_sphere(name, side) for name in MATCAPS]
+    half = len(spheres) // 2
+    rows = [piece for k in (0, half) for piece in (
+        np.concatenate(spheres[k : k + half], axis=1), labelled([*MATCAPS][k : k + half], side))]  # fmt: skip
+    worn = (("gyroid", ("bronze", "jade", "x-ray")), ("demo", ("porcelain", "bronze", "jade")),
+            ("orbital", ("clay", "chalk")), ("demo", ("velvet", "wax", "x-ray")))  # fmt: skip
+    pictures = []
+    for name, chosen in worn:
+        scene, size = studio.scene(name), 2 * (WIDTH // len(worn))
+        for region, matcap in enumerate(chosen):
+            scene = scene.edited(region, matcap=matcap)
+        pictures.append(halved(drawn(scene, view_of(scene, FRAMES[name], size), "pcn")))
+    write("matcaps.jpg", [*rows, np.concatenate(pictures, axis=1)], below=True, width=WIDTH)
+
+
+def _sphere(name: str, side: int) -> Pixels:
+    """Return a MatCap as a sphere on white. (side, side, 3)"""
+    size, margin = side - 60, 30
+    x = (2.0 * np.arange(2 * size) + 1.0) / (2 * size) - 1.0
+    inside = (np.square(x)[:, None] + np.square(x)[None] <= 1.0)[..., None]
+    ball = halved(np.where(inside, matcap_picture(name, 2 * size), 1.0))
+    return np.pad(ball, ((margin // 2, margin // 2), (margin, margin), (0, 0)), constant_values=1.0)
+
+
+def looks(studio: Studio) -> None:
+    """The looks that ship, on scenes of one, two and three regions."""
+    side, pictures = WIDTH // 5, []
+    for name in LOOKS:
+        look = Look.load(f"gallery:{name}")
+        kind, mapping = (("demo", {1: 0}), ("gyroid", None), ("demo", None))[len(look.regions) - 1]
+        scene = studio.scene(kind)
+        if len(look.regions) < len(scene.regions):
+            there = mapping or [pair.region for pair in look.matched(scene).pairs]
+            scene = scene.isolated(*there)
+        shown = look.applied(scene, mapping, preset="draft").scene
+        pictures.append(halved(drawn(_as_visible(shown, scene), view_of(scene, FRAMES[kind], 2 * side))))
+    rows = []
+    for first in range(0, len(pictures), 5):
+        rows += [np.concatenate(pictures[first : first + 5], axis=1), labelled([*LOOKS][first : first + 5], side)]
+    write("looks.jpg", rows, below=True)
+
+
+def _as_visible(scene: Scene, before: Scene) -> Scene:
+    """Return a scene in which those regions are hidden that were hidden before."""
+    hidden = [k for k, region in enumerate(before.regions) if region.hidden]
+    return scene.hidden(*hidden) if hidden else scene
+
+
+def look_on_another(studio: Studio) -> None:
+    """The demo's painting; the gyroid; and the gyroid with the painting's look."""
+    painting, other = Scene.load(studio.demo / "styled.svv"), studio.scene("gyroid")
+    given = {name: StyleInput(gallery_picture(name), name) for name in ("oil", "impasto", "watercolour")}
+    same = Look.of(painting, styles=given).applied(other, preset="draft").scene
+    shown = ((painting, "demo"), (other, "gyroid"), (same, "gyroid"))
+    pictures = [halved(drawn(one, view_of(one, FRAMES[name], 2 * SIZE))) for one, name in shown]
+    write("look-applied.jpg", pictures)
+
+
+def words(studio: Studio) -> None:
+    """The demo's scene, and as two sentences change it."""
+    scene = studio.scene("demo")
+    for region, name in enumerate(("sheet", "knot", "shell")):
+        scene = scene.edited(region, name=name)
+    shown = [scene]
+    said = "make the sheet pale jade, hide the shell", "the knot in bronze, the sheet deep teal and outlined"
+    for sentence in said:
+        shown.append(say(shown[-1], sentence).scene)
+    camera = view_of(scene, FRAMES["demo"], 2 * SIZE)
+    write("words.jpg", [halved(drawn(one, camera, "pcn")) for one in shown])
+
+
 PICTURES: dict[str, Callable[[Studio], None]] = {
     one.__name__: one
-    for one in (showpiece, gallery, stages, figures, ink, outlines, parts, journal_figure, colour_vision)
+    for one in (
+        showpiece,
+        gallery,
+        stages,
+        figures,
+        ink,
+        outlines,
+        parts,
+        journal_figure,
+        colour_vision,
+        matcaps,
+        looks,
+        look_on_another,
+        words,
+    )
 }
 
 

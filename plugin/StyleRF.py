@@ -18,7 +18,9 @@ if importlib.util.find_spec("svv") is None:  # loaded by hand: the package is in
 try:
     from svv.pv.display.capture import watch_new_filters
     from svv.pv.filters.edit_filters import *  # noqa: F403  (ParaView looks for the filters in this module)
+    from svv.pv.filters.figure_filter import *  # noqa: F403
     from svv.pv.filters.internal_filters import *  # noqa: F403
+    from svv.pv.filters.look_filter import *  # noqa: F403
     from svv.pv.filters.readers import *  # noqa: F403
     from svv.pv.filters.scene_filters import *  # noqa: F403
     from svv.pv.filters.volume_filters import *  # noqa: F403

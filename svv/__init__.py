@@ -38,10 +38,12 @@ if TYPE_CHECKING:
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
+    from svv.render.looks.look import Look as Look
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
     from svv.render.web.page import write_html as write_html
+    from svv.render.words.say import say as say
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.paint.ink import Ink as Ink
     from svv.train.paint.ink import StyleInput as StyleInput
@@ -56,6 +58,7 @@ PUBLIC = {
     "Correction": "svv.core.colour.correction",
     "FigureOptions": "svv.options.figures",
     "Ink": "svv.train.paint.ink",
+    "Look": "svv.render.looks.look",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",
     "Panel": "svv.render.figures.figure",
@@ -76,6 +79,7 @@ PUBLIC = {
     "orbit": "svv.render.frames",
     "read_camera": "svv.io.views.camera_file",
     "read_style": "svv.io.pictures.style_picture",
+    "say": "svv.render.words.say",
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",

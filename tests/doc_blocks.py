@@ -33,11 +33,14 @@ BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n\n?)?^```(\w+)\n(.*?)^```", 
 QUICK = {"import", "export", "info", "edit", "render", "style-mask", "features", "cache"}
 """Commands that are run as they stand, but for the size and the number of their pictures."""
 
-LEARNING = {"run", "train", "palette", "stylize"}
+LEARNING = {"run", "train", "palette", "stylize", "apply"}
 """Commands that are not run; a scene that nobody trained takes the place of what they would write."""
 
 PROGRAMS = {
     "cd",
+    "do",
+    "done",
+    "for",
     "cmake",
     "ctest",
     "conda",
@@ -88,6 +91,7 @@ def fill(folder: Path) -> None:
     """Write what the examples start from: scenes, a volume with its transfer function, views and style pictures."""
     cube = cube_scene()
     cube.save(folder / "scene.svv")
+    cube_scene(1).save(folder / "other.svv")
     lit_cube_scene().save(folder / "lit.svv")
     paint(cube, "styled", ()).save(folder / "styled.svv")
     for number, name in enumerate(("brush.png", "ink.png", "a.jpg", "b.jpg", "brush.jpg")):
@@ -191,7 +195,8 @@ def _stand_in(name: str, parameters: dict[str, Any]) -> None:
             named = {style.removeprefix("gallery:") for style in parameters["style"] if style.startswith("gallery:")}
             assert named <= set(GALLERY), f"The gallery has no {named - set(GALLERY)}."
             made = paint(made, parameters["variant"] or "styled", parameters["keep"] or ())
-    made.save(parameters["out"])
+    if parameters["out"] is not None:
+        made.save(parameters["out"])
 
 
 def _script(arguments: Sequence[str]) -> None:

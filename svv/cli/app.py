@@ -44,6 +44,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "palette": ("edit", "Correct a scene's palette by hand and train its regions again; the base network is kept."),
     "stylize": ("stylize", "Paint a scene's regions in the style of pictures, or draw them in ink."),
+    "look": (
+        "look",
+        "Save how a scene looks to a file, and give other scenes that look: colours, styles, light, outlines.",
+    ),
     "join": ("join", "Join scenes of several transfer functions of one volume, to show them alone or together."),
     "follow": ("follow", "Add the other time steps of its volume to a scene, without views or training."),
     "render": ("render", "Render a scene: an orbit as a movie or frames, a single view, or its time steps."),
@@ -74,12 +78,17 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Show or clear what is kept so that it need not be computed again: results of ParaView's "
         "filters, and pyramids.",
     ),
+    "mcp": ("mcp", "Serve svv to assistants by the Model Context Protocol, over standard input and output."),
     "bench": (
         "bench",
         "Measure accuracy against time, stability, consistency between frames, and the effect of each part.",
     ),
 }
 """Each command's name, its module in :mod:`svv.cli.commands` and the first paragraph of its help, in its order."""
+
+
+GROUPS = ("look", "bench")
+"""Commands that are groups of commands: ``app`` of their module."""
 
 
 def command_of(name: str) -> tuple[Callable[..., None], Sequence[str]]:
@@ -100,13 +109,11 @@ class Commands(TyperGroup):
         """Return the command of a name, or None."""
         if cmd_name not in COMMANDS:
             return super().get_command(ctx, cmd_name)
-        if cmd_name == "bench":
-            from svv.cli import bench
-
-            return typer.main.get_command(bench.app)
+        if cmd_name in GROUPS:
+            return typer.main.get_command(importlib.import_module(f"svv.cli.{cmd_name}").app)
         command, lines = command_of(cmd_name)
         one = typer.Typer(add_completion=False, rich_markup_mode="rich")
-        one.command(cmd_name, epilog=examples(*lines))(_guarded(command))
+        one.command(cmd_name, epilog=examples(*lines))(guarded(command))
         return typer.main.get_command(one)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -162,7 +169,7 @@ TOGETHER = ("views", "train", "render", "export")
 """Commands that share their work among the processes that ``torchrun`` starts; for others, the first does all."""
 
 
-def _guarded(command: Callable[..., None]) -> Callable[..., None]:
+def guarded(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command that begins only with enough memory, and where no other one writes its result."""
 
     @functools.wraps(command)

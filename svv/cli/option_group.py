@@ -25,6 +25,7 @@ SYNTAX: dict[str, Callable[[str, str], Any]] = {
     "light": lambda text, _: options.parse_light(text),
     "light on strokes": options.parse_stroke_light,
     "mapping": lambda text, _: options.parse_mapping(text),
+    "pairs": options.parse_pairs,
     "palette of strokes": lambda text, _: options.parse_stroke_palette(text),
     "pixel or point": options.parse_place,
     "point": options.parse_point,

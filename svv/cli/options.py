@@ -57,10 +57,19 @@ def parse_mapping(text: str) -> dict[int, int] | Literal["colour"]:
     """
     if text.strip().lower() in ("colour", "color"):
         return "colour"
+    return _pairs_in(text, "write region=style pairs, for example --map 0=0,1=1, or colour")
+
+
+def parse_pairs(text: str, flag: str) -> dict[int, int]:
+    """Return '0=0,2=1' as {region: region of a look}; raises BadInput as :func:`parse_mapping`."""
+    return _pairs_in(text, f"write region=region pairs, for example {flag} 0=0,1=1")
+
+
+def _pairs_in(text: str, advice: str) -> dict[int, int]:
     pairs = [part.split("=") for part in text.split(",")]
     if not all(len(p) == 2 and all(x.strip().isascii() and x.strip().isdigit() for x in p) for p in pairs):
-        raise BadInput(f"'{text}' is not a mapping; write region=style pairs, for example --map 0=0,1=1, or colour.")
-    mapping = {int(region): int(style) for region, style in pairs}
+        raise BadInput(f"'{text}' is not a mapping; {advice}.")
+    mapping = {int(region): int(other) for region, other in pairs}
     if len(mapping) < len(pairs):
         raise BadInput(f"'{text}' names a region twice.")
     return mapping
@@ -86,7 +95,7 @@ def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
     return found
 
 
-def parse_names(texts: Sequence[str]) -> dict[int, str]:
+def parse_names(texts: Sequence[str], example: str = "--name 0=bone") -> dict[int, str]:
     """Return ['0=bone', '1=soft tissue'] as {region: name}.
 
     Raises:
@@ -96,7 +105,7 @@ def parse_names(texts: Sequence[str]) -> dict[int, str]:
     for text in texts:
         number, sign, name = text.partition("=")
         if not (sign and number.strip().isascii() and number.strip().isdigit()):
-            raise BadInput(f"'{text}' does not name a region; write region=name, for example --name 0=bone.")
+            raise BadInput(f"'{text}' does not name a region; write region=name, for example {example}.")
         if int(number) in found:
             raise BadInput(f"'{text}' names region {int(number)} a second time: give each region one name.")
         found[int(number)] = name

@@ -138,6 +138,8 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
     facts.append(("Seed", str(s.seed)))
     facts.append(("Parameters", f"{int(training['parameters']):,}"))
     facts.append(("Device", training.get("gpu") or training["device"]))
+    looked = _read(job, "look", "look.json")
+    facts += [("Look", line) for line in looked.get("matches", [])] + [("Note", n) for n in looked.get("notes", [])]
     if styling:
         facts.append(("Stylization", duration(styling["seconds"]["total"])))
         facts.append(("Styles", ", ".join(style.name for style in job.styles)))

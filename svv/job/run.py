@@ -57,7 +57,9 @@ def run_job(
     job.regions()
     if settings.recolour:
         job.recolour()
-    if styles:
+    if settings.look is not None:
+        job.give_look()
+    elif styles:
         job.stylize()
     job.share()
     job.orbits()

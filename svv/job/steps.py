@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from svv.errors import Progress, part
 from svv.io.files.atomic import make_folder, write_json
+from svv.io.files.keyed_results import digest
 from svv.io.pictures.output import write_mp4, write_png, write_region_png
 from svv.io.pictures.style_picture import read_style
 from svv.io.scene_file import checkpoint_of, remove_checkpoints
@@ -27,6 +28,8 @@ from svv.job.stages import Stages, fingerprint
 from svv.options.described import chosen
 from svv.options.making import OrbitOptions, PaintOptions, TrainOptions, ViewOptions
 from svv.render.frames import orbit, region_colours, write_frames
+from svv.render.looks.file import to_json
+from svv.render.looks.look import Look
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
 
 if TYPE_CHECKING:
@@ -49,6 +52,8 @@ class JobSettings:
     path: OrbitOptions = OrbitOptions()
     recolour: bool = False
     """Whether to include a recoloured scene."""
+    look: Look | None = None
+    """The look of the scene, in place of styles."""
 
     @property
     def paint(self) -> PaintOptions:
@@ -197,6 +202,24 @@ class Job:
         files = [path, self.out / "styles.png", self.out / "stylize.json"]
         self.stages.do("stylize", "Stylizing", settings, files, work, ["train"])
         self.variants["styled"] = ("stylize", path)
+
+    def give_look(self) -> None:
+        """Give the scene its look."""
+        look, path, options = self.settings.look, self.out / "styled.svv", self.settings.paint
+        assert look is not None
+        checkpoint = checkpoint_of(path)
+
+        def work(progress: Progress) -> None:
+            found = look.applied(
+                self.scene_at(self.scene), None, progress, checkpoint, preset=options.preset, seed=options.seed
+            )
+            found.scene.save(path)
+            told = {"matches": found.matches.said(look, found.scene), "notes": found.notes}
+            write_json(self.out / "look.json", told)
+
+        settings = {"look": digest(to_json(look)), **chosen(options)}
+        self.stages.do("look", "Look", settings, [path, self.out / "look.json"], work, ["train"])
+        self.variants["styled"] = ("look", path)
 
     def share(self) -> None:
         """Write the scene, painted if there are styles, as a page that a browser turns."""

@@ -62,6 +62,11 @@ class RegionEdit(Request):
     """Specular reflection; for scenes trained with the lighting phong."""
     shininess: Annotated[float | None, Setting(least=1, slider=(1.0, 128.0), switch=REFLECT, unset=30.0)] = None
     """Exponent of the specular highlight; for scenes trained with the lighting phong."""
+    matcap: Annotated[
+        str | None, Setting(command=False, panel="MatCap", unset="", unset_says="Empty leaves it as it is.")
+    ] = None
+    """A picture of a lit sphere whose colours the region takes where it faces the same way: clay, wax, bronze, jade,
+    porcelain, chalk, toon, x-ray, pearl, velvet, the file of a square picture, or none."""
     name: Annotated[str | None, Setting(command=False, unset="", unset_says="Empty leaves it as it is.")] = None
     """What the region shows, such as bone: its name in legends, pages and messages."""
 

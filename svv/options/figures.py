@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from svv.options.described import Setting
 from svv.options.making import DeviceName, NetworkName
@@ -13,6 +13,9 @@ ColumnsName = Literal["single", "double"]
 LegendName = Literal["auto", "right", "below", "none"]
 LettersName = Literal["auto", "a", "A", "(a)", "none"]
 FrameName = Literal["content", "camera"]
+VisionName = Literal["normal", "protanopia", "deuteranopia", "tritanopia", "grey print"]
+VISIONS: tuple[VisionName, ...] = get_args(VisionName)
+"""Ways to see: normal, without the cones for long, middle or short waves, and without colour."""
 
 JOURNALS: dict[str, tuple[float, float, float]] = {
     "nature": (89.0, 183.0, 7.0),
@@ -32,17 +35,17 @@ class FigureOptions:
     """Journal whose column widths and size of text are used."""
     columns: ColumnsName = "single"
     """Whether the figure is as wide as one column or as two."""
-    width: Annotated[float | None, Setting(metavar="MM")] = None
+    width: Annotated[float | None, Setting(metavar="MM", unset=0.0, unset_says="0: the column's.")] = None
     """Width in mm instead, from 20 to 1000."""
     dpi: int = 300
     """Pixels per inch of the pictures, from 50 to 1200; journals ask for 300, or for 600 with fine lines."""
-    across: Annotated[int | None, Setting(metavar="N", least=1)] = None
+    across: Annotated[int | None, Setting(metavar="N", least=1, panel="")] = None
     """Panels beside each other; by default all of up to three, and otherwise as square a grid as possible."""
-    frame: FrameName = "content"
+    frame: Annotated[FrameName, Setting(panel="Frame")] = "content"
     """What panels show: content trims all alike to what is visible, at one scale; camera keeps the cameras' frames."""
-    title: tuple[str, ...] = ()
+    title: Annotated[tuple[str, ...], Setting(panel="")] = ()
     """Title of the next panel."""
-    letters: LettersName = "auto"
+    letters: Annotated[LettersName, Setting(panel="")] = "auto"
     """How panels are numbered; auto writes a, b, c if there are several."""
     legend: LegendName = "auto"
     """Where the names of the regions stand, each with a small sphere in its paint and light, and its values."""
@@ -56,15 +59,19 @@ class FigureOptions:
     """Names of the volume's axes in the corner that shows how they lie; none leaves them out."""
     parallel: bool = False
     """Look along parallel rays, so that the scale bar holds everywhere."""
-    background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour")] = None
+    background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour", panel="")] = (
+        None
+    )
     """white, black or '#rrggbb', behind the whole figure; white by default."""
     transparent: bool = False
     """Leave the background out: transparent PNG and TIFF, and no rectangle behind SVG and PDF."""
-    font: Annotated[str | None, Setting(metavar="NAME")] = None
+    font: Annotated[str | None, Setting(metavar="NAME", advanced=True)] = None
     """An installed font, such as Arial; by default DejaVu Sans, which comes with matplotlib."""
-    font_size: Annotated[float | None, Setting(metavar="PT")] = None
+    font_size: Annotated[
+        float | None, Setting(metavar="PT", advanced=True, unset=0.0, unset_says="0: the journal's.")
+    ] = None
     """Size of the text in points, from 4 to 40; by default the journal's."""
-    network: NetworkName | None = None
+    network: Annotated[NetworkName | None, Setting(unset="last", advanced=True)] = None
     """Which network gives the colours, as in `svv render`; by default the last that the scene has."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
     """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""

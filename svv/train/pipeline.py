@@ -33,6 +33,7 @@ from svv.train.quilt.pieces import PieceSettings
 from svv.train.report import report_on
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.kept import with_styles_kept
 from svv.train.run.previews import Show
 from svv.train.training import Training
 
@@ -151,8 +152,10 @@ def stylize_scene(
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
     paint = partial(_stylize_alone, chosen, pieces)
     if scene.layers:
-        return stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
-    return paint(scene, inputs, asked, progress, checkpoint, preview)
+        styled, report = stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
+    else:
+        styled, report = paint(scene, inputs, asked, progress, checkpoint, preview)
+    return with_styles_kept(scene, styled, inputs, asked, report), report
 
 
 def _stylize_alone(

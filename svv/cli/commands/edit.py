@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
     "svv edit scene.svv --name 0=bone --name 1='soft tissue' --out named.svv",
+    "svv edit scene.svv --matcap 0=jade --matcap 1=sphere.png --out jade.svv",
+    "svv edit named.svv --say 'make the shell pale jade, thinner, hide the ring' --out said.svv",
     "svv edit scene.svv --distinct colours --out apart.svv",
     "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
     "svv edit scene.svv --isolate 0 --out alone.svv",
@@ -84,6 +86,42 @@ class PictureOptions:
     """Size of the picture for --split-at in pixels; 800 by default."""
 
 
+@dataclass(frozen=True)
+class Asked:
+    """Names, MatCaps and words, which concern several regions, and colours that all can tell apart."""
+
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
+        ),
+    ] = None
+    matcap: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME|IMG|none",
+            help="Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, "
+            "x-ray, pearl, velvet, or the file of a square picture. May be repeated.",
+        ),
+    ] = None
+    say: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT",
+            help="Say in words what should change: names of regions or 'region 0', colours, thinner, hide, only, light "
+            "from the left, in jade, as watercolour ... What was understood is printed; an unknown word is an error.",
+        ),
+    ] = None
+    distinct: Annotated[
+        DistinctName | None,
+        typer.Option(
+            metavar="colours|lightness",
+            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
+            "also in a grey print; hues are kept where possible.",
+        ),
+    ] = None
+
+
 @spread
 def edit(  # noqa: PLR0913  (one parameter per group of options)
     scene: SceneFile,
@@ -95,20 +133,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             help="Number of the region; `svv info` lists them. Without it, paint and outlines change in all regions.",
         ),
     ] = None,
-    name: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
-        ),
-    ] = None,
-    distinct: Annotated[
-        DistinctName | None,
-        typer.Option(
-            metavar="colours|lightness",
-            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
-            "also in a grey print; hues are kept where possible.",
-        ),
-    ] = None,
+    asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
     paint: PaintEdit = PaintEdit(),
@@ -129,13 +154,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.files.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    regions = _named(dict.fromkeys(chosen, own), name or [])
+    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name or []))
+    regions = _with(regions, "matcap", parse_names(asked.matcap or [], "--matcap 0=jade"))
     request = SceneEdit(regions, light, paint, outline, visibility, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    _check(region, own, bool(own or paint or outline), steps, bool(request or own or distinct))
+    _check(region, own, bool(own or paint or outline), steps, bool(request or own or asked.distinct or asked.say))
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:
@@ -145,8 +171,10 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         with shown("Splitting") as progress:
             result = with_edit(result, replace(request, part=split), progress)
         print(_told(result), file=sys.stderr)
-    if distinct is not None:
-        result = _distinct(result, distinct, as_one_step_since=loaded)
+    if asked.say is not None:
+        result = _said(result, asked.say, out, as_one_step_since=loaded)
+    if asked.distinct is not None:
+        result = _distinct(result, asked.distinct, as_one_step_since=loaded)
     result = _after(result, steps)
     result.save(out)
     print(out)
@@ -183,6 +211,19 @@ def _after(result: Scene, steps: Steps) -> Scene:
     return result
 
 
+def _said(scene: Scene, text: str, out: Path, as_one_step_since: Scene) -> Scene:
+    """Return the scene as words ask for it, and print how they were understood."""
+    from svv.io.scene_file import checkpoint_of
+    from svv.render.words.say import say
+
+    checkpoint = checkpoint_of(out)
+    with shown("Painting") as progress:
+        spoken = say(scene, text, progress, checkpoint)
+    checkpoint.unlink(missing_ok=True)
+    print("\n".join(spoken.understood))
+    return spoken.scene.as_one_step(as_one_step_since)
+
+
 def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scene:
     """Return the scene in colours that everybody can tell apart, and say how far apart they are."""
     from svv.core.colour.colour_vision import LEAST_DIFFERENCE
@@ -204,11 +245,11 @@ def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scen
     return found.scene.as_one_step(as_one_step_since)
 
 
-def _named(edits: dict[int, RegionEdit], texts: Sequence[str]) -> dict[int, RegionEdit]:
-    """Return the edits of regions with the names that --name gives them."""
+def _with(edits: dict[int, RegionEdit], field: str, texts: Mapping[int, str]) -> dict[int, RegionEdit]:
+    """Return the edits of regions with a field, such as the name, that an option gives several of them."""
     found = dict(edits)
-    for region, name in parse_names(texts).items():
-        found[region] = replace(found.get(region, RegionEdit()), name=name)
+    for region, text in texts.items():
+        found[region] = replace(found.get(region, RegionEdit()), **{field: text})  # type: ignore[arg-type]
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,12 +26,14 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.render.colour_check import Seen
     from svv.render.figures.figure import Panel
+    from svv.render.looks.look import Look
 
 FIGURE = (
     "svv figure head.svv --unit mm --value-unit HU --out head.pdf",
     "svv figure plain.svv painted.svv --columns double --title before --title after --out both.svg",
     "svv figure painted.svv --variant oil --variant ink --dpi 600 --out paintings.tiff",
     "svv figure scene.svv --view 0,0 --view 90,0 --view 0,80 --journal ieee --out views.pdf",
+    "svv figure same.svv --look look.json --out same.pdf",
     "svv figure series.svv --time 0 --time 0.5 --time 1 --across 3 --transparent --out times.png",
 )
 """Examples in the help."""
@@ -69,6 +71,13 @@ def figure(
     ],
     panels: PanelOptions = PanelOptions(),
     options: FigureOptions = FigureOptions(),
+    look: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOOK.json|gallery:NAME",
+            help="Take the camera and the settings of figures from this look; options that are given win.",
+        ),
+    ] = None,
 ) -> None:
     """Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.
 
@@ -79,10 +88,14 @@ def figure(
     from svv.render.figures.figure import figure as draw
     from svv.render.figures.figure import need_matplotlib
     from svv.render.figures.files import check_kind
+    from svv.render.looks.look import Look, changed_settings
 
     need_matplotlib()
     check_kind(out)
-    every = [panel for path in scenes for panel in _panels(load(path, options.device), panels)]
+    chosen = None if look is None else Look.load(look)
+    if chosen is not None:
+        options = replace(options, **{**chosen.figure, **changed_settings(options)})
+    every = [panel for path in scenes for panel in _panels(load(path, options.device), panels, chosen)]
     with shown("Drawing") as progress:
         draw(every, out, options, progress)
     if options.scale_bar and not options.parallel and any(not _parallel(panel) for panel in every):
@@ -93,7 +106,7 @@ def figure(
     print(out)
 
 
-def _panels(scene: Scene, options: PanelOptions) -> list[Panel]:
+def _panels(scene: Scene, options: PanelOptions, look: Look | None) -> list[Panel]:
     """Return a scene's panels: each painting at each time by each camera."""
     from svv.fields.values.followed_scene import at_time
     from svv.render.figures.figure import Panel
@@ -102,7 +115,7 @@ def _panels(scene: Scene, options: PanelOptions) -> list[Panel]:
         raise BadInput("The scene has no time steps: add them with svv follow, or leave out --time.")
     painted = [scene.with_variant(name) for name in options.variant] or [scene]
     timed = [at_time(one, time) for one in painted for time in options.time] or painted
-    cameras: list[Camera | None] = [*_cameras(scene, options)] or [None]
+    cameras: list[Camera | None] = [*_cameras(scene, options)] or [None if look is None else look.camera_for(scene)]
     return [Panel(one, camera) for one in timed for camera in cameras]
 
 

@@ -26,6 +26,7 @@ DEMO = (
 RUN = (
     "svv run foot.vti --tf bones.json --style brush.jpg --out foot",
     "svv run engine_256x256x128_uint8.raw --out engine --preset fast",
+    "svv run next.vti --tf bones.json --look look.json --out next",
     "svv run views --style a.png --style gallery:mosaic --lighting auto --out result",
 )
 """Examples in the help."""
@@ -63,13 +64,17 @@ def demo(
 
 
 @spread
-def run(
+def run(  # noqa: PLR0913  (one parameter per group of options)
     source: Annotated[
         Path, typer.Argument(metavar="VOLUME|VIEWS", help="A volume, a folder of views, or a Cinema database.")
     ],
     out: Out,
     style: Annotated[
         list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
+    ] = None,
+    look: Annotated[
+        str | None,
+        typer.Option(metavar="LOOK.json|gallery:NAME", help="Give the scene this look, as `svv look apply` does."),
     ] = None,
     recolour: Annotated[bool, typer.Option("--recolour", help="Also show the regions recoloured.")] = False,
     volume: ShownVolumeOptions = ShownVolumeOptions(),
@@ -88,13 +93,17 @@ def run(
     from svv.job.source import ViewSource, VolumeSource, imported_views
     from svv.job.steps import JobSettings
     from svv.render.gallery import style_file
+    from svv.render.looks.look import Look
 
+    if look is not None and style:
+        raise BadInput("Give --look or --style, not both: a look has its own styles.")
+    chosen = None if look is None else Look.load(look)
     views = transforms_file(source, "train") is not None
     if not views and is_database(source):
         with shown("Reading") as progress:
             source, views = imported_views(source, out / "views", progress), True
     origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **volume.to_read())
-    settings = JobSettings(drawing, training, path, recolour)
+    settings = JobSettings(drawing, training, path, recolour, chosen)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
     compile_beside()

@@ -9,7 +9,6 @@ RGB is gamma-encoded sRGB in [0, 1].
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -18,10 +17,8 @@ from scipy.optimize import linprog
 
 from svv.core.colour.colour import colour_differences
 from svv.core.colour.oklab import oklab_to_rgb, rgb_to_oklab
-
-VisionName = Literal["normal", "protanopia", "deuteranopia", "tritanopia", "grey print"]
-VISIONS: tuple[VisionName, ...] = get_args(VisionName)
-"""Ways to see: normal, without the cones for long, middle or short waves, and without colour."""
+from svv.options.figures import VISIONS as VISIONS
+from svv.options.figures import VisionName as VisionName
 
 COLOUR_VISIONS = VISIONS[:4]
 """The ways of people."""

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from svv.core.colour import palette_shading
 from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
@@ -63,6 +64,8 @@ def draw(
         strokes = torch.zeros(len(scene.regions), 4) if strokes is None else strokes
         sigma = kernels.overpaint(surface, paint, scene.paint_shares, strokes, sigma)
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
+    if any(r.matcap is not None for r in scene.regions):
+        dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams)
     opacity = torch.tensor([r.seen_opacity for r in scene.regions])
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
 

@@ -49,6 +49,8 @@ class Beams:
     facing: Tensor
     toward: Tensor
     intensity: float = 1.0
+    up: Tensor | None = None
+    """The camera's axis up in the world, (3,); None for y."""
 
     @classmethod
     def headlight(cls, facing: Tensor) -> Beams:
@@ -60,12 +62,13 @@ class Beams:
         """Return beams of a lamp for a camera's rays."""
         rotation = camera.camera_to_world[:3, :3]
         facing = -rays.lit_along
+        up = facing.new_tensor(rotation[:, 1])
         if not lamp.moved:
-            return cls(facing, facing, lamp.intensity)
+            return cls(facing, facing, lamp.intensity, up)
         if lamp.direction is not None:
             direction = np.asarray(lamp.direction) / np.linalg.norm(lamp.direction)
-            return cls(facing, facing.new_tensor(direction).expand_as(facing), lamp.intensity)
-        return cls(facing, facing @ facing.new_tensor(lamp.turn(rotation).T), lamp.intensity)
+            return cls(facing, facing.new_tensor(direction).expand_as(facing), lamp.intensity, up)
+        return cls(facing, facing @ facing.new_tensor(lamp.turn(rotation).T), lamp.intensity, up)
 
     def at(self, ray: Tensor) -> Beams:
         """Return the beams of each sample's ray. (S,) -> S beams"""
@@ -128,17 +131,20 @@ class PhongLight(nn.Module):
 
 
 @torch.no_grad()
-def gradient_of(density: SparseLattice, occupancy: Occupancy, resolution: int) -> Tensor:
+def gradient_of(
+    density: SparseLattice, occupancy: Occupancy, resolution: int, deviation: float = GRADIENT_DEVIATION
+) -> Tensor:
     """Return unit vectors against the gradient of the extinction at a lattice's vertices, in storage order. (V, 3)
 
-    They are shorter where the gradient nearly vanishes. The levels of ``density`` sum to the extinction's logarithm.
+    They are shorter where the gradient nearly vanishes. The levels of ``density`` sum to the extinction's logarithm;
+    ``deviation``: that of the Gaussian whose derivatives give the gradient, in cells.
     """
     _, vertices, field = softened_extinction(density, occupancy, resolution)
     x, y, z = vertices.T
     found = np.empty((len(vertices), 3), np.float32)
     for axis in range(3):
         order = [int(k == axis) for k in range(3)]
-        found[:, axis] = -gaussian_filter(field, GRADIENT_DEVIATION, order=order, mode="nearest")[x, y, z]
+        found[:, axis] = -gaussian_filter(field, deviation, order=order, mode="nearest")[x, y, z]
     length = np.linalg.norm(found, axis=1, keepdims=True)
     return torch.from_numpy(found / (length + 1e-3))
 

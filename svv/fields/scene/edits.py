@@ -17,6 +17,7 @@ from svv.core.colour.colour import to_hex
 from svv.core.colour.light import Lamp, checked_coefficients
 from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress, silent
+from svv.fields.radiance.matcaps import check_has_normals, checked_matcap, said_of
 from svv.fields.scene.history import Edits, History, Step, edits_of, named_alone, restyled, with_edits
 from svv.fields.scene.model import Model
 from svv.fields.scene.parts import counted
@@ -44,6 +45,7 @@ class EditedModel(Model):
         lighting: float | None = None,
         name: str | None = None,
         recolour_in: RecolourName | None = None,
+        matcap: str | None = None,
         **reflects: float | None,
     ) -> Self:
         """Return a scene with one region's colour, opacity, lighting or name changed (photorealistic style editing).
@@ -55,13 +57,12 @@ class EditedModel(Model):
             lighting: Factor on the lighting, >= 0; 1 is as trained, 0 shows the flat material.
             recolour_in: Space in which its shades follow its colour, ``hsb`` or ``oklab``.
             name: What the region shows, such as ``bone``; empty takes its name away.
-            reflects: Reflection coefficients of the region in a scene with an explicit light: ``ambient``, ``diffuse``
-                and ``specular``, fractions of the light, >= 0, and ``shininess``, the highlight's exponent, >= 1.
+            matcap: Name of a MatCap, file of a square picture of a lit sphere, or ``none``.
+            reflects: Under an explicit light, ``ambient``, ``diffuse`` and ``specular``, fractions of the light, >= 0,
+                and ``shininess``, the highlight's exponent, >= 1.
 
         Raises:
-            BadInput: There is no such region, a colour is outside [0, 1], a factor is negative or infinite, a styled
-                region is given a colour, a name is too long, or coefficients are given although a network provides the
-                lighting.
+            BadInput: Something does not exist or is out of range, or the region or its light cannot be changed so.
         """
         self._check(region)
         changes, said = Edits(), list[str]()
@@ -83,10 +84,13 @@ class EditedModel(Model):
                     raise BadInput(f"The {what} factor must be a number of at least 0, not {factor}.")
                 changes[what] = float(factor)
                 said.append(f"{what} {factor:g}")
-        for what, text, checked in (("recolour_in", recolour_in, checked_space), ("name", name, checked_name)):
+        if matcap is not None:
+            check_has_normals(self)
+        texts = ("recolour_in", recolour_in, checked_space), ("name", name, checked_name)
+        for what, text, checked in (*texts, ("matcap", matcap, checked_matcap)):
             if text is not None:
                 changes[what] = checked(text)
-                said.append(f"{what.replace('_', ' ')} {changes[what] or 'none'}")
+                said.append(f"{what.replace('_', ' ')} {said_of(changes[what])}")
         if given := checked_coefficients(reflects):
             self._check_light()
             changes |= given
@@ -246,9 +250,7 @@ class EditedModel(Model):
             if region not in there:
                 raise BadInput(f"Region {region} has no strokes to edit: paint it with svv stylize --manner strokes.")
         if not there:
-            raise BadInput(
-                "No region of this painting has strokes to edit: paint it with svv stylize --manner strokes."
-            )
+            raise BadInput("No region of this painting has strokes: paint it with svv stylize --manner strokes.")
         return self._changed(said(edits), dict.fromkeys(regions or there, edits))
 
     def with_outline(
@@ -271,17 +273,14 @@ class EditedModel(Model):
             BadInput: A strength, width or colour is out of range, or a region does not exist.
         """
         ink = None if colour is None else tuple(float(c) for c in colour)
-        Pen(
-            1.0 if strength is None else strength,
-            OUTLINE_WIDTH if width is None else width,
-            cast(Any, ink or OUTLINE_COLOUR),
-        )
+        wide = OUTLINE_WIDTH if width is None else width
+        Pen(1.0 if strength is None else strength, wide, cast(Any, ink or OUTLINE_COLOUR))
         self._check(*regions or range(len(self.regions)))
         told = {"outline_width": width if width is None else float(width), "outline_colour": ink}
-        changes: dict[int, Edits] = {}
+        given, changes = {name: value for name, value in told.items() if value is not None}, dict[int, Edits]()
         for k in regions or range(len(self.regions)):
             seen = (self.regions[k].outline or 1.0) if strength is None else float(strength)
-            changes[k] = {"outline": seen, **{name: value for name, value in told.items() if value is not None}}
+            changes[k] = {"outline": seen, **given}
         said = [f"outline{'' if strength is None else f' {strength:g}'}"]
         said += [] if width is None else [f"{width:g} px wide"]
         said += [] if ink is None else [f"of {to_hex(cast(Any, ink))}"]

@@ -86,6 +86,10 @@ class Region:
     recolour_in: str = "hsb"
     """Space in which the shades of its colour follow ``edited_colour``: ``hsb`` (the paper's) or ``oklab``."""
 
+    matcap: str | None = None
+    """Name of its MatCap, or its picture as text (:mod:`svv.fields.radiance.matcaps`), which replaces its colours and
+    light."""
+
     outline: float = 0.0
     """Opacity of the ink of its outlines, in [0, 1]; 0 draws none."""
     outline_width: float = OUTLINE_WIDTH

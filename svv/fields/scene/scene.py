@@ -20,12 +20,14 @@ from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress, silent
 from svv.fields.radiance.image import draw, image_kernels_of
+from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import PaletteColours, encode_directions
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, empty_images, ended, march, not_hidden
 from svv.fields.scene.history import History
 from svv.fields.scene.joined import Shaded, Together, members, split_in_a_layer
+from svv.fields.scene.kept_styles import without_kept
 from svv.fields.scene.model import NETWORKS, for_colours, of_colour
 from svv.fields.scene.scene_arrays import arrays_of, layers_of, parts_of
 from svv.fields.scene.variants import PaintedModel
@@ -264,7 +266,11 @@ class Scene(PaintedModel):
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
         diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets, here)), region, paint)
-        return self.light(parts, diffuse, region, network), region, sigma
+        colour = self.light(parts, diffuse, region, network)
+        if any(r.matcap is not None for r in self.regions):
+            seen = beams or Beams.headlight(-rays.lit_along)
+            dress(self, colour, samples.position, region, samples.ray, seen)
+        return colour, region, sigma
 
     def light(self, parts: PaletteColours, diffuse: Tensor, region: Tensor, network: str) -> Tensor:
         """Light diffuse colours (S, 3) with the brightness that the edits of their regions (S,) set. (S, 3)"""
@@ -353,7 +359,7 @@ class Scene(PaintedModel):
             "undo": [step.what for step in self.history.past],
             "redo": [step.what for step in self.history.future],
             "camera_rig": {} if self.camera_rig is None else self.camera_rig.to_json(),
-            "made": self.made,
+            "made": without_kept(self.made),
         }
 
     def _light_info(self) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedFi
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
+from svv.fields.scene.kept_styles import KEPT, put_apart, put_back
 from svv.fields.scene.model import NETWORKS, Model
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
@@ -34,7 +35,7 @@ Arrays = dict[str, NDArray[Any]]
 def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
     """Return header and arrays of the file; see :meth:`svv.fields.scene.scene.Scene.to_arrays`."""
     given = TABLES if scene.steps is not None and scene.values is not None and not whole else ()
-    box = scene.occupancy.box
+    box, tensors = scene.occupancy.box, Arrays()
     header: dict[str, Any] = {
         "box": {"low": box.low, "size": box.size, "extent": box.extent},
         "cells": scene.occupancy.cells,
@@ -56,16 +57,16 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
             {
                 "name": v.name,
                 "styles": v.styles,
-                "made": v.made,
+                "made": put_apart(v.made, tensors),
                 "resolutions": v.network.resolutions,
                 "direct": v.network.direct,
             }
             for v in scene.others
         ],
         "camera_rig": {} if scene.camera_rig is None else scene.camera_rig.to_json(),
-        "made": scene.made,
+        "made": {name: put_apart(value, tensors) for name, value in scene.made.items()},
     }
-    tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)[:, None]}  # tables are deflated
+    tensors |= {"occupied": np.packbits(scene.occupancy.occupied > 0)[:, None]}  # tables are deflated
     if scene.values is not None:
         own = scene.values
         header["values"] = {"interval": own.interval, "visible": own.visible, "size": own.size}
@@ -192,7 +193,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     if not (marching.step > 0.0 and images.get("stride", 1.0) > 0.0):
         raise ValueError("the distance of samples is not above 0")
     variants = [
-        Variant(text_in(v["name"], "name"), network, _styles_in(v["styles"]), dict(object_in(v["made"], "made")))
+        Variant(text_in(v["name"], "name"), network, _styles_in(v["styles"]), _made_in(v["made"], tensors))
         for v, network in zip(told, others, strict=True)
     ]
     painting = None if header.get("painting") is None else text_in(header["painting"], "painting")
@@ -200,7 +201,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         raise ValueError("a variant does not have the scene's regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
-        "styled": styled, "regions": regions, "camera_rig": rig, "made": dict(object_in(header["made"], "made")),
+        "styled": styled, "regions": regions, "camera_rig": rig, "made": _made_in(header["made"], tensors),
         "painting": painting, "others": tuple(variants), "lamp": Lamp(**values_of(Lamp, header.get("lamp", {}))),
         **images, "parts": parts, "unsplit": unsplit, "values": values, "steps": steps,
     }  # fmt: skip
@@ -232,6 +233,12 @@ def _fill(
     fill_base(base, function, grid, occupancy)
     if palette is not None:
         fill_palette(palette, grid, occupancy)
+
+
+def _made_in(told: object, tensors: Arrays) -> dict[str, Any]:
+    """Return the record of how a painting was made, or a scene, whose record holds that of its painting."""
+    inner = {name: put_back(value, tensors) for name, value in object_in(told, "made").items() if name != KEPT}
+    return dict(put_back({**object_in(told, "made"), **inner}, tensors))
 
 
 def _value_function(header: dict[str, Any], tensors: Arrays) -> ValueFunction | None:

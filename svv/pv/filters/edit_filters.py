@@ -90,7 +90,8 @@ class SceneOutput(Keeping):
 @takes_scene
 class StyleRFEdit(SceneOutput):
     """Edit a scene instantly, without training: change the colour, opacity and lighting of its regions, hide, isolate
-    and outline them, and move its light if it has a movable one. The rows of the input's table are the regions."""
+    and outline them, and move its light if it has a movable one. The rows of the input's table are the regions.
+    """
 
     def UndoEdit(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
@@ -131,7 +132,8 @@ class StyleRFEdit(SceneOutput):
 @takes_scenes
 class StyleRFJoin(SceneOutput):
     """Join scenes of several transfer functions of one volume, to show them alone or together: select all of them, then
-    add this filter. Their regions become regions of one scene, in the order of the inputs, and extinctions add."""
+    add this filter. Their regions become regions of one scene, in the order of the inputs, and extinctions add.
+    """
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")

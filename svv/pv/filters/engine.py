@@ -11,6 +11,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.geometry.cameras import Camera, CameraRig
@@ -18,6 +20,7 @@ from svv.dvr.draw.appearance import GHOSTS
 from svv.errors import BadInput, Progress, part
 from svv.io.files.keyed_results import digest, digest_of_file
 from svv.options.described import chosen
+from svv.options.figures import VISIONS, VisionName
 from svv.options.making import DeviceOptions, PaintOptions, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.display.shown import DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.filters import resampled
@@ -342,6 +345,16 @@ def size_of(values: Values) -> tuple[int, int]:
     return width, height
 
 
+def as_seen_with(rgba: NDArray[np.uint8], vision: VisionName) -> NDArray[np.uint8]:
+    """Return straight RGBA (..., 4) as it looks with one of the ways to see."""
+    from svv.core.colour.colour_vision import simulated
+    from svv.io.pictures.output import to_bytes
+
+    if vision == VISIONS[0]:
+        return rgba
+    return np.concatenate([to_bytes(simulated(rgba[..., :3] / 255.0, vision)), rgba[..., 3:]], axis=-1)
+
+
 def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, Any]:
     """Render RGBA (uint8), depth and regions of a scene from a camera.
 
@@ -364,4 +377,5 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     if values.get("Show", COLOURS) != COLOURS:
         colours = region_colours(scene) if values["Show"] == IN_COLOUR else None
         rgba = region_map_overlay(shown.region, colours)
+    rgba = as_seen_with(rgba, values.get("SeenWith", VISIONS[0]))
     return {"RGBA": rgba, "Depth": shown.depth, "Region": shown.region}

@@ -39,7 +39,8 @@ class StyleRFSceneWriter(Filter):
 @panel(file("FileName", "svv", "Scenes", "The scene file."), status())
 class StyleRFSceneReader(Filter):
     """Read a scene (.svv) as a table with a row for each region, for StyleRF Edit, Stylize and Render. If the scene
-    has time steps, it is the one of the time that ParaView shows."""
+    has time steps, it is the one of the time that ParaView shows.
+    """
 
     def __init__(self) -> None:
         super().__init__(0, 1, "vtkTable")
@@ -105,7 +106,8 @@ class StyleRFSceneReader(Filter):
 )
 class StyleRFViewsReader(ViewsOutput):
     """Read a set of views (a folder with transforms_train.json). The first output shows one view, the second holds the
-    cameras. Connect StyleRF Train."""
+    cameras. Connect StyleRF Train.
+    """
 
     def __init__(self) -> None:
         super().__init__(0, 2, "vtkImageData")

@@ -87,7 +87,8 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
 @takes_scene
 class StyleRFPalette(SceneOutput):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
-    base network is kept; paintings are dropped, because they belong to the old regions."""
+    base network is kept; paintings are dropped, because they belong to the old regions.
+    """
 
     button = "Train Again"
 
@@ -188,7 +189,8 @@ class StyleRFPalette(SceneOutput):
 @takes_scene
 class StyleRFStylize(SceneOutput):
     """Paint the regions of a scene in the style of pictures, consistently from all directions. The second output shows
-    a picture and the part of it that a region learns from."""
+    a picture and the part of it that a region learns from.
+    """
 
     button = "Paint Again"
 

@@ -188,7 +188,7 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
     options = options_in(PaintOptions, values, mapping=styles.mapping, go_on=go_on, variant=variant)
     painting = part(progress, 0.02, 1.0)
     styled, report = stylize_scene(scene.on(device), styles.given, options, painting, preview=preview)
-    notes = {**report, "notes": [*styles.notes, *report["notes"]]}
+    notes = {**styled.made["stylized"], "notes": [*styles.notes, *report["notes"]]}
     return replace(styled, made={**styled.made, "stylized": notes})
 
 

@@ -82,7 +82,8 @@ __all__ = [
 @takes_volume
 class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     """Draw views of a volume from all directions, for training. The first output shows one view, the second holds the
-    cameras. Connect StyleRF Train, or choose a folder in which to keep the views."""
+    cameras. Connect StyleRF Train, or choose a folder in which to keep the views.
+    """
 
     def __init__(self) -> None:
         super().__init__(1, 2, "vtkImageData")
@@ -146,7 +147,8 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 class StyleRFTrain(DividedInput, Keeping):
     """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
     with a row for each region found, and carries the scene. It is trained again only if something that it depends on
-    has changed."""
+    has changed.
+    """
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
@@ -193,7 +195,8 @@ class StyleRFTrain(DividedInput, Keeping):
 @takes_scene
 class StyleRFRender(ImageOutput):
     """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
-    orbit around the scene; the macro StyleRF play orbit makes Play and Save Animation show them all."""
+    orbit around the scene; the macro StyleRF play orbit makes Play and Save Animation show them all.
+    """
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
@@ -219,7 +222,8 @@ class StyleRFRender(ImageOutput):
 class StyleRFPlaceInView(Filter):
     """Place the image of StyleRF Render or StyleRF Stylized View in the 3D view, among everything else: a surface with
     a point for each pixel, at the pixel's depth. The image's property Follow Camera is turned on, so that the picture
-    is rendered for the camera of the view in which it stands."""
+    is rendered for the camera of the view in which it stands.
+    """
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkPolyData")
@@ -240,7 +244,8 @@ class StyleRFPlaceInView(Filter):
 class StyleRFVolume(VolumeOutput):
     """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, at
     its own frame rate, and cut open by a plane, box, sphere or cylinder. An edit before this filter updates it without
-    looking at the scene again."""
+    looking at the scene again.
+    """
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
@@ -291,7 +296,8 @@ class StyleRFVolume(VolumeOutput):
 class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
     is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
-    this step by step, with edits in between."""
+    this step by step, with edits in between.
+    """
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")

@@ -31,6 +31,9 @@ STAMP = "svv-environment.json"
 SECOND_VTK = ("vtk", "vtk.py", "vtkmodules", "pyvista", "matplotlib")
 """Modules that must not precede ParaView's own: VTK from PyPI crashes its process, and the others use VTK."""
 
+PYTHON = "SVV_PYTHON"
+"""Environment variable with the Python that started ParaView, which has packages that ParaView's must not have."""
+
 INSTALL_HINT = (
     "install ParaView 5.11 or newer (Debian, Ubuntu: sudo apt-get install paraview python3-paraview xvfb; "
     "Fedora: sudo dnf install paraview; without root: conda create -n paraview -c conda-forge paraview, or an archive "
@@ -214,6 +217,7 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
     plugins = [str(plugin_folder()), *filter(None, environ.get("PV_PLUGIN_PATH", "").split(os.pathsep))]
     ours = {
         **environ,
+        PYTHON: sys.executable,
         "PV_PLUGIN_PATH": os.pathsep.join(dict.fromkeys(plugins)),
         "PYTHONPATH": os.pathsep.join(python_path(paraview, environment, environ)),
     }

@@ -8,6 +8,7 @@ from typing import Any
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
 from svv.options.editing import LightEdit, OutlineEdit, PartEdit, RegionEdit
+from svv.options.figures import VISIONS
 from svv.options.making import (
     DRAWN,
     DeviceOptions,
@@ -193,6 +194,7 @@ def image_properties(size: int) -> list[Property]:
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),
+        seen_with(),
         *properties_of(RenderOptions(), skip=("device",)),
         switch("Background", False, "Give the image a background; otherwise it is transparent."),
         numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
@@ -205,6 +207,15 @@ def image_properties(size: int) -> list[Property]:
                 "play orbit animates through the frames.", 0, 180),
         moving(),
     ]  # fmt: skip
+
+
+def seen_with() -> Property:
+    """Return the property that simulates a colour vision deficiency, or a grey print."""
+    return choice(
+        "SeenWith", VISIONS, VISIONS[0],
+        "Show the image as it looks without one of the three kinds of cones (Machado et al. 2009), or in a grey print, "
+        "to see whether everybody can tell its regions apart.",
+    )  # fmt: skip
 
 
 def cut_properties() -> Sequence[Property]:

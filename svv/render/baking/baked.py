@@ -68,6 +68,12 @@ class Baker:
         network = network_of(scene, options)
         if options.regions is not None:
             scene = scene.isolated(*options.regions)
+        for number, region in enumerate(scene.regions):
+            if region.matcap is not None and region.seen_opacity > 0.0:
+                raise BadInput(
+                    f"Region {number} has a MatCap, whose colours follow the viewer, so no volume can hold them: "
+                    f"take it off with svv edit --matcap {number}=none, or render pictures."
+                )
         if scene.layers:
             return self._together(scene, options, progress)
         grid = grid_of(scene, options, network)

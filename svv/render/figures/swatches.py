@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
 from svv.core.colour.light import Lamp, blinn_phong
+from svv.core.colour.matcaps import matcap_colours
 from svv.core.colour.palette_shading import lit
 from svv.core.geometry.cameras import Camera
+from svv.fields.radiance.matcaps import picture_of
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Rendering, Scene
@@ -107,7 +109,11 @@ def swatch(scene: Scene, number: int, camera: Camera, network: str, size: int, d
     alpha = float(np.median(flat.rgba[..., 3][seen]))
     x, y, facing, cover = _sphere(size)
     paint = _wrapped(flat.rgba[..., :3], seen, diameter, x, y, facing)
-    colour = _lit(scene, number, camera, network, paint, (x, y, facing))
+    matcap = scene.regions[number].matcap
+    if matcap is None:
+        colour = _lit(scene, number, camera, network, paint, (x, y, facing))
+    else:
+        colour = _of_matcap(matcap, x, y, facing)
     through = 1.0 - (1.0 - min(max(alpha, PALEST), 1.0)) ** (1.0 / np.maximum(facing, 0.25))
     out = np.concatenate([colour.clip(0.0, 1.0), (cover * through)[..., None]], axis=2).astype(np.float32)
     region = scene.regions[number]
@@ -116,6 +122,14 @@ def swatch(scene: Scene, number: int, camera: Camera, network: str, size: int, d
         out[..., :3] += ring[..., None] * (np.array(region.outline_colour, np.float32) - out[..., :3])
         out[..., 3] = np.maximum(out[..., 3], ring)
     return out
+
+
+def _of_matcap(matcap: str, x: Picture, y: Picture, facing: Picture) -> Picture:
+    """Return a MatCap on the sphere that it is a picture of. (size, size, 3)"""
+    normal = torch.from_numpy(np.stack([x, y, facing], axis=2).reshape(-1, 3).astype(np.float32))
+    toward = torch.tensor([0.0, 0.0, 1.0]).expand_as(normal)
+    colour = matcap_colours(normal, toward, torch.tensor([0.0, 1.0, 0.0]), picture_of(matcap))
+    return np.asarray(colour.numpy().reshape(*x.shape, 3), np.float32)
 
 
 def _alone(scene: Scene, number: int, camera: Camera, network: str, light: bool) -> Rendering:

@@ -29,10 +29,13 @@ from svv._version import __version__
 from svv.core.colour.colour import WHITE, over
 from svv.core.colour.colour_vision import MATRICES
 from svv.core.colour.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
+from svv.core.colour.matcaps import BEHIND, INSET
 from svv.core.colour.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.interval_text import interval_text
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.radiance.matcaps import picture_of
+from svv.fields.radiance.phong import EXTINCTION_POWER
 from svv.fields.scene.joined import members
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.stroke_opacity import strokes_of
@@ -45,6 +48,9 @@ SCRIPTS = (
     "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
+
+MATCAP_SIDE = 96
+"""Side in pixels of the MatCaps of a page."""
 
 FRONT_SIZE, FRONT_QUALITY = 720, 88
 """Side in pixels and JPEG quality of the picture from the front."""
@@ -159,9 +165,10 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, Any]:
         "normal_softness": NORMAL_SOFTNESS,
         "rim_cosine": RIM_COSINE,
         "lamp": vars(scene.lamp),
+        "matcaps": _matcaps(scene),
         "visions": MATRICES,
         "regions": [
-            {**told, "number": number}
+            {**told, "number": number, "matcap": _number_of_matcap(scene, number)}
             for told, number in zip(
                 (told for member in members(scene) for told in _regions(member)), numbers_of(scene), strict=True
             )
@@ -223,6 +230,28 @@ def _regions(scene: Scene) -> list[dict[str, Any]]:
 
 OKLAB = {"to_cones": TO_CONES, "to_lab": TO_LAB, "from_lab": FROM_LAB, "from_cones": FROM_CONES}
 """Matrices with which a page recolours a region in Oklab."""
+
+
+def _matcaps(scene: Scene) -> dict[str, Any]:
+    """Return the pictures of the regions' MatCaps, as the texels of a texture, and how they are looked up."""
+    names = _names_of_matcaps(scene)
+    pictures = [
+        np.asarray(Image.fromarray(to_bytes(picture_of(name).numpy())).resize((MATCAP_SIDE,) * 2).convert("RGBA"))
+        for name in names
+    ]
+    texels = base64.b64encode(b"".join(picture.tobytes() for picture in pictures)).decode()
+    how = {"behind": BEHIND, "inset": INSET, "power": EXTINCTION_POWER}
+    return {"count": len(names), "side": MATCAP_SIDE, "texels": texels, **how}
+
+
+def _names_of_matcaps(scene: Scene) -> list[str]:
+    return list(dict.fromkeys(region.matcap for region in scene.regions if region.matcap is not None))
+
+
+def _number_of_matcap(scene: Scene, region: int) -> int:
+    """Return the number of a region's MatCap from 1, 0 for none."""
+    matcap = scene.regions[region].matcap
+    return 0 if matcap is None else _names_of_matcaps(scene).index(matcap) + 1
 
 
 def numbers_of(scene: Scene) -> list[int]:

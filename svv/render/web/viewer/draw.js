@@ -18,6 +18,11 @@ class Painter {
     this.lights = textures.split("Light", this.fields("light"));
     this.basis = basisOf(header.layers, this.fields("light"), Math.max(this.lights, 1));
     textures.make("Diffuse", this.fields("material").map(({ grid }) => grid.size), CHANNELS);
+    if (header.matcaps.count > 0) {
+      const { count, side, texels } = header.matcaps;
+      textures.make("Matcaps", [[count, side, side]], CHANNELS);
+      textures.fill("Matcaps", 0, Uint8Array.from(atob(texels), (letter) => letter.charCodeAt(0)));
+    }
     this.palettes = content.map(({ fields }, layer) =>
       new Palette(fields.material, fields.weights, ofLayer(header.regions, header.layers[layer])));
     this.diffuseTops = [], this.wanted = []; // value of byte 255, and the edits, of each layer's diffuse colours
@@ -66,7 +71,8 @@ class Painter {
     const defines = {
       LAYERS: layers.length, REGIONS: state.regions.length, WEIGHTS: this.weights, LIGHTS: Math.max(this.lights, 1), LIT: lit,
       BASIS: this.basis.harmonics, PAINTED: Number(painted), STROKES: Number(strokes),
-      BY_REGION: Number(strokes || !alike), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
+      MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
+      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(strokes || !alike || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
     if (!this.programs.has(key)) this.programs.set(key, this.compiled(defines));
@@ -153,7 +159,7 @@ class Painter {
       opacities.map((opacity, k) => [opacity, ...lights[k]]),
       header.regions.map(({ reflects }) => reflects),
       (painted ? strokesOf(state, header) : opacities.map(() => [0, 0, 0, 0])),
-      shares.map((share) => [share, 0, 0, 0]),
+      shares.map((share, k) => [share, header.regions[k].matcap, 0, 0]),
       this.basis.rows,
     ];
   }

@@ -2,7 +2,7 @@
 // One ray a pixel through the fields of all layers; the same optics as the renderer (svv/fields/rendering.py, joined.py): each layer
 // has samples of its own, and those of all are composited in the order of their distances.
 // Before compiling, draw.js sets LAYERS, REGIONS (of all layers), WEIGHTS and LIGHTS (numbers of textures), LIT (bits: 1 harmonics,
-// 2 Blinn-Phong, 4 not the same in all layers), PAINTED, STROKES, BY_REGION and constants; it repeats a line that begins with
+// 2 Blinn-Phong, 4 not the same in all layers), PAINTED, STROKES, MATCAPS (how many), BY_REGION and constants; it repeats a line that begins with
 // @WEIGHTS or @LIGHTS for each texture, # being its number. Textures are (z, y, x): the scene's arrays are in raster order with z
 // fastest; in each, the grids of all layers lie one behind the other along x.
 precision highp float;
@@ -26,6 +26,9 @@ uniform sampler3D uExtinction, uDiffuse;
 #if PAINTED
 uniform sampler3D uPaint;
 #endif
+#if MATCAPS
+uniform sampler3D uMatcaps; // pictures of lit spheres, one behind the other
+#endif
 uniform vec3 uExtinctionSize, uColourSize, uLightSize, uPaintSize; // numbers of vertices of the textures along z, y, x
 
 // Lengths are in box units of each layer. "Begin": where along x its grid begins in a texture.
@@ -42,7 +45,7 @@ layout(std140) uniform Tables {
   vec4 uRegion[REGIONS];   // factor on the extinction; how it responds to light: factor, scale of the shade, less specular
   vec4 uReflects[REGIONS]; // ambient, diffuse, specular, shininess
   vec4 uStrokes[REGIONS];  // how extinction follows strokes: gain, slope, mean, reach
-  vec4 uShare[REGIONS];    // how strongly paint covers it
+  vec4 uShare[REGIONS];    // how strongly paint covers it; number of its MatCap from 1, 0 for none
   vec4 uShade[LAYERS * LIGHTS * BASIS], uSpecular[LAYERS * LIGHTS * BASIS]; // what a texture's channels count for, in each harmonic
   vec4 uLightZero[LAYERS * BASIS];                                          // shade and specular light where all channels are 0
 };
@@ -135,6 +138,44 @@ vec2 lampLight(int l, vec3 p, vec4 reflects) {
 }
 #endif
 
+#if MATCAPS
+vec3 viewer[LAYERS]; // directions towards the viewer
+
+void prepareMatcaps(vec3 d) {
+  for (int l = 0; l < LAYERS; l++) viewer[l] = uKind[l].w > 0.5 ? uAxes[2] : -d;
+}
+
+// The power of the extinction whose gradient gives normals (svv/fields/phong.py).
+float softened(int l, vec3 p) {
+  return exp(EXTINCTION_POWER * (uCode[L].x + uCode[L].y * texture(uExtinction, onGrid(p, uGrid[L].xy, uExtinctionSize)).r));
+}
+
+vec3 normalAt(int l, vec3 p) {
+#if (LIT & 2) != 0
+  if (KIND == 2) {
+    vec3 v = uNormalLow[L].xyz + uNormalRange[L].xyz * texture(uLight0, onGrid(p, uGrid2[L].xy, uLightSize)).xyz;
+    return v * inversesqrt(SOFTNESS * SOFTNESS + dot(v, v));
+  }
+#endif
+  vec3 down = vec3(0.0);
+  for (int axis = 0; axis < 3; axis++)
+    for (float k = 1.0; k < 3.5; k++) { // as the derivative of a Gaussian two cells wide weighs them
+      vec3 away = vec3(0.0);
+      away[axis] = 1.25 * k / uGrid[L].x;
+      down[axis] += k * exp(-0.1953 * k * k) * (softened(l, p - away) - softened(l, p + away));
+    }
+  return down / (length(down) + 1e-3);
+}
+
+// The colour of a MatCap at a place (svv/core/matcaps.py).
+vec3 matcapColour(int l, vec3 p, float number) {
+  vec3 normal = normalAt(l, p), across = normalize(cross(uAxes[1], viewer[L])), above = cross(viewer[L], across);
+  vec2 at = (dot(normal, viewer[L]) < BEHIND ? -1.0 : 1.0) * vec2(dot(normal, across), dot(normal, above));
+  at *= INSET / max(length(at), 1.0);
+  return texture(uMatcaps, vec3(0.5 + 0.5 * at.x, 0.5 - 0.5 * at.y, (number - 0.5) / float(MATCAPS))).rgb;
+}
+#endif
+
 // The colour of a place in a layer and, in w, the factor on its extinction.
 vec4 shaded(int l, vec3 p) {
   vec3 q = onGrid(p, uGrid[L].zw, uColourSize);
@@ -163,6 +204,9 @@ vec4 shaded(int l, vec3 p) {
   }
 #else
   colour = uCode[L].z * texture(uDiffuse, q).rgb;
+#endif
+#if MATCAPS
+  if (uShare[region].y > 0.5) return vec4(matcapColour(l, p, uShare[region].y), factor);
 #endif
 #if LIT > 0
   vec3 how = uRegion[region].yzw;
@@ -198,6 +242,9 @@ void main() {
 #endif
 #if (LIT & 2) != 0
   prepareLamp(d);
+#endif
+#if MATCAPS
+  prepareMatcaps(d);
 #endif
   // Of each layer: its ray's origin in box coordinates; its next and last sample; the optical depth that waits to be shaded, where, at
   // which distance in the first layer's box units, and the factor on that shaded before.

@@ -1,0 +1,26 @@
+"""The command ``svv mcp``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+MCP = ("svv mcp --root data",)
+"""Examples in the help."""
+
+
+def mcp(
+    root: Annotated[
+        Path, typer.Option("--root", metavar="DIR", help="Folder below which all files are read and written.")
+    ] = Path("."),
+) -> None:
+    """Serve svv to assistants by the Model Context Protocol, over standard input and output.
+
+    An assistant starts this command itself. Its tools list files, train, name, edit in words, paint, render and make
+    figures; no file outside the folder is read or written. Needs the extra `agents`.
+    """
+    from svv.job.agents import server_for
+
+    server_for(root).run("stdio")

@@ -1,0 +1,91 @@
+"""The filter StyleRF Figure: a scene with its legend, scale bar and axes as one image, and as a file for a paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smproxy
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+
+from svv.errors import BadInput, Cancelled
+from svv.options.figures import FigureOptions
+from svv.pv.filters.base import Filter, set_image_information
+from svv.pv.filters.vtk_data import key_of_scene, put_image, scene_of
+from svv.pv.panel.groups import keep_input_visible, menu, seen_with, takes_scene
+from svv.pv.panel.option_panel import properties_of
+from svv.pv.panel.properties import button, file, number, numbers, panel, status, switch
+
+__all__ = ["StyleRFFigure"]
+
+
+@smproxy.filter(label="StyleRF Figure", support_reload=False)
+@menu
+@keep_input_visible
+@panel(
+    *properties_of(FigureOptions()),
+    switch("Background", False, "Give the figure a background; otherwise it is white."),
+    numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
+    seen_with(),
+    numbers("Camera", (0.0,) * 9 + (30.0,), "Position, focal point and view-up vector (x, y, z each), and angle of "
+            "view in degrees; all zeros: from the front. The macro StyleRF figure uses the active view's.", None, True),
+    number("ParallelScale", 0.0, "Half of the height in world units, with parallel rays; 0 for perspective.", 0.0, None,
+           True),
+    file("FigureFile", "pdf svg png tiff", "Figures", "File to which Save Figure writes the figure.", save=True),
+    button("SaveFigure", "Write the figure to the file above; in PDF and SVG, text stays text."),
+    status(),
+)  # fmt: skip
+@takes_scene
+class StyleRFFigure(Filter):
+    """Make a figure of a scene for a paper, as an image: what is visible, with a legend of its regions' names and
+    values, a scale bar and axes, in the width of a journal's column. Regions are named by StyleRF Edit.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkImageData")
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Announce the figure's size, which is known when it is drawn."""
+        connection = self.GetInputConnection(0, 0)
+        connection.GetProducer().Update(connection.GetIndex())
+        height, width = 1, 1
+        try:
+            if self.first_rank:
+                height, width = self._pixels(vtkDataObject.GetData(in_info[0], 0)).shape[:2]
+        except (BadInput, Cancelled, ImportError):  # RequestData reports it
+            pass
+        set_image_information(self, out_info, width, height)
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.filters.engine import as_seen_with
+
+        pixels = self._pixels(inputs[0])
+        put_image(outputs[0], {"RGBA": as_seen_with(pixels, self.values["SeenWith"])})
+        return f"{pixels.shape[1]} x {pixels.shape[0]} pixels."
+
+    def SaveFigure(self) -> None:
+        """Write the figure to a file."""
+        from svv.pv.panel.figures import write
+
+        scene, name = self.last("scene"), self.values["FigureFile"]
+        if scene is None or not name:
+            self.say("There is nothing to save yet: choose a file under Figure File, and press Apply.")
+            return
+        try:
+            write(scene, self.values, Path(name), self.progress)
+        except (BadInput, Cancelled) as error:
+            self.say(str(error) or "Stopped.")
+        else:
+            self._status = f"Saved as {name}."
+
+    def _pixels(self, data: Any) -> Any:
+        """Return the figure as straight RGBA, drawn once for each scene and panel. (height, width, 4)"""
+        from svv.pv.panel.figures import pixels_of
+
+        scene = scene_of(data)
+        self.kept("scene", object(), lambda: scene)
+        looks = {name: value for name, value in self.values.items() if name not in ("SeenWith", "FigureFile")}
+        return self.kept(
+            "figure", (key_of_scene(data), repr(looks)), lambda: pixels_of(scene, self.values, self.progress)
+        )

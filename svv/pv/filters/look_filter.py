@@ -1,0 +1,97 @@
+"""The filter StyleRF Look: a scene takes over how another one looks, from a file or from those that ship."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smproxy
+
+from svv.errors import BadInput
+from svv.io.files.keyed_results import digest_of_file
+from svv.options.making import PREFIX, DeviceOptions, PaintOptions
+from svv.pv.filters.edit_filters import SceneOutput, save_properties
+from svv.pv.filters.vtk_data import key_of_scene, scene_of
+from svv.pv.panel.groups import device, menu, takes_scene
+from svv.pv.panel.option_panel import options_in, properties_of
+from svv.pv.panel.properties import button, choice, file, panel, status, text
+from svv.render.looks.offered import LOOKS
+
+__all__ = ["StyleRFLook"]
+
+FILE = "the file below"
+
+
+@smproxy.filter(label="StyleRF Look", support_reload=False)
+@menu
+@panel(
+    choice("Look", (FILE, *LOOKS), FILE, "The look: a file, or one that ships, by the name of its picture in the guide "
+           "to looks. The largest region gets the first of its regions."),
+    file("LookFile", "json", "Looks", "A look that Save Look or `svv look save` wrote."),
+    text("Pairs", "Pairs of a region of the scene and one of the look, such as 0=1, 1=0. Empty: regions match by name, "
+         "by values, then by colour."),
+    *(made for made in properties_of(PaintOptions()) if made.name == "Preset"),
+    device(),
+    file("SaveLookFile", "json", "Looks", "File to which Save Look writes how the input looks.", save=True),
+    button("SaveLook", "Write how the input's scene looks to the file above, for other scenes."),
+    *save_properties(),
+    status(),
+)  # fmt: skip
+@takes_scene
+class StyleRFLook(SceneOutput):
+    """Give a scene the look of another one: names, colours, opacities, light, MatCaps and outlines at once, and styles
+    by painting. Save Look keeps how the input looks.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.kernels.dispatch import device_named
+        from svv.pv.filters.editing import told
+        from svv.render.looks.look import Look
+
+        scene, values = scene_of(inputs[0]), self.values
+        self.kept("input", object(), lambda: scene)
+        shipped = values["Look"] != FILE
+        if not shipped and not values["LookFile"]:
+            self.give(scene, outputs[0])
+            return "Choose a look."
+        source = PREFIX + values["Look"] if shipped else values["LookFile"]
+        look = Look.load(source)
+        named = source if shipped else digest_of_file(source)
+
+        def apply() -> Any:
+            with self.training() as progress:
+                on = scene.on(device_named(options_in(DeviceOptions, values).device))
+                return look.applied(on, pairs_in(values["Pairs"]), progress, preset=values["Preset"])
+
+        key = (key_of_scene(inputs[0]), named, values["Pairs"], values["Preset"])
+        found = self.kept("applied", key, apply)
+        self.give(found.scene, outputs[0])
+        return "; ".join([*found.matches.said(look, found.scene), *found.notes]) + ". " + told(found.scene)
+
+    def SaveLook(self) -> None:
+        """Write the input's look to a file."""
+        from svv.render.looks.look import Look
+
+        scene, name = self.last("input"), self.values["SaveLookFile"]
+        if scene is None or not name:
+            self.say("There is nothing to save yet: choose a file under Save Look File, and press Apply.")
+            return
+        try:
+            Look.of(scene).save(Path(name))
+        except BadInput as error:
+            self.say(str(error))
+        else:
+            self._status = f"Saved as {name}."
+
+
+def pairs_in(text: str) -> dict[int, int] | None:
+    """Return '0=1, 1=0' as {0: 1, 1: 0}, None for an empty text; raises BadInput for any other."""
+    if not text.strip():
+        return None
+    pairs = [[side.strip() for side in pair.split("=")] for pair in text.split(",")]
+    if not all(len(pair) == 2 and all(side.isascii() and side.isdigit() for side in pair) for pair in pairs):
+        raise BadInput(f"Pairs '{text}' must be regions of the scene and of the look, such as 0=1, 1=0.")
+    return {int(own): int(theirs) for own, theirs in pairs}

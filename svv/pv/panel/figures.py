@@ -1,0 +1,140 @@
+"""Figures for papers, drawn by the Python that started ParaView: matplotlib must not be loaded into ParaView's.
+
+(:mod:`svv.job.figure_program` draws them.) The macro *StyleRF figure* uses :func:`add_figure`.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.geometry.cameras import Camera
+from svv.errors import BadInput, Progress
+from svv.io.files.atomic import write_json
+from svv.options.figures import FigureOptions
+from svv.pv.filters.vtk_data import camera_of
+from svv.pv.launch.programs import PYTHON
+from svv.pv.panel.option_panel import options_in
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+
+Values = Mapping[str, Any]
+
+PIXELS = 800
+"""Width and height of the camera's picture, of which a figure shows what is visible."""
+
+KINDS = (".pdf", ".svg", ".png", ".tif", ".tiff")
+
+
+def options_of(values: Values) -> FigureOptions:
+    """Return the settings of a figure that the panel asks for."""
+    background = tuple(values["BackgroundColour"]) if values["Background"] else None
+    return options_in(FigureOptions, values, background=background)
+
+
+def camera_in(values: Values) -> Camera | None:
+    """Return the panel's camera; None if it is all zeros, for the front of the scene."""
+    if not any(values["Camera"][:6]):
+        return None
+    return camera_of(values["Camera"], PIXELS, PIXELS, values["ParallelScale"])
+
+
+def pixels_of(scene: Scene, values: Values, progress: Progress) -> NDArray[np.uint8]:
+    """Return a figure of a scene as the panel asks for it, straight RGBA. (height, width, 4)
+
+    Raises:
+        BadInput: The figure cannot be drawn, or there is no Python with matplotlib to draw it.
+        Cancelled: The user pressed Abort.
+    """
+    from PIL import Image
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "figure.png"
+        write(scene, values, file, progress)
+        with Image.open(file) as picture:
+            return np.array(picture.convert("RGBA"))
+
+
+def write(scene: Scene, values: Values, out: Path, progress: Progress) -> None:
+    """Write a figure of a scene to a file; raises as :func:`pixels_of`, and BadInput for another kind of file."""
+    from svv.job.figure_program import request
+
+    if out.suffix.lower() not in KINDS:
+        raise BadInput(f"A figure is a .pdf, .svg, .png or .tiff, not '{out.name}': choose another name.")
+    python = os.environ.get(PYTHON) or (sys.executable if "python" in Path(sys.executable or "").name.lower() else "")
+    if not python:
+        raise BadInput("Figures are drawn by the Python that starts ParaView: start it with `svv paraview`.")
+    with TemporaryDirectory() as folder:
+        scene.save(Path(folder) / "scene.svv")
+        asked = request(Path(folder) / "scene.svv", camera_in(values), options_of(values), out.absolute())
+        write_json(Path(folder) / "request.json", asked)
+        said = _ran([python, "-m", "svv.job.figure_program", str(Path(folder) / "request.json")], progress)
+    if said is not None:
+        raise BadInput(said)
+
+
+def _ran(words: list[str], progress: Progress) -> str | None:
+    """Run a program, outside ParaView's environment; return its last line if it failed.
+
+    Raises:
+        Cancelled: The user pressed Abort; the program is ended.
+    """
+    hidden = ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "LD_PRELOAD")
+    environ = {name: value for name, value in os.environ.items() if name not in hidden}
+    environ["PYTHONPATH"] = str(Path(__file__).resolve().parents[2])
+    try:
+        process = subprocess.Popen(
+            words, env=environ, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+    except OSError as error:
+        return f"{words[0]} cannot draw the figure: {error.strerror}."
+    try:
+        while process.poll() is None:
+            progress(0.5, "drawing the figure")
+            time.sleep(0.1)
+    finally:
+        if process.poll() is None:
+            process.terminate()
+        _, errors = process.communicate()
+    if process.returncode == 0:
+        return None
+    last = (errors.strip().splitlines() or ["it gave no reason"])[-1]
+    if last.startswith("svv: "):
+        return last.removeprefix("svv: ")
+    return f"The Python at {words[0]} cannot draw the figure ({last}): install svv there with its extra 'figure'."
+
+
+def add_figure(source: Any = None, view: Any = None) -> Any:
+    """Add StyleRF Figure to a scene, seen as the active view sees it; return its proxy, which is not applied yet.
+
+    Args:
+        source: A filter or reader whose output is a scene; by default the active one.
+        view: The view; by default the active one.
+
+    Raises:
+        BadInput: The source is not a scene.
+    """
+    from paraview import simple
+
+    source = source or simple.GetActiveSource()
+    if source is None or source.GetDataInformation().GetDataClassName() != "vtkTable":
+        raise BadInput("Select a scene in the Pipeline Browser first: StyleRF Scene, Train, Edit, Palette or Stylize.")
+    figure = simple.StyleRFFigure(Input=source)
+    view = view or simple.GetActiveView()
+    if view is not None and view.GetXMLName() == "RenderView":
+        camera = view.GetActiveCamera()
+        angle = camera.GetViewAngle()
+        figure.Camera = [*camera.GetPosition(), *camera.GetFocalPoint(), *camera.GetViewUp(), angle]
+        figure.ParallelScale = camera.GetParallelScale() if camera.GetParallelProjection() else 0.0
+    simple.SetActiveSource(figure)
+    return figure

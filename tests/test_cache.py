@@ -14,7 +14,7 @@ import pytest
 from svv.errors import BadInput
 from svv.io.files.cache import LEFT_BEHIND, Cache, bytes_in, cache_folder
 from svv.io.files.keyed_results import digest
-from svv.pv.filters.keys import name_of
+from svv.pv.results.keys import name_of
 
 
 def name(number: int, kind: str = "scene") -> str:
@@ -126,7 +126,7 @@ def test_several_processes_keep_within_the_bound(tmp_path: Path) -> None:
     script = (
         "import sys\nfrom pathlib import Path\n"
         "from svv.io.files.cache import Cache\nfrom svv.io.files.keyed_results import digest\n"
-        "from svv.pv.filters.keys import name_of\n"
+        "from svv.pv.results.keys import name_of\n"
         "cache = Cache(Path(sys.argv[1]), 500)\n"
         "for number in range(60):\n"
         "    name = name_of('scene', digest(number % 9), digest('settings'))\n"

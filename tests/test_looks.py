@@ -78,7 +78,7 @@ def test_pictures_of_the_same_name_are_both_kept(cube: Scene) -> None:
     look = Look.of(scene)
     for region, picture in ((0, PICTURE), (1, other)):
         name = look.regions[region].style
-        assert name is not None and np.abs(look.styles[name].style - picture).mean() < 0.2
+        assert name is not None and np.abs(np.asarray(look.styles[name].style) - picture).mean() < 0.2
 
 
 def test_going_on_keeps_the_pictures_of_both(painted: Scene) -> None:

@@ -19,7 +19,7 @@ from svv.io.files.cache import NAME
 from svv.io.files.keyed_results import digest, digest_of_file
 from svv.io.views.view_meta import ViewMeta
 from svv.io.views.viewset import ViewSet
-from svv.pv.filters.keys import (
+from svv.pv.results.keys import (
     digest_of_edits,
     digest_of_mask,
     digest_of_scene,
@@ -30,7 +30,7 @@ from svv.pv.filters.keys import (
     settings_in,
     source_of,
 )
-from svv.pv.filters.time_steps import Moment
+from svv.pv.results.time_steps import Moment
 from tests.cube import cube_paint, cube_scene
 
 NOW = Moment(digest("settings"), "look", "data")

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from svv.errors import Cancelled
-from svv.pv.filters.time_steps import KEPT, Moment, Steps
+from svv.pv.results.time_steps import KEPT, Moment, Steps
 
 
 def at(time: float | None, data: str = "", settings: str = "draft", look: str = "red") -> Moment:

@@ -22,8 +22,8 @@ from svv.ending import is_lack_of_memory, said_of
 from svv.errors import BadInput, Cancelled, Progress
 from svv.measure import give_memory_back
 from svv.pv.client.connection import client_gone
-from svv.pv.filters.time_steps import Steps
 from svv.pv.filters.vtk_data import forget_scenes, put_views
+from svv.pv.results.time_steps import Steps
 
 Result = TypeVar("Result")
 

@@ -12,7 +12,6 @@ from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
 from svv.options.editing import PaintEdit
-from svv.pv.filters.cached import Keeping
 from svv.pv.filters.vtk_data import key_of_scene, put_scene, scene_of
 from svv.pv.panel.groups import (
     REGIONS,
@@ -27,6 +26,7 @@ from svv.pv.panel.groups import (
 )
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, button, file, integer, panel, status, switch, text
+from svv.pv.results.cached import Keeping
 
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
 

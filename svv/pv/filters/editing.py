@@ -187,7 +187,7 @@ def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) ->
         Cancelled: ``progress`` raised it.
     """
     from svv.kernels.dispatch import device_named
-    from svv.pv.filters.keys import digest_of_scene
+    from svv.pv.results.keys import digest_of_scene
     from svv.train.correct import correct_palette
 
     device = device_named(options_in(DeviceOptions, values).device)

@@ -25,12 +25,12 @@ from svv.options.making import DeviceOptions, PaintOptions, RenderOptions, Train
 from svv.pv.display.shown import DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
-from svv.pv.filters.keys import digest_of_mask, key_of
 from svv.pv.filters.parallel import crew_of
-from svv.pv.filters.time_steps import Moment
 from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
 from svv.pv.panel.groups import COLOURS, IN_COLOUR, REGIONS, ROW
 from svv.pv.panel.option_panel import options_in
+from svv.pv.results.keys import digest_of_mask, key_of
+from svv.pv.results.time_steps import Moment
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -19,10 +19,7 @@ from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
-from svv.pv.filters.cached import FOUND
 from svv.pv.filters.edit_filters import SceneOutput, save_properties
-from svv.pv.filters.keys import digest_of_edits, digest_of_scene, digest_of_views, settings_in
-from svv.pv.filters.time_steps import Moment
 from svv.pv.filters.vtk_data import key_of_views, put_image, scene_of, views_of
 from svv.pv.panel.groups import (
     ADDED,
@@ -56,6 +53,9 @@ from svv.pv.panel.properties import (
     switch,
     text,
 )
+from svv.pv.results.cached import FOUND
+from svv.pv.results.keys import digest_of_edits, digest_of_scene, digest_of_views, settings_in
+from svv.pv.results.time_steps import Moment
 
 PAINTING = "painting "
 """Prefix of the slots in which StyleRF Stylize keeps paintings; the painting's name follows."""

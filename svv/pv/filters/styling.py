@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from svv.errors import BadInput, Progress, part
 from svv.io.pictures.mask_file import Mask
 from svv.options.making import DeviceOptions, PaintOptions
-from svv.pv.filters.keys import digest_of_scene
 from svv.pv.filters.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel.option_panel import options_in
+from svv.pv.results.keys import digest_of_scene
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

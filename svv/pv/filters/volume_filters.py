@@ -17,11 +17,8 @@ from svv.io.files.keyed_results import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
-from svv.pv.filters.cached import Keeping, views_in, write_views
-from svv.pv.filters.keys import key_in, key_of
 from svv.pv.filters.parallel import DividedInput
 from svv.pv.filters.resampled import told as told_of
-from svv.pv.filters.time_steps import Moment, Steps
 from svv.pv.filters.vtk_data import (
     drawn_in,
     key_of_scene,
@@ -60,6 +57,9 @@ from svv.pv.panel.properties import (
     status,
     switch,
 )
+from svv.pv.results.cached import Keeping, views_in, write_views
+from svv.pv.results.keys import key_in, key_of
+from svv.pv.results.time_steps import Moment, Steps
 
 __all__ = [
     "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",

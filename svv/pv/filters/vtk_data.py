@@ -22,7 +22,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageD
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
 from svv.errors import BadInput
-from svv.pv.filters.keys import digest_of_views
+from svv.pv.results.keys import digest_of_views
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

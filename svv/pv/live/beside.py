@@ -18,14 +18,14 @@ from svv.dvr.parallel.ranks import ranks_here
 from svv.errors import BadInput
 from svv.io.files.cache import Cache
 from svv.io.files.worker import Worker
-from svv.pv.filters.cached import FOUND, Keeping
-from svv.pv.filters.keys import name_of, source_of
 from svv.pv.filters.parallel import crew_of
-from svv.pv.filters.time_steps import Moment
 from svv.pv.filters.vtk_data import key_of_views, time_of
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.drawer import PATIENCE, Arrays, Drawer
 from svv.pv.live.handed import STATE, WARM, hand_over
+from svv.pv.results.cached import FOUND, Keeping
+from svv.pv.results.keys import name_of, source_of
+from svv.pv.results.time_steps import Moment
 
 if TYPE_CHECKING:
     from svv.core.geometry.cameras import Camera

@@ -22,9 +22,9 @@ from svv.io.files.worker import Orders, be_worker, say
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
 from svv.pv.filters import volume_filters
 from svv.pv.filters.base import sentence_on
-from svv.pv.filters.time_steps import Moment
 from svv.pv.live.handed import STATE, WARM, taken
 from svv.pv.panel.option_panel import options_in
+from svv.pv.results.time_steps import Moment
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -1,4 +1,4 @@
-"""Looks as JSON files: data alone, whose every value is checked, with pictures inside (:mod:`svv.io.pictures.picture_data`)."""
+"""Looks as JSON files: data alone, whose every value is checked, with the pictures inside."""
 
 from __future__ import annotations
 

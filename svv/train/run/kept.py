@@ -1,4 +1,4 @@
-"""What a painted scene keeps of its styles (:mod:`svv.fields.scene.kept_styles`): their pictures, and how each was laid."""
+"""What a painted scene keeps of its styles: their pictures, and how each was laid."""
 
 from __future__ import annotations
 

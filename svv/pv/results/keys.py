@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from svv._version import __version__
 from svv.io.files.keyed_results import GENERATION, digest, digest_of_file
-from svv.pv.filters.time_steps import Moment
+from svv.pv.results.time_steps import Moment
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

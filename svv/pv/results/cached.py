@@ -1,7 +1,7 @@
 """Filters that keep their results in files, so that a saved state shows the same results when it is opened again.
 
 The files are in the cache (:class:`svv.io.files.cache.Cache`) under names that identify what they depend on
-(:mod:`svv.pv.filters.keys`). A state carries the names in the property *Kept As*. If the file of a name is missing, the
+(:mod:`svv.pv.results.keys`). A state carries the names in the property *Kept As*. If the file of a name is missing, the
 filter reports this and waits for a button, because opening a state should not start minutes of work.
 """
 
@@ -17,8 +17,8 @@ from svv.core.json_values import parsed
 from svv.errors import BadInput, part, silent
 from svv.io.files.cache import Cache
 from svv.pv.filters.base import Filter
-from svv.pv.filters.keys import key_in, name_of, settings_in, source_of
-from svv.pv.filters.time_steps import Moment, Steps
+from svv.pv.results.keys import key_in, name_of, settings_in, source_of
+from svv.pv.results.time_steps import Moment, Steps
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -14,6 +14,7 @@ from torch import Tensor
 from svv.kernels import (
     bfloat16,
     numba_beams,
+    numba_bricks,
     numba_hashing,
     numba_image,
     numba_lattice,
@@ -109,6 +110,7 @@ def march(
     count, blocks = len(origins), -(-len(origins) // numba_marching.RAYS_A_BLOCK)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
+    bricks = numba_bricks.bricks_for(where, table, limits, count)
     while True:
         # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
         buffers = _sample_buffers(blocks * numba_marching.RAYS_A_BLOCK * room)
@@ -116,7 +118,7 @@ def march(
         numba_marching.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
             np.float32(limits.step), seed, first_ray, *_layout(where), table.detach().numpy()[:, 0],
-            np.float32(ceiling),
+            *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
             *buffers, start, number, tail, full,
         )  # fmt: skip

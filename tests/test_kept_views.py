@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import svv.fields.scene as of_scene
 from svv.core.cameras import Camera
 from svv.fields import kept_views
-from svv.fields.kept_views import KEPT, KeptViews, Look, View, bytes_of
+from svv.fields.kept_views import KEPT, KeptViews, Look, View, bytes_of, nothing_kept
 from svv.fields.scene import Rendering, Scene
 from svv.kernels.types import Samples
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
@@ -240,3 +240,18 @@ def test_orbits_are_not_kept(of_their_own: KeptViews) -> None:
         scene.render(cube_camera(size))
     assert not of_their_own.bytes
     assert KEPT is not of_their_own
+
+
+def test_what_is_measured_is_drawn_anew(marched: list[int], of_their_own: KeptViews) -> None:
+    scene, camera = still(cube_scene()), cube_camera()
+    for _ in range(3):
+        first = scene.render(camera)
+    marched.clear()
+    with nothing_kept():
+        assert_same(scene.render(camera), first)
+    assert marched
+    marched.clear()
+    scene.render(camera)
+    assert not marched
+    of_their_own.forget(-1)
+    assert of_their_own.bytes

@@ -12,7 +12,9 @@ import itertools
 import threading
 import weakref
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 
 from torch import Tensor
@@ -117,6 +119,19 @@ class KeptViews:
 KEPT = KeptViews()
 """Those of this process."""
 
+_ALL_ANEW: ContextVar[bool] = ContextVar("_ALL_ANEW", default=False)
+
+
+@contextmanager
+def nothing_kept() -> Iterator[None]:
+    """Draw every image anew, for whoever measures what an image costs; also a decorator."""
+    before = _ALL_ANEW.set(True)
+    try:
+        yield
+    finally:
+        _ALL_ANEW.reset(before)
+
+
 _numbers: dict[int, tuple[weakref.ref[object], int]] = {}
 _COUNT = itertools.count()
 
@@ -165,7 +180,7 @@ def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
     """
     parts = (scene.base, scene.palette_network)
     tensors = [t for part in parts if part is not None for t in part.parameters()]
-    if any(t.requires_grad or t.is_inference() for t in tensors):
+    if _ALL_ANEW.get() or any(t.requires_grad or t.is_inference() for t in tensors):
         return None
     holders, versions = (scene.occupancy, *tensors), tuple(t._version for t in tensors)
     place = camera.camera_to_world.tobytes(), camera.fov_x, camera.width, camera.height, camera.span_x, camera.centre

@@ -59,7 +59,7 @@ class Look:
         tensors = [
             self.raw,
             self.light,
-            *self.paint.values(),
+            *list(self.paint.values()),
             *(v for v in vars(self.samples).values() if isinstance(v, Tensor)),
         ]
         return sum(t.numel() * t.element_size() for t in tensors if t is not None)
@@ -73,6 +73,7 @@ class KeptViews:
     """The views that are kept; the oldest make room for new ones.
 
     Images may be drawn in several threads. A view is stored when it is complete, so none is ever seen half done.
+    Networks may be collected, and their views forgotten, in the middle of any loop here: each goes over a copy.
     """
 
     def __init__(self, most: int = MOST_BYTES) -> None:
@@ -84,7 +85,7 @@ class KeptViews:
     @property
     def bytes(self) -> int:
         """Memory that all of them take."""
-        return sum(map(bytes_of, self._views.values()))
+        return sum(map(bytes_of, list(self._views.values())))
 
     def look(self, key: Hashable) -> Looks | None:
         """Return the looks of a view, empty if it should be kept this time, None if it need not be."""
@@ -105,15 +106,16 @@ class KeptViews:
             if bytes_of(looks) > self.most:
                 return
             self._views[key] = looks
-            while self.bytes > self.most:
+            while self._views and self.bytes > self.most:
                 self._views.popitem(last=False)
 
     def forget(self, holder: int) -> None:
         """Forget all views of something that no longer exists; ``holder`` is its number in the keys."""
         with self._lock:
             for views in (self._views, self._drawn):
-                for key in [key for key in views if isinstance(key, tuple) and holder in key[0]]:
-                    del views[key]
+                for key in list(views):
+                    if isinstance(key, tuple) and holder in key[0]:
+                        views.pop(key, None)
 
 
 KEPT = KeptViews()

@@ -92,11 +92,10 @@ def test_bricks_follow_a_change_of_the_table(monkeypatch: pytest.MonkeyPatch) ->
     assert_same(after, march(rays, occupancy, lattice, IMAGE))
 
 
-def test_a_brick_holds_the_values_of_its_vertices(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(numba_bricks, "MOST_ROOM", 10**6)
+def test_a_brick_holds_the_values_of_its_vertices() -> None:
     lattice, occupancy = density(7, (10, 9, 11), 1, 0.7)
     where = lattice.layout
-    slots, values = numba_bricks.made(where, lattice.table[:, 0].numpy())
+    slots, values = numba_bricks.made(where, lattice.table[:, 0].numpy(), np.inf)
     vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)
     brick, inside = np.divmod(vertices, CELLS)
     # A vertex on the last face of the lattice may begin no brick of its own: it is in the one before.

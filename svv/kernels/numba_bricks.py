@@ -118,12 +118,13 @@ def _fill(shape, index, table, slots, values):  # type: ignore[no-untyped-def]
                             at += 1
 
 
-def made(where: Lattice, table: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+def made(where: Lattice, table: NDArray[np.float32], most_room: float) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Return slots and values of the bricks of a lattice of one level; none if they would take too much memory.
 
     Args:
         where: Layout of the lattice.
         table: Its values. (V,)
+        most_room: Most values in the bricks per value in the table.
 
     Returns:
         Slot of each brick (bricks along x, y, z), and values (B * VERTICES,); a vertex that is not stored has 0.
@@ -131,7 +132,7 @@ def made(where: Lattice, table: NDArray[np.float32]) -> tuple[NDArray[np.int32],
     shape, index = where.shapes[0].numpy(), where.index.numpy()
     slots = np.empty([-(-(n - 1) // CELLS) for n in shape], np.int32)
     count = _number(shape, index, slots)
-    if not 0 < count * VERTICES <= MOST_ROOM * len(table):
+    if not 0 < count * VERTICES <= most_room * len(table):
         return NO_BRICKS
     values = np.zeros(count * VERTICES, np.float32)
     _fill(shape, index, table, slots, values)
@@ -159,5 +160,5 @@ def bricks_for(
         known = _KNOWN[table] = _Known(table._version)
     known.rays += rays
     if known.bricks is None and known.rays > RAYS_FIRST:
-        known.bricks = made(where, table.detach().numpy()[:, 0])
+        known.bricks = made(where, table.detach().numpy()[:, 0], MOST_ROOM)
     return known.bricks or NO_BRICKS

@@ -1,4 +1,4 @@
 """What runs in ParaView's client: observers, the linked camera, the mouse, clicks, the orbit.
 
-Nothing here is imported by a filter on a server.
+The filters that they serve run in ParaView's server: :mod:`svv.pv.filters`.
 """

@@ -93,7 +93,8 @@ GROUPS = ("look", "bench")
 
 def command_of(name: str) -> tuple[Callable[..., None], Sequence[str]]:
     """Return the function of a command and the examples in its help."""
-    module, word = importlib.import_module(f"svv.cli.commands.{COMMANDS[name][0]}"), name.replace("-", "_")
+    folder = "svv.cli" if name in GROUPS else "svv.cli.commands"
+    module, word = importlib.import_module(f"{folder}.{COMMANDS[name][0]}"), name.replace("-", "_")
     return getattr(module, f"{word}_" if iskeyword(word) else word), getattr(module, word.upper())
 
 

@@ -76,6 +76,7 @@ def ball_views() -> ViewSet:
 
 def compile_all() -> None:
     """Train on a ball, render it with both kinds of light and paint it, in a few steps each."""
+    from svv.kernels.numba.bricks import made
     from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
 
@@ -89,6 +90,9 @@ def compile_all() -> None:
     for lighting in ("network", "phong"):
         scene, _ = train_scene(views, replace(few, lighting=lighting))
         scene.render(views.cameras[0])
+    density = scene.base.density
+    assert density is not None
+    made(density.layout, density.table.detach().numpy()[:, 0], np.inf)  # images do it after thousands of rays
     picture = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
     manners: tuple[MannerName, ...] = ("strokes", "pieces")
     for manner in manners:

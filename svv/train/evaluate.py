@@ -15,6 +15,7 @@ from svv.core.colour.colour import WHITE
 from svv.core.images.metrics import Likeness, flip, on_white
 from svv.core.json_values import list_in, needed, number_in, numbers_in, object_in, text_in, whole_in
 from svv.errors import Progress, silent
+from svv.fields.radiance.kept_views import nothing_kept
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak
@@ -147,7 +148,8 @@ def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, pro
             for number in some:
                 progress(number / len(views.cameras), f"evaluating {network}")
                 begin = time.perf_counter()
-                images.append(scene.render(views.cameras[number], network, WHITE).rgba[..., :3])
+                with nothing_kept():
+                    images.append(scene.render(views.cameras[number], network, WHITE).rgba[..., :3])
                 seconds.append(time.perf_counter() - begin)
             found += pool.map(compared, images, [views.images[number] for number in some])
     progress(1.0, f"evaluating {network}")

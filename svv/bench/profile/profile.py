@@ -15,6 +15,7 @@ from svv.bench.profile.watch import Watch
 from svv.bench.profile.work import watched
 from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.radiance.kept_views import nothing_kept
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.region import Region
@@ -69,7 +70,8 @@ def profile_views(
     scene = _stage_2(views, chosen, steps // 2, seed, work, scene, part(progress, 0.55, 0.9))
     camera = views.cameras[0]
     progress(0.9, "an image")
-    work.take("an image, palette network", camera.width * camera.height, lambda: scene.render(camera))
+    with nothing_kept():
+        work.take("an image, palette network", camera.width * camera.height, lambda: scene.render(camera))
     progress(1.0, "an image")
     return {
         "profiles": work.profiles, "ceilings": work.ceilings, "threads": torch.get_num_threads(),

@@ -12,8 +12,8 @@ from weakref import WeakKeyDictionary
 import torch
 from torch import Tensor
 
-from svv.core.colour import palette_shading
 from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.kept_views import Look, key_of_paint
 from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.paint_light import lights_of
@@ -35,13 +35,12 @@ def image_kernels_of(scene: Model) -> ImageKernels | None:
     return kernels_for(scene.base.encoding.table).IMAGE if on_lattices else None
 
 
-def draw(
-    kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays, network: str, beams: Beams,
-    images: tuple[Tensor, Tensor, Tensor],
-) -> None:  # fmt: skip
-    """Render rays into RGBA (R, 4), depth (R,) and region (R,), with the network ``pcn`` or ``styled``."""
+def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -> Look | None:
+    """Return what the networks say of samples of rays, whatever the scene's edits; None without samples."""
     palette, geometry, light = scene.palette_network, scene.base.encoding, None
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
+    if not len(samples):
+        return None
     if palette.lighting_mlp is None:
         plain = palette.encoding.look_up(samples.position)
     else:
@@ -49,16 +48,23 @@ def draw(
         along = encode_directions(rays.lit_along, torch.arange(len(rays), dtype=torch.int32))
         lit, plain = kernels.features(samples, along, geometry.layout, tables)
         light = palette.lighting_mlp(lit)
-    surface = kernels.material(palette.palette_mlp(plain), palette.colours)
+    return Look(samples, palette.palette_mlp(plain), light)
+
+
+def draw(
+    kernels: ImageKernels, scene: Model, look: Look, rays: Rays, network: str, beams: Beams,
+    images: tuple[Tensor, Tensor, Tensor],
+) -> None:  # fmt: skip
+    """Render rays into RGBA (R, 4), depth (R,) and region (R,), with the network ``pcn`` or ``styled``."""
+    palette, samples, light = scene.palette_network, look.samples, look.light
+    assert palette is not None
     here = scene.regions_at(samples.position)
+    surface = kernels.material(_recoloured(scene, look.raw, here), palette.colours)
     if here is not None:
         surface = replace(surface, region=of_colour(here, surface.region))
-    colour = surface.colour
-    if any(r.edited_colour is not None for r in scene.regions):
-        intensity, weights, offsets = palette_shading.material(surface.raw)
-        colour = palette_shading.diffuse(intensity, weights, scene.edited_colours(offsets, here))
-    paint = scene.paint(samples, network, surface.region.long())
-    surface, sigma = replace(surface, colour=colour.contiguous()), samples.sigma
+    region = surface.region.long()
+    paint = look.painted(key_of_paint(scene, network), lambda: scene.paint(samples, network, region))
+    sigma = samples.sigma
     if paint is not None:
         strokes = strokes_of(scene)
         strokes = torch.zeros(len(scene.regions), 4) if strokes is None else strokes
@@ -68,6 +74,17 @@ def draw(
         dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams)
     opacity = torch.tensor([r.seen_opacity for r in scene.regions])
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
+
+
+def _recoloured(scene: Model, raw: Tensor, here: Tensor | None) -> Tensor:
+    """Return the output of the palette MLP (S, 1 + 4 P) with offsets that lead to the edited colours."""
+    if all(r.edited_colour is None for r in scene.regions):
+        return raw
+    assert scene.palette_network is not None
+    colours = scene.palette_network.colours
+    weights, offsets = raw.split([1 + len(colours), 3 * len(colours)], dim=1)
+    edited = scene.edited_colours(offsets.view(len(raw), -1, 3), here) - colours
+    return torch.cat([weights, edited.view(len(raw), -1)], dim=1)
 
 
 def _add_light(
@@ -86,15 +103,15 @@ def _add_light(
         kernels.light(surface, light, lights)
 
 
-_BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, Tensor]] = WeakKeyDictionary()
+_BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, tuple[int, int], Tensor]] = WeakKeyDictionary()
 
 
 def _both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
-    """Return features of geometry and material side by side (V, 2 F), cached for the next image unless training."""
-    known, both = _BOTH.get(material, (None, None))
-    learning = geometry.requires_grad or material.table.requires_grad
-    if both is None or known is not geometry or learning:
-        both = torch.cat([geometry.detach(), material.table.detach()], dim=1)
-        if not learning:
-            _BOTH[material] = geometry, both
-    return both
+    """Return features of geometry and material side by side (V, 2 F), cached until one of them changes."""
+    if geometry.requires_grad or material.table.requires_grad:  # learning
+        return torch.cat([geometry.detach(), material.table.detach()], dim=1)
+    versions = geometry._version, material.table._version
+    known = _BOTH.get(material)
+    if known is None or known[0] is not geometry or known[1] != versions:
+        known = _BOTH[material] = geometry, versions, torch.cat([geometry.detach(), material.table.detach()], dim=1)
+    return known[2]

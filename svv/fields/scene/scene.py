@@ -19,7 +19,8 @@ from svv.core.geometry.cameras import Camera
 from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress, silent
-from svv.fields.radiance.image import draw, image_kernels_of
+from svv.fields.radiance.image import draw, image_kernels_of, look_at
+from svv.fields.radiance.kept_views import View, key_of
 from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import PaletteColours, encode_directions
 from svv.fields.radiance.paint_light import lights_of
@@ -161,6 +162,8 @@ class Scene(PaintedModel):
         """Return straight RGBA (pixels, 4), depth and region (pixels,) of a view, on the scene's device."""
         together = Together(self, camera, network, Scene.shaded) if self.layers else None
         caster = self.caster([camera])
+        alone = together is None and network != "base" and image_kernels_of(self) is not None
+        view = View(key_of(self, camera, self._marching_as_edited(network)) if alone else None)
         pixels, chunk = camera.width * camera.height, kernels_of(self.device.type).RAYS
         images = empty_images(pixels, self.device)
         in_sight = caster.in_sight(self.occupancy) if together is None else together.in_sight()
@@ -175,22 +178,31 @@ class Scene(PaintedModel):
             else:
                 rays = caster.rays(own)
                 beams = Beams.of(self.lamp, camera, rays)
-                self._render_rays(rays, beams, network, *parts)
+                self._render_rays(rays, beams, network, (parts[0], parts[1], parts[2]), view, first)
             if not in_order:
                 for image, part in zip(images, parts, strict=True):
                     image.index_copy_(0, own, part)
+        view.drawn()
         return images
 
     @torch.no_grad()
-    def _render_rays(self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
-        """Render rays into the images; pixels in which nothing is visible are left unchanged."""
+    def _render_rays(
+        self, rays: Rays, beams: Beams, network: str, images: tuple[Tensor, Tensor, Tensor], view: View, first: int
+    ) -> None:
+        """Render rays into the images; pixels in which nothing is visible are left unchanged.
+
+        ``first``: number of the first of these rays among those of the ``view``.
+        """
+        kernels = None if network == "base" else image_kernels_of(self)
+        if kernels is not None:
+            look = view.look(first, lambda: look_at(kernels, self, self.visible_samples(rays, network), rays))
+            if look is not None:
+                draw(kernels, self, look, rays, network, beams, images)
+            return
         samples = self.visible_samples(rays, network)
         if not len(samples):
             return
-        kernels = None if network == "base" else image_kernels_of(self)
-        if kernels is not None:
-            draw(kernels, self, samples, rays, network, beams, (rgba, depth, region))
-            return
+        rgba, depth, region = images
         colour, of, sigma = self.shade(samples, rays, network, beams)
         distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
         values = [colour, distance[:, None]]

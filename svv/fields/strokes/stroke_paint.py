@@ -44,6 +44,10 @@ class StrokePaint:
         numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, none)
         self.entries = np.empty(int(self.start[-1]), np.int32)
         numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, self.entries)
+        self.around = numba_strokes.surroundings(
+            strokes.where, strokes.normal, tangent, strokes.frames[2], strokes.radius, strokes.inner, strokes.outer,
+            self.soft,
+        )  # fmt: skip
 
     @cached_property
     def reach(self) -> float:
@@ -73,12 +77,12 @@ class StrokePaint:
         """Return colour times coverage, and coverage, at box coordinates (P, 3). (P, 4)"""
         strokes, brush = self.strokes, self.brush
         out = np.empty((len(position), 4), np.float32)
-        tangent, arc, bend, widen = strokes.frames
+        tangent, arc, _, widen = strokes.frames
         look = np.array([brush.relief, brush.dry, brush.mixed, brush.rim, brush.body, brush.grain, brush.tooth,
                          brush.flow, brush.feather, brush.blunt])  # fmt: skip
         numba_strokes.paint(
             np.ascontiguousarray(position, np.float32), self.side, self.size, self.start, self.entries, NOISE,
-            strokes.where, strokes.normal, tangent, arc, bend, widen, strokes.radius, strokes.inner, strokes.outer,
+            self.around, strokes.normal, tangent, arc, widen, strokes.radius, strokes.inner, strokes.outer,
             strokes.stroke, strokes.length, strokes.colour, strokes.second, strokes.bristles, strokes.seed,
             look, np.array(brush.light), np.array(brush.paper), strokes.unit, self.soft, out,
         )  # fmt: skip

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from svv.kernels.numba import beams as numba_beams
 from svv.kernels.numba import bfloat16
+from svv.kernels.numba import bricks as numba_bricks
 from svv.kernels.numba import hashing as numba_hashing
 from svv.kernels.numba import image as numba_image
 from svv.kernels.numba import lattice as numba_lattice
@@ -107,6 +108,7 @@ def march(
     count, blocks = len(origins), -(-len(origins) // numba_marching.RAYS_A_BLOCK)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
+    bricks = numba_bricks.bricks_for(where, table, limits, count)
     while True:
         # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
         buffers = _sample_buffers(blocks * numba_marching.RAYS_A_BLOCK * room)
@@ -114,7 +116,7 @@ def march(
         numba_marching.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
             np.float32(limits.step), seed, first_ray, *_layout(where), table.detach().numpy()[:, 0],
-            np.float32(ceiling),
+            *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
             *buffers, start, number, tail, full,
         )  # fmt: skip

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
+from svv.kernels.numba.bricks import value_in_brick
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.trilinear import NEXT_ROW, ONE32, ask_for, cell_at
 
@@ -103,6 +104,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     bases,
     index,
     table,
+    slots,
+    bricks,
     ceiling,
     least_weight,
     keep,
@@ -130,6 +133,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     it dims a sample and when it ends a ray (above ``stop``), because extinctions may be scaled later by factors of
     ``fade`` or more. With 0, no ray ends.
 
+    Where there are bricks (:mod:`svv.kernels.numba.bricks`), they have the values of ``table``.
+
     The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A
     block that needs more room marks itself in ``full`` (blocks,) and stops.
     """
@@ -138,6 +143,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     capacity = sigma.shape[0] // blocks
     nx, ny, nz = distance.shape[1:]
     side, rate = np.float32(1.0) / cells, np.float32(1.0) / step
+    in_bricks, scale = slots.size > 0, scales[0]
+    cell = np.int32(shapes[0, 0] - 2), np.int32(shapes[0, 1] - 2), np.int32(shapes[0, 2] - 2)  # the last one
     for block in prange(blocks):
         n = block * capacity
         end = n + capacity
@@ -180,7 +187,10 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     x = min(max(x, np.float32(0.0)), extent[0])
                     y = min(max(y, np.float32(0.0)), extent[1])
                     z = min(max(z, np.float32(0.0)), extent[2])
-                    raw = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
+                    if in_bricks:
+                        raw = value_in_brick(x, y, z, scale, cell, slots, bricks)
+                    else:
+                        raw = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
                     s = np.exp(min(raw, ceiling))
                     thickness = s * step
                     before = left_out if merge else np.float32(0.0)

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.radiance.kept_views import nothing_kept
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_named
@@ -99,7 +100,8 @@ class Context:
         for _ in range(repeats):
             self.wait()
             begin = time.perf_counter()
-            work()
+            with nothing_kept():
+                work()
             self.wait()
             found.append(time.perf_counter() - begin)
         return found

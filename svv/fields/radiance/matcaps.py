@@ -142,6 +142,6 @@ def dress(scene: Model, colour: Tensor, position: Tensor, region: Tensor, ray: T
         rows = (region == number).nonzero()[:, 0]
         if len(rows):
             facing = beams.facing[ray[rows].long()]
-            up = facing.new_tensor([0.0, 1.0, 0.0]) if beams.up is None else beams.up
+            up = facing.new_tensor(beams.up)
             picture = picture_of(one.matcap).to(colour)
             colour[rows] = matcap_colours(normals_at(scene, position[rows]), facing, up, picture)

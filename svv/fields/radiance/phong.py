@@ -49,8 +49,8 @@ class Beams:
     facing: Tensor
     toward: Tensor
     intensity: float = 1.0
-    up: Tensor | None = None
-    """The camera's axis up in the world, (3,); None for y."""
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """The camera's axis up in the world."""
 
     @classmethod
     def headlight(cls, facing: Tensor) -> Beams:
@@ -62,7 +62,7 @@ class Beams:
         """Return beams of a lamp for a camera's rays."""
         rotation = camera.camera_to_world[:3, :3]
         facing = -rays.lit_along
-        up = facing.new_tensor(rotation[:, 1])
+        up = float(rotation[0, 1]), float(rotation[1, 1]), float(rotation[2, 1])
         if not lamp.moved:
             return cls(facing, facing, lamp.intensity, up)
         if lamp.direction is not None:

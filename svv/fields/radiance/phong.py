@@ -74,7 +74,7 @@ class Beams:
         """Return the beams of each sample's ray. (S,) -> S beams"""
         ray = ray.long()
         facing = self.facing[ray]
-        return Beams(facing, facing if self.toward is self.facing else self.toward[ray], self.intensity)
+        return Beams(facing, facing if self.toward is self.facing else self.toward[ray], self.intensity, self.up)
 
 
 class PhongLight(nn.Module):

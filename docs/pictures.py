@@ -60,6 +60,9 @@ SHELL = 2
 SCENES = {"gyroid": volumes.gyroid, "orbital": volumes.orbital, "plume": volumes.plume}
 """The gallery's rows, after the demo's scene."""
 
+OTHERS = {"glass": volumes.glass}
+"""Further scenes."""
+
 FRAMES = {"demo": 104, "gyroid": 125, "orbital": 125, "plume": 112}
 """View of each scene on the path of 181."""
 
@@ -88,7 +91,7 @@ class Studio:
         """Return a scene, trained on few and small views unless it is there."""
         path = self.demo / "scene.svv" if name == "demo" else KEPT / f"{name}.svv"
         if not path.exists():
-            views, _ = make_views(*SCENES[name](), n=42, test=0, size=400, mapper="cpu")
+            views, _ = make_views(*{**SCENES, **OTHERS}[name](), n=42, test=0, size=400, mapper="cpu")
             train_scene(views, "draft")[0].save(path)
         return Scene.load(path)
 
@@ -173,6 +176,14 @@ def gallery(studio: Studio) -> None:
         painted = [drawn(studio.painted(name, [style]), camera) for style in HANDS]
         rows.append(np.concatenate([halved(one) for one in (drawn(scene, camera, "pcn"), *painted)], axis=1))
     write("gallery.jpg", rows, below=True, width=WIDTH)
+
+
+def glass(studio: Studio) -> None:
+    """A translucent sheet, and the strokes on it in two hands."""
+    scene = studio.scene("glass")
+    camera = view_of(scene, FRAMES["gyroid"], 2 * SIZE)
+    painted = [drawn(studio.painted("glass", [style]), camera) for style in ("oil", "impasto")]
+    write("glass.jpg", [halved(one) for one in (drawn(scene, camera, "pcn"), *painted)])
 
 
 def stages(studio: Studio) -> None:
@@ -339,6 +350,7 @@ PICTURES: dict[str, Callable[[Studio], None]] = {
     for one in (
         showpiece,
         gallery,
+        glass,
         stages,
         figures,
         ink,

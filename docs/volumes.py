@@ -40,6 +40,12 @@ def gyroid(resolution: int = 112) -> Made:
     )
 
 
+def glass(resolution: int = 112) -> Made:
+    """The gyroid's surface alone, as a translucent sheet."""
+    volume, _ = gyroid(resolution)
+    return volume, _function((0.44, 0.56, 0.3, BLUE))
+
+
 def _gyroid_level(x: Array, y: Array, z: Array) -> Array:
     return (np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)) / 1.5
 

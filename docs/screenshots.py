@@ -24,7 +24,7 @@ IMAGES = Path(__file__).resolve().parent / "images"
 QUALITY = 82
 """Quality of the JPEG files: text stays sharp, and a window of 1280 x 1024 pixels stays below 150 kB."""
 
-FILTERS, STYLIZED_VIEW, CHOOSE_PRESET, CLOSE = (215, 10), (557, 561), (234, 828), (1032, 724)
+FILTERS, STYLIZED_VIEW, CHOOSE_PRESET, CLOSE = (215, 10), (557, 611), (234, 828), (1032, 724)
 """Positions to click in ParaView 5.11, in pixels: the menu, its item, the preset button, and Close in its dialog."""
 
 DIALOG = (139, 197, 1123, 748)
@@ -93,6 +93,7 @@ SetActiveSource(painting)
 """
 
 FOLLOWED = "len(GetRenderViews()) == 2 and max(painting.ImageSize) == 800"
+LEARNED = "painting.UpdatePropertyInformation() or not str(painting.Status).startswith(('Learning', 'Paused'))"
 
 
 class Window:
@@ -173,6 +174,7 @@ def take(window: Window) -> None:
     window.keep("settings")
     xdotool("key", "alt+a")
     window.until("painting.GetDataInformation().GetNumberOfPoints() > 0")
+    window.until(LEARNED)
     window.until(FOLLOWED)
     time.sleep(5.0)
     window.keep("painted")

@@ -27,9 +27,9 @@ DEEPEST = 0.8
 LARGEST = 3.0
 """Largest factor by which they do: what is deeper still is fog."""
 
-OPAQUE, GLAZED = 0.6, 0.3
-"""Opacity of a sheet below which strokes become larger, and by how much per opacity: through several sheets one sees
-several strokes, and only large ones remain strokes."""
+FAINT, GLAZED = 0.2, 5.0
+"""Opacity of a sheet below which strokes become larger, and by how much per opacity: of what is hardly there, only
+large ones remain strokes."""
 
 GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
@@ -106,7 +106,7 @@ class Brushing:
                 f"Region {region} is a fog without surfaces: it gets an even wash in the colour of the picture's sky."
             )
             return _washed(hand)
-        larger = max(deep, 1.0 + GLAZED * (OPAQUE - min(alpha, OPAQUE)), 1.0)
+        larger = max(deep, 1.0 + GLAZED * max(FAINT - alpha, 0.0), 1.0)
         width = self.width * larger
         if larger > 1.0:
             wider = visible_surface(self.views, region, self.form, width)
@@ -115,7 +115,10 @@ class Brushing:
         painter = Painter(hand, surface, self.opacity, self.cells, width, self.cell, self.seed + region)
         work = painter.painted(part(progress, 0.5, 0.8))
         if work is None:
-            return None
+            self.notes.append(
+                f"Region {region} has no room for strokes: it gets an even wash in the colour of the picture's sky."
+            )
+            return _washed(hand)
         clear = 1.0 - min(alpha / CLEAR, 1.0)
         work, shown = toned(work, hand, self.views, region, self.cell, clear)
         follows = GLAZE if work.brush.body == 1.0 else WASH

@@ -5,13 +5,11 @@ from __future__ import annotations
 import pytest
 
 from svv.fields.scene.scene import Scene
-from tests.test_brushing import balls, painted
-
-__all__ = ["balls"]
+from tests.test_brushing import painted
 
 
 def test_a_region_without_room_for_strokes_is_washed_and_named(
-    balls: Scene,  # noqa: F811
+    balls: Scene,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("svv.train.paint.stroke_painting.Painter.painted", lambda self, progress: None)

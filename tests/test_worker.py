@@ -14,6 +14,7 @@ import pytest
 from svv.errors import BadInput
 from svv.io.files import worker
 from svv.io.files.worker import PREFIX, Worker
+from tests.ending import has_ended
 
 ECHO = """
 import os, sys
@@ -52,18 +53,6 @@ def heard(one: Worker, key: str, within: float = 60.0) -> object:
         assert one.alive and time.monotonic() < until, one.last_line()
         time.sleep(0.01)
     return one.said()[key]
-
-
-def gone(process: int, within: float = 30.0) -> bool:
-    until = time.monotonic() + within
-    while time.monotonic() < until:
-        try:
-            if Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-                return True
-        except OSError:
-            return True
-        time.sleep(0.02)
-    return False
 
 
 def test_a_worker_obeys_at_low_priority(here: Path) -> None:
@@ -122,7 +111,7 @@ def test_a_worker_ends_with_its_parent_and_the_next_one_clears_up(here: Path, ho
     parent.send_signal(how)
     parent.wait()
     parent.stdout.close()
-    assert gone(process)
+    assert has_ended(process)
     (left,) = here.glob(f"{PREFIX}*")
     one = Worker(COMMAND)
     try:

@@ -92,7 +92,7 @@ class PaintEdit(Request):
     """How strongly paint is shaded: 0 not at all, 1 as much as the palette's colours."""
     stroke_opacity: Annotated[float | None, Setting(least=-1, most=1, unset=0.0)] = None
     """How much opacity follows the strokes: above 0, dark and vivid strokes are more opaque than pale ones;
-    below 0, light strokes more than dark ones."""
+    below 0, light strokes more than dark ones, for dark backgrounds."""
     stroke_relief: Annotated[float | None, Setting(least=0, most=4, unset=1.0)] = None
     """Factor on the relief of brush strokes: 0 is flat paint, 1 as painted."""
     stroke_width: Annotated[float | None, Setting(slider=(0.5, 2.0), unset=1.0)] = None

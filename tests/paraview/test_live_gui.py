@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.ending import has_ended
 from tests.paraview.test_gui import write_input
 
 SCRIPT = """
@@ -97,19 +98,6 @@ def workers_of(process: int) -> list[int]:
         except OSError:  # it has just ended
             continue
     return found
-
-
-def has_ended(process: int, within: float = 20.0) -> bool:
-    """Whether a process ends within a time; zombies have ended."""
-    until = time.monotonic() + within
-    while time.monotonic() < until:
-        try:
-            if Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-                return True
-        except OSError:
-            return True
-        time.sleep(0.05)
-    return False
 
 
 @pytest.mark.slow

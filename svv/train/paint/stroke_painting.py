@@ -126,7 +126,7 @@ class Brushing:
         if glaze > 0.0:
             self.notes.append(
                 f"Region {region} is translucent, so its strokes are more opaque than the clear ground between them: "
-                "svv edit --stroke-opacity changes that; --manner pieces paints it evenly."
+                "svv edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
             )
         return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
 

@@ -125,8 +125,8 @@ class Brushing:
         glaze = round(min(follows * clear / max(deep, 1.0), 1.0) * (1.0 - painter.crumpled), 2)
         if glaze > 0.0:
             self.notes.append(
-                f"Region {region} is translucent, so its strokes are more opaque than the ground between them: svv edit "
-                "--stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
+                f"Region {region} is translucent, so its strokes are more opaque than the ground between them: svv "
+                "edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
             )
         return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
 

@@ -5,7 +5,7 @@ Letters: V vertices of the paint's lattice, S samples, R regions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,8 +36,9 @@ class Brushed:
 
     regions: Mapping[int, tuple[Strokes, Brush]]
     """Strokes of regions."""
-    owner: NDArray[np.uint8] | None = None
-    """Region of each vertex, :data:`NOBODY` for none; None if the lattice also has other paint. (V,)"""
+    owners: Callable[[], NDArray[np.uint8]] | NDArray[np.uint8] | None = None
+    """Region of each vertex, :data:`NOBODY` for none, (V,), or a function that finds them when they are first needed:
+    images do without. None if the lattice also has other paint."""
     flats: Floats = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     """Colour of each region where no stroke reaches, RGB. (R, 3)"""
     glazes: Mapping[int, float] = field(default_factory=dict)
@@ -48,7 +49,14 @@ class Brushed:
     @property
     def complete(self) -> bool:
         """Whether the lattice follows from the strokes."""
-        return self.owner is not None
+        return self.owners is not None
+
+    @property
+    def owner(self) -> NDArray[np.uint8] | None:
+        """Region of each vertex, :data:`NOBODY` for none; None if the lattice also has other paint. (V,)"""
+        if callable(self.owners):
+            self.owners = self.owners()
+        return self.owners
 
     def paint(self, region: int, soft: float) -> StrokePaint:
         """Return the paint of a region for cells or pixels of a size, in box units; the last one is remembered."""
@@ -68,11 +76,12 @@ class Brushed:
             progress: Called several times a second.
             known: Another painting and its colours, from which regions with the same strokes are copied. (V, 3)
         """
-        assert self.owner is not None
+        owner = self.owner
+        assert owner is not None
         grey = np.full((NOBODY + 1 - len(self.flats), 3), 0.5, np.float32)
-        colours = np.concatenate([self.flats, grey])[self.owner]
+        colours = np.concatenate([self.flats, grey])[owner]
         for number, region in enumerate(self.regions):
-            mine = self.owner == region
+            mine = owner == region
             if known is not None and known[0].regions.get(region) is self.regions[region]:
                 colours[mine] = known[1][mine]
                 continue
@@ -134,8 +143,8 @@ class Brushed:
             for k, (strokes, _) in self.regions.items()
             for key, array in strokes.packed().items()
         }
-        if self.owner is not None:
-            arrays[f"brushed.{name}.owner"] = self.owner[:, None]
+        if (owner := self.owner) is not None:
+            arrays[f"brushed.{name}.owner"] = owner[:, None]
         return told, arrays
 
     @classmethod

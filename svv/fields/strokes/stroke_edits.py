@@ -221,21 +221,22 @@ def _edited(
     for number, root in entries.items():
         palette = regions[number].stroke_palette
         flats[number] = np.mean(palette, axis=0) if palette else laid.flats[root]
-    shown = Brushed(works, laid.owner, flats)
+    shown = Brushed(works, laid.owners, flats)
     split = any(number != root for number, root in entries.items())
 
     def shown_at(place: Floats) -> NDArray[np.int64]:
         return _entries(works, regions)[owners(place)]
 
     def baked(place: Floats, cell: float) -> Floats:
-        if laid.owner is None:
+        owner = laid.owner
+        if owner is None:
             changed = [k for k in works if works[k] is not laid.regions.get(k)]
             return _over(network, shown, changed, place, cell, shown_at)
         if split:
-            own = np.flatnonzero(np.isin(laid.owner, list(entries.values())))
+            own = np.flatnonzero(np.isin(owner, list(entries.values())))
             at = shown_at(place[own])
-            shown.owner = laid.owner.copy()
-            shown.owner[own] = np.where(at < 0, laid.owner[own], at)
+            shown.owners = whose = owner.copy()
+            whose[own] = np.where(at < 0, owner[own], at)
         known = None if network.unbaked else (laid, network.encoding.table.detach().cpu().numpy())
         return shown.baked(place, cell, known=known)
 

@@ -53,8 +53,8 @@ what is wholly transparent, in widths."""
 CLEAR = 0.7
 """Opacity of a sheet from which its two sides have tones of their own."""
 
-SIDES, BOTH = 6.0, 256
-"""Distance within which both sides of what is translucent share their tone, in widths, and largest number of points."""
+SIDES = 2.0
+"""Standard deviation of the distance over which both sides of what is translucent share their tone, in widths."""
 
 LIFTED, DULL = 0.4, 0.5
 """On what is translucent: how far the mean tone is lifted towards the lightest, and lack of chroma, relative to the
@@ -145,9 +145,7 @@ class Painter:
         clear = self.clear
         if not clear.any():
             return tone
-        near = surface.tree.query(surface.points, BOTH, distance_upper_bound=SIDES * self.width, workers=-1)[1]
-        weight = np.append(surface.seen, 0.0)[near]
-        mean = (weight * np.append(tone, 0.0)[near]).sum(1) / np.maximum(weight.sum(1), 1e-12)
+        mean = surface.spread(tone, SIDES * self.width)
         return surface.ranked(tone + clear * (surface.ranked(mean) - tone))
 
     def painted(self, progress: Progress) -> Brushwork | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 
 import numpy as np
 import torch
@@ -191,7 +192,7 @@ def _paint_by_strokes(
 ) -> None:  # fmt: skip
     """Paint a scene of which all paint is strokes: its lattice follows from them, and waits until it is needed."""
     cells = paint.resolutions[0]
-    owner = _owners(scene, cells, sorted(start.hands))
+    owner = cache(partial(_owners, scene, cells, sorted(start.hands)))
     flats = start.transferred.cpu().numpy().astype(np.float32)
     ground = Brushed({}, owner, flats)
     paint.bake_later(ground, ground.baked)

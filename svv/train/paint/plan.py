@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
 from svv.io.files.keyed_results import digest
+from svv.measure import usable_cpus
 from svv.options.making import AskedHandName, MannerName, PaintOptions
 from svv.styles.hand import Hand, measure_hand
 from svv.train.paint.ink import Ink, Style, StyleInput
@@ -124,8 +126,11 @@ def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") 
         return order
     found: dict[int, Hand] = {}
     notes = list(order.notes)
-    for number in sorted({style for region, style in order.pairs.items() if region not in order.inks}):
-        hand = _hand_of(np.asarray(order.styles[number], np.float32), order.masks[number])
+    numbers = sorted({style for region, style in order.pairs.items() if region not in order.inks})
+    pictures = [np.asarray(order.styles[number], np.float32) for number in numbers]
+    with ThreadPoolExecutor(usable_cpus()) as pool:
+        hands = list(pool.map(_hand_of, pictures, [order.masks[number] for number in numbers]))
+    for number, hand in zip(numbers, hands, strict=True):
         chosen, reason = manner_of(hand)
         technique, why = technique_of(hand) if named == "auto" else (named, "")
         shown = named == "auto" and technique != "oil" and "strokes" in (manner, chosen)
@@ -149,8 +154,9 @@ _hands: OrderedDict[str, Hand] = OrderedDict()
 def _hand_of(picture: NDArray[np.float32], mask: NDArray[np.bool_] | None) -> Hand:
     """Return the hand of a picture, measured the first time it is needed."""
     key = digest(picture, mask)
-    if key not in _hands:
-        _hands[key] = measure_hand(picture, mask)
-        if len(_hands) > HANDS:
+    found = _hands.get(key)
+    if found is None:
+        _hands[key] = found = measure_hand(picture, mask)
+        while len(_hands) > HANDS:
             _hands.popitem(last=False)
-    return _hands[key]
+    return found

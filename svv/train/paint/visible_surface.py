@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from svv.train.match.stylize import StyledView
@@ -107,6 +108,24 @@ class VisibleSurface:
             numba_tracing.average(*self._neighbours, found, out)
             found = out
         return found.reshape(values.shape)
+
+    def spread(self, values: NDArray[np.floating], reach: float) -> NDArray[np.float64]:
+        """Average values (S,) over all that is visible around each point, whichever way it faces. (S,)
+
+        Args:
+            values: Values of the points.
+            reach: Standard deviation of the distance in box units.
+        """
+        cells = max(int(2.0 / reach), 1)  # cells of half a standard deviation
+        at = np.minimum((self.points * cells).astype(np.int64), cells - 1)
+        cell = np.ravel_multi_index(tuple(at.T), (cells, cells, cells))
+        sums = [
+            gaussian_filter(np.bincount(cell, weight, cells**3).reshape(cells, cells, cells), 2.0, mode="constant")
+            for weight in (self.seen, self.seen * values)
+        ]
+        where = self.points.T * cells - 0.5
+        weight, total = (map_coordinates(grid, where, order=1, mode="nearest") for grid in sums)
+        return np.asarray(total / np.maximum(weight, 1e-12))
 
     def bends(self, reach: float) -> Bends:
         """Return how the surface bends over a distance."""

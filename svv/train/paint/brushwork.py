@@ -56,9 +56,10 @@ CLEAR = 0.7
 SIDES = 2.0
 """Standard deviation of the distance over which both sides of what is translucent share their tone, in widths."""
 
-LIFTED, DULL = 0.4, 0.5
-"""On what is translucent: how far the mean tone is lifted towards the lightest, and lack of chroma, relative to the
-picture's most vivid colours, that costs as much as :data:`TONE`."""
+LIFTED, DULL, COLOURFUL = 0.4, 0.5, 35.0
+"""On what is translucent: how far the mean tone is lifted towards the lightest; lack of chroma, relative to the
+picture's most vivid colours, that costs as much as :data:`TONE`; and chroma from which a colour is vivid in any picture,
+so that a bright yellow does not drive out a teal."""
 
 PALE, MIDDLE, FORM, VARIED, SPARSE = 0.95, 0.45, 0.15, 0.27, 0.5
 """On what is wholly transparent, strokes are sparse and opaque on a clear ground, which shows the sheet and what lies
@@ -297,7 +298,7 @@ class Painter:
             + LIFTED * (clear[:, 0] - self.on_glass[seed]) * (1.0 - wanted)
         )
         vivid = np.hypot(hand.colours[:, 1], hand.colours[:, 2])
-        dull = 1.0 - (vivid / max(float(np.quantile(vivid, 0.95)), 1.0)).clip(0.0, 1.0)
+        dull = 1.0 - (vivid / float(np.quantile(vivid, 0.95).clip(1.0, COLOURFUL))).clip(0.0, 1.0)
         cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)
         cost += clear * np.square(dull[among] / DULL)
         each = np.arange(len(seed))

@@ -28,7 +28,7 @@ ROUNDS = 5
 VIEWS, MOST = 5, 6_000
 """Number of views in which a region is looked at, and maximum number of samples of each."""
 
-CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 2.0, 25.0
+CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 1.6, 25.0
 """Bounds of the factors on contrast and chroma (what is hardly opaque has no more contrast, and up to the third value
 of chroma), and largest change of lightness."""
 

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from svv.errors import silent
 from svv.fields.scene.scene import Scene
-from tests.test_brushing import painted
+from svv.fields.strokes.stroke_paint import StrokePaint
+from svv.options.making import HandName
+from svv.styles.gallery import gallery_picture
+from svv.styles.hand import measure_hand
+from svv.train.paint.brushwork import Painter
+from tests.test_brushing import EMPTY, WIDTH, ball, painted
 
 
 def test_a_region_without_room_for_strokes_is_washed_and_named(
@@ -17,3 +25,15 @@ def test_a_region_without_room_for_strokes_is_washed_and_named(
     assert scene.styled is not None and scene.styled.brushed is not None and not scene.styled.brushed.regions
     said = "Region 0 has no room for strokes: it gets an even wash in the colour of the picture's sky."
     assert said in report["notes"]
+
+
+@pytest.mark.parametrize("technique", ["watercolour", "ink-wash"])
+@pytest.mark.parametrize("radius", [0.8, 1.5, 3.0])
+def test_washes_cover_bodies_that_are_smaller_than_their_strokes(technique: HandName, radius: float) -> None:
+    hand = replace(measure_hand(gallery_picture("watercolour", 300)), technique=technique)
+    painter = Painter(hand, ball(radius * WIDTH), EMPTY, 64, WIDTH, 0.004, 0)
+    work = painter.painted(silent)
+    assert work is not None
+    covered = StrokePaint(work.strokes, work.brush, 0.1 * WIDTH).coverage(painter.surface.points)[:, 3] > 0.05
+    dark = painter.tone < painter.technique.layers[0].lightest - 0.05
+    assert covered[dark].mean() > 0.95

@@ -56,8 +56,8 @@ CLEAR = 0.7
 SIDES = 2.0
 """Standard deviation of the distance over which both sides of what is translucent share their tone, in widths."""
 
-LIFTED, DULL, COLOURFUL = 0.4, 0.5, 35.0
-"""On what is translucent: how far the mean tone is lifted towards the lightest; lack of chroma, relative to the
+LIFTED, DULL, COLOURFUL = 0.1, 0.5, 35.0
+"""On what is translucent: how far the tone of washes is lifted towards the lightest; lack of chroma, relative to the
 picture's most vivid colours, that costs as much as :data:`TONE`; and chroma from which a colour is vivid in any picture,
 so that a bright yellow does not drive out a teal."""
 
@@ -229,13 +229,9 @@ class Painter:
         generator, surface, count = self.generator, self.surface, len(seed)
         points, normals = surface.points, surface.normals
         if layer.length == 0.0:
-            middle = np.concatenate([points[seed], normals[seed]], 1).astype(np.float64)
-            out = np.repeat(middle[:, None], 2, 1)
-            half = 0.5 * DAB * wide[seed, None] * self.tangent[seed]
-            out[:, 0, :3] -= half
-            out[:, 1, :3] += half
-            return out, np.zeros(count, np.int64), np.full(count, 2)
-        step = STEP * wide[seed]
+            return self._dabs(seed, wide), np.zeros(count, np.int64), np.full(count, 2)
+        # Broad washes follow bends of the size of a usual stroke: their own width would step over small bodies.
+        step = STEP * np.minimum(wide[seed], self.width)
         share = generator.uniform(0.4, 0.6, count)
         length = long[seed] * generator.lognormal(0.0, 0.25, count)
         steps = np.rint(np.stack([share, 1.0 - share], 1) * (length / step)[:, None]).clip(1, 60).astype(np.int64)
@@ -247,7 +243,19 @@ class Painter:
             seed, steps, step, TURN, surface.side, surface.slot, points, normals, self.tangent, tone, layer.most,
             out, first, number,
         )  # fmt: skip
+        if layer.wash:  # a body too small for a stroke is covered all the same
+            short = np.flatnonzero(number < 2)
+            out[short, :2], first[short], number[short] = self._dabs(seed[short], wide), 0, 2
         return out, first, number
+
+    def _dabs(self, seed: NDArray[np.int64], wide: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return positions and normals of round dabs, which are strokes of two points. (N, 2, 6)"""
+        middle = np.concatenate([self.surface.points[seed], self.surface.normals[seed]], 1).astype(np.float64)
+        out = np.repeat(middle[:, None], 2, 1)
+        half = 0.5 * DAB * wide[seed, None] * self.tangent[seed]
+        out[:, 0, :3] -= half
+        out[:, 1, :3] += half
+        return out
 
     def _record(
         self, layer: Layer, seed: NDArray[np.int64], out: NDArray[np.float64], first: NDArray[np.int64],

@@ -114,9 +114,9 @@ TECHNIQUES: dict[HandName, Technique] = {
     "oil": Technique(OIL, Brush(), measured=True),
     "watercolour": Technique(
         (
-            Layer(5.0, 10.0, (0.35, 0.62), (0.22, 0.5), 0.6, 0.45, lightest=0.86, wash=1, share=0.85),
-            Layer(3.0, 8.0, (0.35, 0.62), (0.0, 1.0), 0.5, 0.3, lightest=0.52, wash=2, share=0.6),
-            Layer(1.6, 6.0, (0.40, 0.75), (-0.05, 1.1), 0.5, 0.25, lightest=0.22, wash=3, share=0.6),
+            Layer(5.0, 10.0, (0.35, 0.62), (0.22, 0.5), 0.6, 0.45, lightest=0.95, wash=1, share=0.85),
+            Layer(3.0, 8.0, (0.35, 0.62), (0.08, 0.75), 0.5, 0.3, lightest=0.52, wash=2, share=0.45),
+            Layer(1.6, 6.0, (0.40, 0.75), (0.0, 0.9), 0.5, 0.25, lightest=0.22, wash=3, share=0.45),
         ),
         Brush(0.0, 0.0, 0.8, rim=1.3, body=0.0, grain=0.5, tooth=0.12, flow=0.45, blunt=1.0),
         ground=(0.97, 93.0, 98.0), lightness=(68.0, 100.0), chroma=0.9,

@@ -35,6 +35,9 @@ of chroma), and largest change of lightness."""
 VIVID = 0.6
 """How much more chroma than the picture what is hardly opaque shows, as a fraction: paper makes it pale."""
 
+LIGHTER = 0.4
+"""How far the mean tone of opaque strokes on what is hardly opaque is lifted towards the lightest."""
+
 COVERED = 0.1
 """Alpha above which a pixel counts."""
 
@@ -105,7 +108,7 @@ def toned(
     technique = TECHNIQUES[hand.technique]
     mean = hand.colours.mean(0).astype(np.float64)
     mean[0] = np.clip(mean[0], *technique.lightness)
-    mean[0] += LIFTED * clear * (np.quantile(light, 0.95) - mean[0])
+    mean[0] += (LIFTED if technique.brush.body < 1.0 else LIGHTER) * clear * (np.quantile(light, 0.95) - mean[0])
     vivid = (1.0 + VIVID * clear) * float(np.hypot(*hand.colours[:, 1:].T).mean())
     wanted = Shown(mean, float(light.std()), min(technique.chroma * vivid, technique.most_chroma))
     contrast, chroma, shift, found = 1.0, 1.0, 0.0, None

@@ -138,6 +138,65 @@ class ImageKernels(Protocol):
         """
 
 
+@dataclass(frozen=True)
+class StrokeTables:
+    """The strokes of a region on a device, as :class:`StrokeKernels` take them. K points, N strokes, B entries."""
+
+    size: int
+    """Bins along the box."""
+    start: Tensor
+    """First entry of each bin, and the number of entries, int64. (size^3 + 1,)"""
+    entries: Tensor
+    """Points whose paint may reach into each bin, the last first, int32. (B,)"""
+    stroke: Tensor
+    """Stroke of each point, int32. (K,)"""
+    around: Tensor
+    """See :func:`svv.kernels.numba.strokes.surroundings`. (K, 16)"""
+    points: Tensor
+    """Arc length, change of radius per length, and radius of each point. (K, 3)"""
+    strokes: Tensor
+    """Both colours, bristles and length of each stroke. (N, 8)"""
+    seeds: Tensor
+    """Where each stroke's irregularities begin in the noise, int32. (N,)"""
+    noise: Tensor
+    """:data:`svv.core.strokes.strokes.NOISE`."""
+    look: Tensor
+    """The brush, as :func:`svv.fields.strokes.stroke_tables.look_of` orders it. (22,)"""
+    washes: bool
+    """Whether any stroke is wet."""
+    tooth: bool
+    """Whether the tooth of the paper shows."""
+    cells: int
+    """Cells along the box in which the ground looks for points."""
+    near: Tensor
+    """Whether a cell or one of its neighbours has a point, uint8. ((cells + 2)^3,)"""
+    first: Tensor
+    """First point of each cell in ``inside``, and the number of points, int64. ((cells + 2)^3 + 1,)"""
+    inside: Tensor
+    """Points in the order of their cells, int32. (K,)"""
+    tint: Tensor | None
+    """Colour of the ground; None for the nearest stroke's times ``brightness``. (3,)"""
+    brightness: float
+    """Brightness of the ground relative to the nearest stroke."""
+    bare: float
+    """Coverage below which the ground shows."""
+
+
+class StrokeKernels(Protocol):
+    """Strokes in images without anything that comes back to the CPU; see :mod:`svv.fields.strokes.stroke_tables`."""
+
+    def over(
+        self, samples: Samples, region: Tensor, chosen: Tensor, apart: Tensor, tables: Sequence[StrokeTables],
+        below: Tensor, flat: bool,
+    ) -> Tensor:  # fmt: skip
+        """Return the colours of samples with strokes over them; a sheet of samples has one colour. (S, 3)
+
+        ``region`` (S,) int64: region of each sample; ``chosen`` (G,) int64, ``apart`` (G,) float64 and ``tables``: the
+        regions with strokes, the gaps that separate their sheets, and their strokes; ``below``: colours where no stroke
+        reaches, of the samples (S, 3), or, if ``flat``, of their regions.
+        """
+
+
 class Kernels(Protocol):
     """The hot functions. All tensors of a call lie on one device; positions and directions are float32.
 
@@ -152,6 +211,8 @@ class Kernels(Protocol):
     """Number of samples that a network with a graph processes at a time."""
     IMAGE: ImageKernels | None
     """Kernels for images of palette scenes on lattices; None if plain torch renders them, as in training."""
+    STROKES: StrokeKernels | None
+    """Kernels for strokes in images; None if the CPU evaluates them (:mod:`svv.fields.strokes.stroke_paint`)."""
 
     def lattice_encode(self, x: Tensor, lattice: Lattice, table: Tensor) -> Tensor:
         """Return the trilinear features of all levels, concatenated: (S, 3) and (V, F) -> (S, L * F)."""

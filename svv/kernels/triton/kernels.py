@@ -12,9 +12,10 @@ from svv.core.rays.cells import FARTHEST_LEAP
 from svv.core.rays.networks import relu_layers
 from svv.kernels.reference import marked_rows as marked_rows
 from svv.kernels.triton import networks as triton_networks
+from svv.kernels.triton import painted as triton_painted
 from svv.kernels.triton import rays as triton_rays
 from svv.kernels.triton import tables as triton_tables
-from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
+from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels
 
 NAME = "triton"
 
@@ -35,6 +36,7 @@ RAYS = rays_at_a_time()
 SAMPLES = 1 << 18
 """Samples at a time: enough to fill the GPU."""
 IMAGE: ImageKernels | None = None
+STROKES: StrokeKernels | None = triton_painted
 
 TABLE_BLOCK = 128
 """Samples per program that reads or writes tables."""

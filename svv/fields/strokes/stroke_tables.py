@@ -49,7 +49,7 @@ def tables_of(
         strokes: N strokes of K points.
         brush: How their paint looks.
         around: See :func:`svv.kernels.numba.strokes.surroundings`. (K, 16)
-        widths: Bins along the box, and in box units the width of soft edges and how far from the points there is ground.
+        widths: Bins along the box, and in box units the width of soft edges and how far from points there is ground.
         ground: Brightness of the ground relative to the nearest stroke, and the coverage below which it shows.
         device: Where they are used.
     """

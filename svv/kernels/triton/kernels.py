@@ -11,6 +11,7 @@ from torch import Tensor
 from svv.core.rays.cells import FARTHEST_LEAP
 from svv.core.rays.networks import relu_layers
 from svv.kernels.reference import marked_rows as marked_rows
+from svv.kernels.triton import drawn as triton_drawn
 from svv.kernels.triton import networks as triton_networks
 from svv.kernels.triton import painted as triton_painted
 from svv.kernels.triton import rays as triton_rays
@@ -35,7 +36,7 @@ ROOMY = 6 << 30
 RAYS = rays_at_a_time()
 SAMPLES = 1 << 18
 """Samples at a time: enough to fill the GPU."""
-IMAGE: ImageKernels | None = None
+IMAGE: ImageKernels | None = triton_drawn
 STROKES: StrokeKernels | None = triton_painted
 
 TABLE_BLOCK = 128
@@ -132,9 +133,9 @@ def march(
 ) -> tuple[Samples, int]:  # fmt: skip
     """March twice: count the samples, find the start of each ray from their sums, and write them."""
     device, rays = origins.device, len(origins)
-    count, tail = torch.zeros(rays, dtype=torch.int64, device=device), torch.zeros(rays, device=device)
+    count, tail = torch.empty(rays, dtype=torch.int64, device=device), torch.empty(rays, device=device)
     position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((0, 3), 0, 0))
-    ray, start = torch.empty(0, dtype=torch.int32, device=device), torch.zeros_like(count)
+    ray, start = torch.empty(0, dtype=torch.int32, device=device), count
 
     def pass_over(writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](

@@ -78,6 +78,22 @@ class Surface:
     colour: Tensor
 
 
+@dataclass(frozen=True)
+class PixelSource:
+    """The pixels of views, from which training rays are drawn, on one device; K steps of contrast."""
+
+    index: Tensor
+    """Flat indices of the N pixels among all views, by steps of contrast, int32. (N,)"""
+    levels: Tensor
+    """Straight RGBA of all pixels of all views, uint8. (pixels, 4)"""
+    first: Tensor
+    """Where each step begins in ``index``, int64. (K + 1,)"""
+    ends: Tensor
+    """The same if each pixel counts as much as it is drawn, float64. (K + 1,)"""
+    shares: Tensor
+    """How much each step's pixels are drawn, relative to drawing evenly, float64. (K,)"""
+
+
 class ImageKernels(Protocol):
     """Everything but the networks in an image of a palette scene, without gradients.
 
@@ -240,6 +256,15 @@ class Kernels(Protocol):
 
     def marked_rows(self, marks: Tensor) -> Tensor:
         """Return the indices of the rows that are marked, ascending: (V,) uint8, 0 or 1 -> (N,) int64."""
+
+    def draw_pixels(
+        self, source: PixelSource, seed: int, first_ray: int, rays: int, total: int
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Draw the pixels of rays from number ``first_ray`` on, of ``total``, of the batch that ``seed`` numbers.
+
+        Returns flat indices among all views (R,) int64, weights with which a sum over all rays is a mean over all
+        pixels (R,), and premultiplied RGBA in [0, 1] (R, 4). A ray's pixel depends on its number and the seed alone.
+        """
 
     def pixel_rays(
         self, pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int

@@ -211,8 +211,11 @@ def representatives(samples: Samples, every: float, seed: int, first_ray: int = 
     Returns:
         Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
-    drawn = torch.rand(first_ray + len(samples.count), generator=torch.Generator().manual_seed(seed))
-    shift = drawn[first_ray:].to(samples.sigma.device)
+    device = samples.sigma.device
+    drawn = torch.rand(
+        first_ray + len(samples.count), generator=torch.Generator(device).manual_seed(seed), device=device
+    )
+    shift = drawn[first_ray:]
     return kernels_for(shift).representatives(samples, every, shift)
 
 

@@ -36,7 +36,8 @@ class StrokePaint:
 
     def __init__(self, strokes: Strokes, brush: Brush, soft: float) -> None:
         self.strokes, self.brush, self.soft = strokes, brush, float(soft)
-        side = max(float(np.median(strokes.radius)), 1.0 / MOST_BINS)
+        # In wide pixels every point reaches far: finer bins would list it a thousand times.
+        side = max(float(np.median(strokes.radius)), 0.5 * self.soft, 1.0 / MOST_BINS)
         self.size = max(int(np.ceil(1.0 / side)), 1)
         self.side = 1.0 / self.size
         self.around = numba_strokes.surroundings(

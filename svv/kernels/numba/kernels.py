@@ -21,6 +21,7 @@ from svv.kernels.numba import leaping as numba_leaping
 from svv.kernels.numba import marching as numba_marching
 from svv.kernels.numba import networks as numba_networks
 from svv.kernels.numba import rays as numba_rays
+from svv.kernels.reference import draw_pixels as draw_pixels
 from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels
 
 NAME = "numba"

@@ -14,9 +14,10 @@ from svv.kernels.reference import marked_rows as marked_rows
 from svv.kernels.triton import drawn as triton_drawn
 from svv.kernels.triton import networks as triton_networks
 from svv.kernels.triton import painted as triton_painted
+from svv.kernels.triton import pixels as triton_pixels
 from svv.kernels.triton import rays as triton_rays
 from svv.kernels.triton import tables as triton_tables
-from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels
+from svv.kernels.types import ImageKernels, Lattice, Limits, PixelSource, Samples, StrokeKernels
 
 NAME = "triton"
 
@@ -105,6 +106,18 @@ def adam(
         table.detach(), gradient, used, moments[0], moments[1], age, rate, *constants, pull, finer, rows,
         features, triton.next_power_of_2(features), TABLE_BLOCK,
     )  # fmt: skip
+
+
+def draw_pixels(source: PixelSource, seed: int, first_ray: int, rays: int, total: int) -> tuple[Tensor, Tensor, Tensor]:
+    device = source.index.device
+    pixels, weight = torch.empty(rays, dtype=torch.int64, device=device), torch.empty(rays, device=device)
+    shown = torch.empty(rays, 4, device=device)
+    if rays:
+        triton_pixels.draw[(triton.cdiv(rays, TABLE_BLOCK),)](
+            source.index, source.levels, source.first, source.ends, source.shares, seed, first_ray, total, pixels,
+            weight, shown, rays, len(source.shares), TABLE_BLOCK,
+        )  # fmt: skip
+    return pixels, weight, shown
 
 
 def pixel_rays(

@@ -17,6 +17,7 @@ from svv.fields.radiance.networks import BaseField, FieldSettings, encode_direct
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.views.viewset import ViewSet
+from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU
 from svv.kernels.types import Samples
 from svv.train.base.first_extinction import Beginning, largest_extinction, log_extinction
@@ -95,7 +96,7 @@ class Reconstruction:
         missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
         errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
         error = errors[:3].detach().mean()
-        loss = (errors * errors.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, s.alpha_weight])).sum()
+        loss = (errors * numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, s.alpha_weight], errors.device)).sum()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
         error = sum_gradients(error, self.trained, self.field.encodings)

@@ -18,6 +18,7 @@ from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, composite, march, not_hidden
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
+from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU
 from svv.train.base.from_values import palette_given
 from svv.train.config import RecolourSettings
@@ -104,7 +105,7 @@ class Recolouring:
         drift = (self.field.colours - self.start).square().sum()
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
         penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
-        each = out.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
+        each = numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties], out.device)
         error = errors[:3].detach().mean()
         loss = (errors * each).sum() + s.palette_weight * batch.share * drift
         if self.owners is not None:

@@ -213,6 +213,28 @@ class StrokeKernels(Protocol):
         """
 
 
+class TomographyKernels(Protocol):
+    """What reconstructs a first extinction from alpha; see :mod:`svv.train.base.tomography_kernels`."""
+
+    def optical_depths(
+        self, rays: tuple[Tensor, Tensor], distance: Tensor, cells: int, extent: Sequence[float], step: float,
+        shift: float, where: Lattice, table: Tensor, stop: float,
+    ) -> Tensor:  # fmt: skip
+        """Return the optical depth of rays, origins and directions (R, 3), up to ``stop``, or a step beyond it. (R,)
+
+        ``distance``, ``cells``, ``extent``: as in :meth:`Kernels.march`; ``shift``: place of each sample within its
+        ``step``; ``where`` and ``table``: log extinction on a lattice of one level.
+        """
+
+    def back_project(
+        self, vertices: Tensor, scale: float, cameras: tuple[Tensor, Tensor, Tensor], images: Tensor
+    ) -> Tensor:
+        """Return the sum over views of what ``images`` (N, H, W, 2) hold where vertices (V, 3) are seen. (V, 2)
+
+        ``vertices``: int32, ``scale`` of them a box unit; ``cameras``: as in :meth:`Kernels.pixel_rays`.
+        """
+
+
 class Kernels(Protocol):
     """The hot functions. All tensors of a call lie on one device; positions and directions are float32.
 
@@ -229,6 +251,8 @@ class Kernels(Protocol):
     """Kernels for images of palette scenes on lattices; None if plain torch renders them, as in training."""
     STROKES: StrokeKernels | None
     """Kernels for strokes in images; None if the CPU evaluates them (:mod:`svv.fields.strokes.stroke_paint`)."""
+    TOMOGRAPHY: TomographyKernels | None
+    """Kernels for the first extinction; None if the CPU finds it (:mod:`svv.train.base.tomography`)."""
 
     def lattice_encode(self, x: Tensor, lattice: Lattice, table: Tensor) -> Tensor:
         """Return the trilinear features of all levels, concatenated: (S, 3) and (V, F) -> (S, L * F)."""

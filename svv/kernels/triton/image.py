@@ -66,8 +66,8 @@ def features(  # type: ignore[no-untyped-def]
     if level == 0:
         h = tl.arange(0, HARMONICS)
         which = tl.load(ray + i, mask=there, other=0).to(tl.int64)
-        value = tl.load(harmonics + which[:, None] * HARMONICS + h[None, :], mask=there[:, None], other=0.0)
-        tl.store(lit + (i * wide + levels * FEATURES)[:, None] + h[None, :], value, mask=there[:, None])
+        along = tl.load(harmonics + which[:, None] * HARMONICS + h[None, :], mask=there[:, None], other=0.0)
+        tl.store(lit + (i * wide + levels * FEATURES)[:, None] + h[None, :], along, mask=there[:, None])
 
 
 @triton.jit(do_not_specialize=["raw", "colours", "samples", "count"])

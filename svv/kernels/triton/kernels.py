@@ -17,7 +17,8 @@ from svv.kernels.triton import painted as triton_painted
 from svv.kernels.triton import pixels as triton_pixels
 from svv.kernels.triton import rays as triton_rays
 from svv.kernels.triton import tables as triton_tables
-from svv.kernels.types import ImageKernels, Lattice, Limits, PixelSource, Samples, StrokeKernels
+from svv.kernels.triton import tomography as triton_tomography
+from svv.kernels.types import ImageKernels, Lattice, Limits, PixelSource, Samples, StrokeKernels, TomographyKernels
 
 NAME = "triton"
 
@@ -39,6 +40,7 @@ SAMPLES = 1 << 18
 """Samples at a time: enough to fill the GPU."""
 IMAGE: ImageKernels | None = triton_drawn
 STROKES: StrokeKernels | None = triton_painted
+TOMOGRAPHY: TomographyKernels | None = triton_tomography
 
 TABLE_BLOCK = 128
 """Samples per program that reads or writes tables."""

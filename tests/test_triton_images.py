@@ -1,4 +1,4 @@
-"""The Triton kernels of images and of training pixels, compared with those of the CPU and with plain torch.
+"""The Triton kernels of images and of training steps, compared with those of the CPU and with plain torch.
 
 They run on a GPU if there is one, otherwise in Triton's interpreter. See ``tests/test_triton_kernels.py``.
 """
@@ -9,12 +9,16 @@ import pytest
 import torch
 
 from svv.fields.radiance.image_checks import image_checks
+from svv.fields.radiance.training_checks import training_checks
 from tests.interpreted import GPU, triton_kernels
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 
 
-@pytest.mark.parametrize("name", image_checks(150))
+CHECKS = image_checks(150) | training_checks(150)
+
+
+@pytest.mark.parametrize("name", CHECKS)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_kernel_gives_what_the_cpu_gives(name: str, seed: int) -> None:
-    image_checks(150)[name](triton_kernels, DEVICE, seed)
+    CHECKS[name](triton_kernels, DEVICE, seed)

@@ -13,7 +13,16 @@ from svv.core.rays.compositing import composite_samples
 from svv.core.rays.encodings import hash_corners, hash_features, lattice_corners, lattice_features
 from svv.core.rays.networks import relu_layers
 from svv.core.rays.representatives import representatives as chosen
-from svv.kernels.types import ImageKernels, Lattice, Limits, PixelSource, Samples, StrokeKernels, TomographyKernels
+from svv.kernels.types import (
+    ImageKernels,
+    Lattice,
+    Limits,
+    PixelSource,
+    Samples,
+    StrokeKernels,
+    TomographyKernels,
+    TrainingKernels,
+)
 
 NAME = "reference"
 RAYS = 1 << 16
@@ -21,6 +30,7 @@ SAMPLES = 1 << 16
 IMAGE: ImageKernels | None = None
 STROKES: StrokeKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
+TRAINING: TrainingKernels | None = None
 
 STEPS_AT_A_TIME = 1 << 22
 """Number of ray steps evaluated together."""

@@ -213,6 +213,32 @@ class StrokeKernels(Protocol):
         """
 
 
+class TrainingKernels(Protocol):
+    """What a training step computes between networks, compositing and optimisers, in one operation each.
+
+    All are differentiable. Without these kernels, :mod:`svv.train` does it in plain torch. Letters as in
+    :class:`Kernels`, and P palette colours.
+    """
+
+    def mixed(self, raw: Tensor, light: Tensor, colours: Tensor, settled: bool) -> tuple[Tensor, Tensor]:
+        """Return equation 4 (:mod:`svv.core.colour.palette_shading`) with penalties (S, 6), and weights (S, P).
+
+        ``raw`` (S, 1 + 4 P) and ``light`` (S, 1 or 2): outputs of palette and lighting MLP; ``colours`` (P, 3).
+        Channels: colour, squared offsets, squared deviation of the shade from 1, and 1 minus the sum of squared
+        weights, or 0 if ``settled``.
+        """
+
+    def loss(
+        self, out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
+    ) -> tuple[Tensor, Tensor]:
+        """Return a loss, and the mean squared error of colour without a graph, both scalars.
+
+        ``out`` (R, C): colour, of which the squared difference from ``shown`` (R, 4) counts, and penalties, which count
+        themselves; ``weight`` (R,): weight of each ray; ``each`` (C + 1,): that of each channel, and of the squared
+        difference of 1 - ``transmittance`` (R,) from alpha, which counts if ``alpha``.
+        """
+
+
 class TomographyKernels(Protocol):
     """What reconstructs a first extinction from alpha; see :mod:`svv.train.base.tomography_kernels`."""
 
@@ -251,6 +277,8 @@ class Kernels(Protocol):
     """Kernels for images of palette scenes on lattices; None if plain torch renders them, as in training."""
     STROKES: StrokeKernels | None
     """Kernels for strokes in images; None if the CPU evaluates them (:mod:`svv.fields.strokes.stroke_paint`)."""
+    TRAINING: TrainingKernels | None
+    """Kernels that do several of a training step's operations in one; None if plain torch does them."""
     TOMOGRAPHY: TomographyKernels | None
     """Kernels for the first extinction; None if the CPU finds it (:mod:`svv.train.base.tomography`)."""
 

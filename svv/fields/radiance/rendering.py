@@ -211,11 +211,8 @@ def representatives(samples: Samples, every: float, seed: int, first_ray: int = 
     Returns:
         Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
-    device = samples.sigma.device
-    drawn = torch.rand(
-        first_ray + len(samples.count), generator=torch.Generator(device).manual_seed(seed), device=device
-    )
-    shift = drawn[first_ray:]
+    drawn = torch.rand(first_ray + len(samples.count), generator=torch.Generator().manual_seed(seed))
+    (shift,) = moved_at_once((drawn[first_ray:].numpy(),), samples.sigma.device)
     return kernels_for(shift).representatives(samples, every, shift)
 
 
@@ -283,7 +280,7 @@ class Extinction(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, samples: Samples, table: Tensor, density: SparseLattice) -> Tensor:
         ctx.samples, ctx.density = samples, density
-        return samples.sigma.clone()
+        return samples.sigma.detach()
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:

@@ -22,7 +22,7 @@ from svv.kernels.numba import marching as numba_marching
 from svv.kernels.numba import networks as numba_networks
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.reference import draw_pixels as draw_pixels
-from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels, TomographyKernels
+from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels, TomographyKernels, TrainingKernels
 
 NAME = "numba"
 RAYS = 1 << 13
@@ -32,6 +32,7 @@ SAMPLES = 1 << 14
 IMAGE: ImageKernels | None = numba_image
 STROKES: StrokeKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
+TRAINING: TrainingKernels | None = None
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:

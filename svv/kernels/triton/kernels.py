@@ -18,7 +18,17 @@ from svv.kernels.triton import pixels as triton_pixels
 from svv.kernels.triton import rays as triton_rays
 from svv.kernels.triton import tables as triton_tables
 from svv.kernels.triton import tomography as triton_tomography
-from svv.kernels.types import ImageKernels, Lattice, Limits, PixelSource, Samples, StrokeKernels, TomographyKernels
+from svv.kernels.triton import training as triton_training
+from svv.kernels.types import (
+    ImageKernels,
+    Lattice,
+    Limits,
+    PixelSource,
+    Samples,
+    StrokeKernels,
+    TomographyKernels,
+    TrainingKernels,
+)
 
 NAME = "triton"
 
@@ -41,6 +51,7 @@ SAMPLES = 1 << 18
 IMAGE: ImageKernels | None = triton_drawn
 STROKES: StrokeKernels | None = triton_painted
 TOMOGRAPHY: TomographyKernels | None = triton_tomography
+TRAINING: TrainingKernels | None = triton_training
 
 TABLE_BLOCK = 128
 """Samples per program that reads or writes tables."""

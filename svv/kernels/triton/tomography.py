@@ -124,6 +124,15 @@ def back_project(vertices: Tensor, scale: float, cameras: tuple[Tensor, Tensor, 
     number, height, width = images.shape[:3]
     if len(vertices):
         projected_back[(triton.cdiv(len(vertices), VERTEX_BLOCK),)](
-            vertices, scale, *cameras, images, sums, len(vertices), height, width, number, VERTEX_BLOCK
+            vertices.contiguous(),
+            scale,
+            *cameras,
+            images.contiguous(),
+            sums,
+            len(vertices),
+            height,
+            width,
+            number,
+            VERTEX_BLOCK,
         )
     return sums

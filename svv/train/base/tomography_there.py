@@ -38,7 +38,7 @@ class TomographyThere(Tomography):
         return torch.cat(parts) / 255.0
 
     def _vertices(self) -> Any:
-        return torch.from_numpy(super()._vertices()).to(self.device)
+        return torch.from_numpy(np.ascontiguousarray(super()._vertices())).to(self.device)
 
     def _step(self, caster: RayCaster, alpha: Any, vertices: Any) -> None:
         near = max_pool2d((alpha > 0).float()[:, None], 3, 1, 1)

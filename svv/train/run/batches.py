@@ -13,7 +13,7 @@ from torch import Tensor
 from svv.core.geometry.box import Box
 from svv.fields.radiance.rendering import RayCaster, Rays
 from svv.io.views.viewset import ViewSet
-from svv.kernels.constants import moved_at_once, on_device
+from svv.kernels.constants import moved, moved_at_once, on_device
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import PixelSource
 from svv.train.run import ranks
@@ -114,7 +114,7 @@ class RayPool:
         pixels, weight = pixels[part], weight[part] / np.float32(rays)
         shown = self._levels[pixels].astype(np.float32) / np.float32(255.0)
         shown[:, :3] *= shown[:, 3:]
-        which = on_device(pixels, device)
+        which = moved(pixels, device)
         colours, weights = moved_at_once((shown, weight), device)
         return Batch(self._caster.rays(which), colours, which, weights, part.start, len(pixels) / rays)
 

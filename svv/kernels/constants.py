@@ -78,7 +78,7 @@ ALIGNED = 4
 MOST_PINNED = 64 << 20
 """Bytes of images in memory that the system cannot swap; a program that keeps more images gets ordinary memory."""
 
-_pinned: list[tuple[weakref.ref[Tensor], int]] = []
+_pinned: list[tuple[weakref.ref[NDArray[np.uint8]], int]] = []
 
 
 def fetched(there: Tensor) -> NDArray[np.uint8]:
@@ -91,6 +91,7 @@ def fetched(there: Tensor) -> NDArray[np.uint8]:
     here = torch.empty(len(there), dtype=torch.uint8, pin_memory=pinned)
     here.copy_(there, non_blocking=True)
     torch.cuda.current_stream(there.device).synchronize()
+    array = here.numpy()
     if pinned:
-        _pinned.append((weakref.ref(here), len(there)))
-    return here.numpy()
+        _pinned.append((weakref.ref(array), len(there)))  # every view of the array holds it
+    return array

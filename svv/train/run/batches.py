@@ -69,7 +69,7 @@ SEED_STEP = 7919
 MOST_OF_GPU = 0.125
 """Share of a GPU's memory that views may take, from which it then draws rays itself."""
 
-_VIEWS_THERE: WeakKeyDictionary[ViewSet, tuple[Tensor, Tensor]] = WeakKeyDictionary()
+_VIEWS_THERE: WeakKeyDictionary[ViewSet, dict[torch.device, tuple[Tensor, Tensor]]] = WeakKeyDictionary()
 
 
 def pixels_on(views: ViewSet, device: torch.device) -> tuple[Tensor, Tensor] | None:
@@ -82,9 +82,10 @@ def pixels_on(views: ViewSet, device: torch.device) -> tuple[Tensor, Tensor] | N
         return None
     if index.nbytes + levels.nbytes > MOST_OF_GPU * torch.cuda.get_device_properties(device).total_memory:
         return None
-    if views not in _VIEWS_THERE:
-        _VIEWS_THERE[views] = torch.from_numpy(index).to(device), torch.from_numpy(levels).to(device)
-    return _VIEWS_THERE[views]
+    known = _VIEWS_THERE.setdefault(views, {})
+    if device not in known:
+        known[device] = torch.from_numpy(index).to(device), torch.from_numpy(levels).to(device)
+    return known[device]
 
 
 class RayPool:

@@ -22,6 +22,8 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
+from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.stroke_checks import BRUSHES, curved_strokes, samples_near
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.base.first_extinction import Beginning
@@ -42,7 +44,7 @@ NOTHING = {
 }  # fmt: skip
 """Operations that start nothing on a GPU."""
 
-MOST = {"base": 53, "palette": 122, "image": 22}
+MOST = {"base": 39, "palette": 40, "image": 22}
 """Operations of a step of stage 1, of stage 2, and of a piece of an image."""
 
 WAITING = {"_local_scalar_dense", "nonzero", "masked_select", "_unique2"}
@@ -141,3 +143,21 @@ def test_operations_and_waits_of_a_step_and_of_an_image(
     assert {part: len(own) for part, own in names.items() if len(own) > MOST[part]} == {}
     assert {part: waits for part, (_, waits) in found.items() if len(waits) > WAITS[part]} == {}
     assert "mm" not in {*names["base"], *names["palette"], *names["image"]}  # every network is one kernel
+
+
+def test_operations_of_strokes_in_an_image(
+    count: Callable[[Callable[[], object]], tuple[list[str], list[str]]],
+) -> None:
+    strokes = curved_strokes(3, 0)
+    brushed = Brushed({0: (strokes, BRUSHES["oil"])}, flats=np.zeros((1, 3), np.float32))
+    samples = samples_near(strokes, [2, 0, 3], 0)
+    region = torch.zeros(len(samples), dtype=torch.int64)
+    kernels = triton_kernels.STROKES
+    assert kernels is not None
+
+    def over() -> None:
+        brushed.over_there(kernels, None, samples, region, {0: 0}, [0], 0.01)
+
+    over()  # the tables of strokes are made here
+    names, waits = count(over)
+    assert names == ["zeros", "full", "sheets", "cumsum", "sheets", "paint", "ground", "cover"] and waits == []

@@ -264,12 +264,14 @@ class _Composite(torch.autograd.Function):
         ctx.save_for_backward(s, v, weights, out, transmittance)  # an output kept on ctx is never freed
         ctx.samples = samples
         ctx.mark_non_differentiable(weights)
+        ctx.set_materialize_grads(False)  # no zeros for the weights, which have no gradient
         return out, transmittance, weights
 
     @staticmethod
-    def backward(ctx: Any, g_out: Tensor, g_transmittance: Tensor, _: Tensor) -> tuple[Any, Any, None]:
+    def backward(ctx: Any, g_out: Tensor | None, g_transmittance: Tensor | None, _: None) -> tuple[Any, Any, None]:
         s, v, weights, out, transmittance = ctx.saved_tensors
-        upstream = g_out.contiguous(), g_transmittance.contiguous()
+        pairs = (g_out, out), (g_transmittance, transmittance)
+        upstream = tuple(torch.zeros_like(own) if g is None else g.contiguous() for g, own in pairs)
         gradients = kernels_for(s).composite_backward(s, v, weights, ctx.samples, out, transmittance, *upstream)
         return *gradients, None
 

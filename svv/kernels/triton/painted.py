@@ -47,7 +47,7 @@ def sheets(samples: Samples, region: Tensor, chosen: Tensor, apart: Tensor) -> t
     rays, device = len(samples.start), region.device
     number = torch.zeros(len(chosen), rays, dtype=torch.int32, device=device)
     own = torch.full((len(samples),), -1, dtype=torch.int64, device=device)
-    where, ends = torch.empty(len(samples), 3, device=device), number.view(-1).to(torch.int64)
+    where, ends = torch.empty(len(samples), 3, device=device), own  # not read while they are counted
     for writes in (False, True):
         if len(samples):
             triton_strokes.sheets[triton.cdiv(rays, BLOCK), len(chosen)](

@@ -227,12 +227,17 @@ class _Loss(torch.autograd.Function):
                 triton.next_power_of_2(max(channels, 4)), BLOCK,
             )  # fmt: skip
         ctx.save_for_backward(g_out, g_transmittance)
+        ctx.alpha = alpha
         found, squared = parts.sum(dim=0).unbind()
         ctx.mark_non_differentiable(squared)
+        ctx.set_materialize_grads(False)
         return found, squared
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, g: Tensor, _: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Any, g: Tensor | None, _: None) -> tuple[Tensor | None, ...]:
+        if g is None:
+            return None, None, None, None, None, None
         g_out, g_transmittance = ctx.saved_tensors
-        return g_out * g, g_transmittance * g, None, None, None, None
+        behind = g_transmittance * g if ctx.alpha else None  # without alpha, nothing depends on it
+        return g_out * g, behind, None, None, None, None

@@ -95,4 +95,4 @@ def check_strokes(
             assert share >= SHARE, f"{1 - share:.2%} of the samples have other colours, by {float(apart.max()):.1e}"
             plain_colours = torch.from_numpy(flats)[region] if colours is None else colours
             changed = (expected - plain_colours).abs().amax(dim=1) > 0.01
-            assert len(samples) < 32 or float(changed.float().mean()) > 0.2, "too few samples are painted to compare"
+            assert len(samples) < 100 or float(changed.float().mean()) > 0.2, "too few samples are painted to compare"

@@ -109,10 +109,10 @@ def compile_all() -> None:
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
-    from svv.kernels.triton import image, networks, pixels, rays, strokes, tables, tomography, training
+    from svv.kernels.triton import image, networks, pixels, rays, sheets, strokes, tables, tomography, training
 
     blocks = {"network": networks.FORWARD.block, "network_backward": networks.BACKWARD.block}
-    places = tables, rays, networks, image, pixels, strokes, tomography, training
+    places = tables, rays, networks, image, pixels, sheets, strokes, tomography, training
     for name, values in [*KERNELS, *NETWORKS]:
         kernel = image.composite if name == "image_composite" else _found(places, name)
         constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}

@@ -10,6 +10,7 @@ import torch
 import triton
 from torch import Tensor
 
+from svv.kernels.triton import sheets as triton_sheets
 from svv.kernels.triton import strokes as triton_strokes
 from svv.kernels.types import Samples, StrokeTables
 
@@ -29,7 +30,7 @@ def over(
         lay(table, where, ends, number * rays - 1, (number + 1) * rays - 1, covered)
     out = torch.empty(len(samples), 3, device=region.device)
     if len(samples):
-        triton_strokes.cover[(triton.cdiv(len(samples), SAMPLE_BLOCK),)](
+        triton_sheets.cover[(triton.cdiv(len(samples), SAMPLE_BLOCK),)](
             own, region, covered, below, out, len(samples), flat,
             SAMPLE_BLOCK,
         )  # fmt: skip
@@ -50,7 +51,7 @@ def sheets(samples: Samples, region: Tensor, chosen: Tensor, apart: Tensor) -> t
     where, ends = torch.empty(len(samples), 3, device=device), own  # not read while they are counted
     for writes in (False, True):
         if len(samples):
-            triton_strokes.sheets[triton.cdiv(rays, BLOCK), len(chosen)](
+            triton_sheets.sheets[triton.cdiv(rays, BLOCK), len(chosen)](
                 samples.position, samples.sigma, samples.skipped, samples.step, samples.start, samples.count, region,
                 chosen, apart, rays, number, ends, own, where, writes, BLOCK, num_warps=1,
             )  # fmt: skip

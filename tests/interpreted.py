@@ -19,5 +19,6 @@ from svv.kernels.triton import kernels as triton_kernels  # noqa: E402
 from svv.kernels.triton import networks as triton_networks  # noqa: E402
 from svv.kernels.triton import rays as triton_rays  # noqa: E402
 from svv.kernels.triton import tables as triton_tables  # noqa: E402
+from svv.kernels.triton import tomography as triton_tomography  # noqa: E402
 
-__all__ = ["GPU", "triton_kernels", "triton_networks", "triton_rays", "triton_tables"]
+__all__ = ["GPU", "triton_kernels", "triton_networks", "triton_rays", "triton_tables", "triton_tomography"]

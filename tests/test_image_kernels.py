@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -18,18 +20,49 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.strokes.stroke_opacity import paleness
 from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
+from tests.interpreted import GPU, triton_kernels
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 
 SEEDS = st.integers(0, 10**6)
+CPU = torch.device("cpu")
 VERTICES = 5
 """Of a lattice of one level, along an axis."""
 
 
-@pytest.fixture(scope="module")
-def kernels() -> ImageKernels:
-    assert numba_kernels.IMAGE is not None
-    return numba_kernels.IMAGE
+DEVICES = {"numba": CPU, "triton": torch.device("cuda") if GPU else CPU}
+
+
+class There:
+    """Image kernels of a device, called with tensors on the CPU."""
+
+    def __init__(self, kernels: ImageKernels, device: torch.device) -> None:
+        self.kernels, self.device = kernels, device
+
+    def __getattr__(self, name: str) -> Any:
+        def call(*arguments: Any) -> Any:
+            moved: dict[int, Any] = {}
+            done = getattr(self.kernels, name)(*(self._to(a, self.device, moved) for a in arguments))
+            for before, after in list(moved.values()):
+                before.copy_(after)  # what was changed in place
+            return self._to(done, CPU, {})
+
+        return call
+
+    def _to(self, value: Any, device: torch.device, moved: dict[int, Any]) -> Any:
+        if isinstance(value, Tensor):
+            return value if value.device == device else moved.setdefault(id(value), (value, value.to(device)))[1]
+        if isinstance(value, tuple):
+            return tuple(self._to(v, device, moved) for v in value)
+        if isinstance(value, Samples | Lattice | Surface):
+            return type(value)(**{n: self._to(v, device, moved) for n, v in vars(value).items()})
+        return value
+
+
+@pytest.fixture(scope="module", params=DEVICES)
+def kernels(request: pytest.FixtureRequest) -> Any:
+    own: Any = {"numba": numba_kernels, "triton": triton_kernels}[request.param]
+    return There(own.IMAGE, DEVICES[request.param])
 
 
 def generator(seed: int) -> torch.Generator:
@@ -96,7 +129,7 @@ def test_material_is_equation_4_without_light(kernels: ImageKernels, seed: int, 
     surface = kernels.material(raw, palette)
     intensity, weights, offsets = palette_shading.material(raw)
     close(surface.colour, palette_shading.diffuse(intensity, weights, palette + offsets))
-    assert surface.raw is raw
+    assert torch.equal(surface.raw, raw)
     assert surface.region.tolist() == weights.argmax(dim=1).tolist()
 
 

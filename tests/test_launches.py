@@ -22,6 +22,8 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
+from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.stroke_checks import BRUSHES, curved_strokes, samples_near
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.base.first_extinction import Beginning
@@ -42,8 +44,15 @@ NOTHING = {
 }  # fmt: skip
 """Operations that start nothing on a GPU."""
 
-MOST = {"base": 60, "palette": 126, "image": 77}
+MOST = {"base": 39, "palette": 40, "image": 22}
 """Operations of a step of stage 1, of stage 2, and of a piece of an image."""
+
+WAITING = {"_local_scalar_dense", "nonzero", "masked_select", "_unique2"}
+"""Operations for which the CPU waits on a GPU, because it needs their value or the size of their result. An index by a
+mask begins with nonzero."""
+
+WAITS = {"base": 2, "palette": 1, "image": 1}
+"""How often the CPU waits: for the number of samples, and of representatives; an image also for its pixels."""
 
 
 class Counter(TorchDispatchMode):
@@ -52,12 +61,15 @@ class Counter(TorchDispatchMode):
     def __init__(self) -> None:
         super().__init__()
         self.found: list[str] = []
+        self.waits: list[str] = []
         self.silent = False
 
     def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         name = function.__name__.split(".")[0]
         if not self.silent and name not in NOTHING:
             self.found.append(name)
+        if not self.silent and name in WAITING:
+            self.waits.append(name)
         return function(*args, **(kwargs or {}))
 
     @contextmanager
@@ -71,8 +83,8 @@ class Counter(TorchDispatchMode):
 
 
 @pytest.fixture
-def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], list[str]]:
-    """Names of the operations that a function starts."""
+def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], tuple[list[str], list[str]]]:
+    """Names of the operations that a function starts, and of those that it waits for."""
     from triton.runtime.interpreter import GridExecutor
 
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
@@ -86,11 +98,12 @@ def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], l
         with counter.one(None):
             return step(self)
 
-    def run(function: Callable[[], object]) -> list[str]:
+    def run(function: Callable[[], object]) -> tuple[list[str], list[str]]:
         counter.found.clear()
+        counter.waits.clear()
         with counter:
             function()
-        return list(counter.found)
+        return list(counter.found), list(counter.waits)
 
     monkeypatch.setattr(GridExecutor, "__call__", counted_launch)
     monkeypatch.setattr(NetworkAdam, "step", uncounted_step)
@@ -105,7 +118,9 @@ def views() -> ViewSet:
     return ViewSet(tuple(sphere_cameras(6, (0.0, 0.0, 0.0), 3.0, 0.35, 16)), images, tuple("abcdef"))
 
 
-def test_operations_of_a_step_and_of_an_image(count: Callable[[Callable[[], object]], list[str]]) -> None:
+def test_operations_and_waits_of_a_step_and_of_an_image(
+    count: Callable[[Callable[[], object]], tuple[list[str], list[str]]],
+) -> None:
     field = FieldSettings(resolutions=(2, 4), features=2, width=16)
     box = Box.of_bounds((-0.35,) * 3, (0.35,) * 3)
     first = Reconstruction(views(), Beginning(Occupancy.full(box, 4)), field, ReconstructSettings(rays=16, samples=128))
@@ -123,6 +138,26 @@ def test_operations_of_a_step_and_of_an_image(count: Callable[[Callable[[], obje
     scene = Scene(field, occupancy, Marching(1 / 8), base, palette.requires_grad_(False), None, regions)
     found["image"] = count(lambda: scene.render(views().cameras[0].resized(8, 8)))
 
-    assert {"march", "network", "network_backward", "composite_backward", "adam"} <= set(found["base"])
-    assert {name: len(names) for name, names in found.items() if len(names) > MOST[name]} == {}
-    assert "mm" not in {*found["base"], *found["palette"], *found["image"]}  # every network is one kernel
+    names = {part: own for part, (own, _) in found.items()}
+    assert {"march", "network", "network_backward", "composite_backward", "adam"} <= set(names["base"])
+    assert {part: len(own) for part, own in names.items() if len(own) > MOST[part]} == {}
+    assert {part: waits for part, (_, waits) in found.items() if len(waits) > WAITS[part]} == {}
+    assert "mm" not in {*names["base"], *names["palette"], *names["image"]}  # every network is one kernel
+
+
+def test_operations_of_strokes_in_an_image(
+    count: Callable[[Callable[[], object]], tuple[list[str], list[str]]],
+) -> None:
+    strokes = curved_strokes(3, 0)
+    brushed = Brushed({0: (strokes, BRUSHES["oil"])}, flats=np.zeros((1, 3), np.float32))
+    samples = samples_near(strokes, [2, 0, 3], 0)
+    region = torch.zeros(len(samples), dtype=torch.int64)
+    kernels = triton_kernels.STROKES
+    assert kernels is not None
+
+    def over() -> None:
+        brushed.over_there(kernels, None, samples, region, {0: 0}, [0], 0.01)
+
+    over()  # the tables of strokes are made here
+    names, waits = count(over)
+    assert names == ["zeros", "full", "sheets", "cumsum", "sheets", "paint", "ground", "cover"] and waits == []

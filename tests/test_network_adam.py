@@ -7,11 +7,12 @@ import subprocess
 import sys
 from typing import Any
 
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.train.run.network_adam import NetworkAdam
+from svv.train.run.network_adam import FusedAdam, NetworkAdam
 
 HOW: dict[str, Any] = {"lr": 0.01, "betas": (0.9, 0.99), "eps": 1e-12}
 SHAPES = ((5, 3), (4,), (2, 2))
@@ -29,11 +30,12 @@ def with_gradients(tensors: list[torch.Tensor], seed: int, without: int) -> None
         tensor.grad = None if number == without else gradient
 
 
+@pytest.mark.parametrize("kind", [NetworkAdam, FusedAdam])
 @given(st.integers(0, 10**6), st.integers(1, 30), st.integers(-1, 2))
-def test_its_steps_are_those_of_torch(seed: int, steps: int, without: int) -> None:
+def test_its_steps_are_those_of_torch(kind: type[NetworkAdam], seed: int, steps: int, without: int) -> None:
     mine = parameters(seed)
     theirs = copy.deepcopy(mine)
-    own = NetworkAdam([{"params": mine[:2]}, {"params": mine[2:], "lr": 0.1}], **HOW)
+    own = kind([{"params": mine[:2]}, {"params": mine[2:], "lr": 0.1}], **HOW)
     reference = torch.optim.Adam([{"params": theirs[:2]}, {"params": theirs[2:], "lr": 0.1}], **HOW)
     for step in range(steps):
         for tensors, optimiser in ((mine, own), (theirs, reference)):
@@ -46,9 +48,10 @@ def test_its_steps_are_those_of_torch(seed: int, steps: int, without: int) -> No
     assert all(tensor.grad is None for tensor in mine)
 
 
-def test_it_continues_from_the_state_of_torch() -> None:
+@pytest.mark.parametrize("kind", [NetworkAdam, FusedAdam])
+def test_it_continues_from_the_state_of_torch(kind: type[NetworkAdam]) -> None:
     mine, theirs = parameters(1), parameters(1)
-    own, reference = NetworkAdam(mine, **HOW), torch.optim.Adam(theirs, **HOW)
+    own, reference = kind(mine, **HOW), torch.optim.Adam(theirs, **HOW)
     for step in range(5):
         with_gradients(theirs, step, -1)
         reference.step()

@@ -11,17 +11,41 @@ from typing import Any
 TYPES = {
     "*fp32": "x g_out scales table out gradient first second rotations positions lenses origins directions tail "
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
-    "begin end passed shift",
-    "*i64": "shapes bases index resolutions offsets pixels start count own chosen place taken",
-    "*i32": "age ray",
-    "*u8": "used distance known nearest",
+    "begin end passed shift where place around points strokes noise look tint covered below left harmonics tables lit "
+    "plain raw colours diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
+    "depth images sums weight shown g_values g_weights g_raw g_light light each",
+    "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends",
+    "*fp64": "apart shares",
+    "*i32": "age ray number entries of seeds vertices",
+    "*i16": "seen",
+    "*u8": "used distance known nearest near levels",
     "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
-    "cuts merge",
-    "i32": "samples levels rows finer width height rays channels nx ny nz seed first_ray inputs outputs size stride "
-    "length side",
+    "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam",
+    "i32": "samples rows finer width height rays channels nx ny nz seed first_ray inputs outputs size stride length "
+    "side before until regions total",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
+LEVELS, COUNT = {"levels": "i32"}, {"count": "i32"}
+OWN_TYPES = {
+    "lattice_encode": LEVELS,
+    "lattice_backward": LEVELS,
+    "hash_encode": LEVELS,
+    "hash_backward": LEVELS,
+    "features": LEVELS,
+    "phong": {**LEVELS, **COUNT, "shift": "fp32", "each": "i32"},
+    "representatives": {"place": "*i64"},
+    "ground": {"cells": "i32", "first": "*i64", "offsets": "*i32"},
+    "material": {**COUNT, "shift": "fp32"},
+    "light": {"shift": "fp32"},
+    "depths": {"shift": "fp32"},
+    "image_composite": {"size": "fp32"},
+    "projected_back": {**COUNT, "number": "i32"},
+    "mix": COUNT,
+    "mix_backward": COUNT,
+    "draw": {"index": "*i32", "first": "*i64", "ends": "*fp64"},
+}
+"""Those whose type is another one in a kernel."""
 TABLE = {"FEATURES": 3, "WIDE": 4, "BLOCK": 128}
 RAYS = {"WIDE": 8, "BLOCK": 32}
 NETWORK = {"WIDE_IN": 64, "WIDE": 64, "WIDE_OUT": 64, "DEEP": True}
@@ -47,10 +71,36 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("representatives", {"BLOCK": 32}),
     ("harmonics", {"BLOCK": 128}),
     ("nearest_along", {"BLOCK": 128}),
+    ("draw", {"STEPS": 8, "BLOCK": 128}),
+    ("end", {"BLOCK": 128}),
+    ("features", {"FEATURES": 4, "WIDE": 8, "HARMONICS": 16, "BLOCK": 128}),
+    ("material", {"BLOCK": 128}),
+    ("overpaint", {"BLOCK": 128}),
+    ("light", {"OUTPUTS": 2, "BLOCK": 128}),
+    ("phong", {"BLOCK": 128}),
+    ("image_composite", {"WIDE": 4, "BLOCK": 32}),
+    ("sheets", {"WRITES": False, "BLOCK": 32}),
+    ("sheets", {"WRITES": True, "BLOCK": 32}),
+    ("paint", {"WASHES": False, "TOOTH": False, "BLOCK": 32}),
+    ("paint", {"WASHES": True, "TOOTH": True, "BLOCK": 32}),
+    ("ground", {"TINTED": False, "BLOCK": 32}),
+    ("ground", {"TINTED": True, "BLOCK": 32}),
+    ("cover", {"FLAT": True, "BLOCK": 128}),
+    ("depths", {"BLOCK": 32}),
+    ("projected_back", {"BLOCK": 128}),
+    ("mix", {"OUTPUTS": 2, "SETTLED": False, "BLOCK": 128}),
+    ("mix_backward", {"OUTPUTS": 2, "SETTLED": False, "BLOCK": 128}),
+    ("mix_backward", {"OUTPUTS": 1, "SETTLED": True, "BLOCK": 128}),
+    ("error", {"ALPHA": True, "WIDE": 4, "BLOCK": 128}),
+    ("error", {"ALPHA": False, "WIDE": 8, "BLOCK": 128}),
 ]
 SHARED = 65536
 """Bytes of shared memory that a program of the networks may use: what every GPU from Ampere on has."""
 HOPPER, AMPERE = 90, 80
+
+
+def _found(places: tuple[Any, ...], name: str) -> Any:
+    return next(getattr(place, name) for place in places if hasattr(place, name))
 
 
 def compile_all() -> None:
@@ -59,15 +109,15 @@ def compile_all() -> None:
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
-    from svv.kernels.triton import networks as triton_networks
-    from svv.kernels.triton import rays as triton_rays
-    from svv.kernels.triton import tables as triton_tables
+    from svv.kernels.triton import image, networks, pixels, rays, sheets, strokes, tables, tomography, training
 
-    blocks = {"network": triton_networks.FORWARD.block, "network_backward": triton_networks.BACKWARD.block}
+    blocks = {"network": networks.FORWARD.block, "network_backward": networks.BACKWARD.block}
+    places = tables, rays, networks, image, pixels, sheets, strokes, tomography, training
     for name, values in [*KERNELS, *NETWORKS]:
-        kernel = next(getattr(m, name) for m in (triton_tables, triton_rays, triton_networks) if hasattr(m, name))
+        kernel = image.composite if name == "image_composite" else _found(places, name)
         constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}
-        signature = {k: "constexpr" if k in constants else TYPE_OF[k] for k in kernel.arg_names}
+        own = OWN_TYPES.get(name, {})
+        signature = {k: "constexpr" if k in constants else {**TYPE_OF, **own}[k] for k in kernel.arg_names}
         source = ASTSource(kernel, signature, constants)
         options = {"num_warps": 1 if constants["BLOCK"] == 32 else 4} | ({"num_stages": 1} if name in blocks else {})
         for capability in (HOPPER, AMPERE) if name in blocks else (HOPPER,):

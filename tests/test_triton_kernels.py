@@ -35,6 +35,7 @@ from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.palette.recolour import recolour
+from svv.train.run import batches
 from svv.train.run.loop import Running
 from tests.interpreted import GPU, triton_kernels, triton_rays
 
@@ -216,6 +217,7 @@ def views_of_a_ball() -> ViewSet:
 def reconstruction(kernels: Kernels | ModuleType, rays: int, monkeypatch: pytest.MonkeyPatch) -> Reconstruction:
     """Stage 1 of a ball, with refinement and pruning in four steps."""
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: kernels)
+    monkeypatch.setattr(batches, "pixels_on", lambda views, device: None)  # the CPU draws the same pixels for all
     field = FieldSettings(resolutions=(2, 4), features=2, width=16)
     occupancy = Occupancy.full(Box.of_bounds((-0.35,) * 3, (0.35,) * 3), 4)
     how = ReconstructSettings(rays=rays, samples=512, prune_every=1, prune_least=1e-4, iterations=4)

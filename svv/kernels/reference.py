@@ -13,12 +13,24 @@ from svv.core.rays.compositing import composite_samples
 from svv.core.rays.encodings import hash_corners, hash_features, lattice_corners, lattice_features
 from svv.core.rays.networks import relu_layers
 from svv.core.rays.representatives import representatives as chosen
-from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
+from svv.kernels.types import (
+    ImageKernels,
+    Lattice,
+    Limits,
+    PixelSource,
+    Samples,
+    StrokeKernels,
+    TomographyKernels,
+    TrainingKernels,
+)
 
 NAME = "reference"
 RAYS = 1 << 16
 SAMPLES = 1 << 16
 IMAGE: ImageKernels | None = None
+STROKES: StrokeKernels | None = None
+TOMOGRAPHY: TomographyKernels | None = None
+TRAINING: TrainingKernels | None = None
 
 STEPS_AT_A_TIME = 1 << 22
 """Number of ray steps evaluated together."""
@@ -70,6 +82,19 @@ def adam(
 
 def marked_rows(marks: Tensor) -> Tensor:
     return marks.nonzero()[:, 0]
+
+
+def draw_pixels(source: PixelSource, seed: int, first_ray: int, rays: int, total: int) -> tuple[Tensor, Tensor, Tensor]:
+    number = torch.arange(first_ray, first_ray + rays, device=source.index.device)
+    fine, coarse = (marching.uniform(seed, number, torch.full_like(number, k)).double() for k in (-2, -1))
+    where = (coarse + fine / (1 << 24)) * source.ends[-1]
+    step = torch.searchsorted(source.ends[1:-1], where, right=True)
+    begin, last, share = source.first[step], source.first[step + 1] - 1, source.shares[step]
+    place = begin + ((where - source.ends[step]) / share).long()
+    pixels = source.index[torch.minimum(place, last)].long()
+    shown = source.levels[pixels].float() / 255.0
+    shown[:, :3] *= shown[:, 3:]
+    return pixels, (1.0 / (share * total)).float(), shown
 
 
 def pixel_rays(

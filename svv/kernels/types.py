@@ -78,6 +78,22 @@ class Surface:
     colour: Tensor
 
 
+@dataclass(frozen=True)
+class PixelSource:
+    """The pixels of views, from which training rays are drawn, on one device; K steps of contrast."""
+
+    index: Tensor
+    """Flat indices of the N pixels among all views, by steps of contrast, int32. (N,)"""
+    levels: Tensor
+    """Straight RGBA of all pixels of all views, uint8. (pixels, 4)"""
+    first: Tensor
+    """Where each step begins in ``index``, int64. (K + 1,)"""
+    ends: Tensor
+    """The same if each pixel counts as much as it is drawn, float64. (K + 1,)"""
+    shares: Tensor
+    """How much each step's pixels are drawn, relative to drawing evenly, float64. (K,)"""
+
+
 class ImageKernels(Protocol):
     """Everything but the networks in an image of a palette scene, without gradients.
 
@@ -138,6 +154,113 @@ class ImageKernels(Protocol):
         """
 
 
+@dataclass(frozen=True)
+class StrokeTables:
+    """The strokes of a region on a device, as :class:`StrokeKernels` take them. K points, N strokes, B entries."""
+
+    size: int
+    """Bins along the box."""
+    start: Tensor
+    """First entry of each bin, and the number of entries, int64. (size^3 + 1,)"""
+    entries: Tensor
+    """Points whose paint may reach into each bin, the last first, int32. (B,)"""
+    stroke: Tensor
+    """Stroke of each point, int32. (K,)"""
+    around: Tensor
+    """See :func:`svv.kernels.numba.strokes.surroundings`. (K, 16)"""
+    points: Tensor
+    """Arc length, change of radius per length, and radius of each point. (K, 3)"""
+    strokes: Tensor
+    """Both colours, bristles and length of each stroke. (N, 8)"""
+    seeds: Tensor
+    """Where each stroke's irregularities begin in the noise, int32. (N,)"""
+    noise: Tensor
+    """:data:`svv.core.strokes.strokes.NOISE`."""
+    look: Tensor
+    """The brush, as :func:`svv.fields.strokes.stroke_tables.look_of` orders it. (22,)"""
+    washes: bool
+    """Whether any stroke is wet."""
+    tooth: bool
+    """Whether the tooth of the paper shows."""
+    cells: int
+    """Cells along the box in which the ground looks for points."""
+    near: Tensor
+    """Whether a cell or one of its neighbours has a point, uint8. ((cells + 2)^3,)"""
+    first: Tensor
+    """First point of each cell in ``inside``, and the number of points, int64. ((cells + 2)^3 + 1,)"""
+    inside: Tensor
+    """Points in the order of their cells, int32. (K,)"""
+    tint: Tensor | None
+    """Colour of the ground; None for the nearest stroke's times ``brightness``. (3,)"""
+    brightness: float
+    """Brightness of the ground relative to the nearest stroke."""
+    bare: float
+    """Coverage below which the ground shows."""
+
+
+class StrokeKernels(Protocol):
+    """Strokes in images without anything that comes back to the CPU; see :mod:`svv.fields.strokes.stroke_tables`."""
+
+    def over(
+        self, samples: Samples, region: Tensor, chosen: Tensor, apart: Tensor, tables: Sequence[StrokeTables],
+        below: Tensor, flat: bool,
+    ) -> Tensor:  # fmt: skip
+        """Return the colours of samples with strokes over them; a sheet of samples has one colour. (S, 3)
+
+        ``region`` (S,) int64: region of each sample; ``chosen`` (G,) int64, ``apart`` (G,) float64 and ``tables``: the
+        regions with strokes, the gaps that separate their sheets, and their strokes; ``below``: colours where no stroke
+        reaches, of the samples (S, 3), or, if ``flat``, of their regions.
+        """
+
+
+class TrainingKernels(Protocol):
+    """What a training step computes between networks, compositing and optimisers, in one operation each.
+
+    All are differentiable. Without these kernels, :mod:`svv.train` does it in plain torch. Letters as in
+    :class:`Kernels`, and P palette colours.
+    """
+
+    def mixed(self, raw: Tensor, light: Tensor, colours: Tensor, settled: bool) -> tuple[Tensor, Tensor]:
+        """Return equation 4 (:mod:`svv.core.colour.palette_shading`) with penalties (S, 6), and weights (S, P).
+
+        ``raw`` (S, 1 + 4 P) and ``light`` (S, 1 or 2): outputs of palette and lighting MLP; ``colours`` (P, 3).
+        Channels: colour, squared offsets, squared deviation of the shade from 1, and 1 minus the sum of squared
+        weights, or 0 if ``settled``.
+        """
+
+    def loss(
+        self, out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
+    ) -> tuple[Tensor, Tensor]:
+        """Return a loss, and the mean squared error of colour without a graph, both scalars.
+
+        ``out`` (R, C): colour, of which the squared difference from ``shown`` (R, 4) counts, and penalties, which count
+        themselves; ``weight`` (R,): weight of each ray; ``each`` (C + 1,): that of each channel, and of the squared
+        difference of 1 - ``transmittance`` (R,) from alpha, which counts if ``alpha``.
+        """
+
+
+class TomographyKernels(Protocol):
+    """What reconstructs a first extinction from alpha; see :mod:`svv.train.base.tomography_kernels`."""
+
+    def optical_depths(
+        self, rays: tuple[Tensor, Tensor], distance: Tensor, cells: int, extent: Sequence[float], step: float,
+        shift: float, where: Lattice, table: Tensor, stop: float,
+    ) -> Tensor:  # fmt: skip
+        """Return the optical depth of rays, origins and directions (R, 3), up to ``stop``, or a step beyond it. (R,)
+
+        ``distance``, ``cells``, ``extent``: as in :meth:`Kernels.march`; ``shift``: place of each sample within its
+        ``step``; ``where`` and ``table``: log extinction on a lattice of one level.
+        """
+
+    def back_project(
+        self, vertices: Tensor, scale: float, cameras: tuple[Tensor, Tensor, Tensor], images: Tensor
+    ) -> Tensor:
+        """Return the sum over views of what ``images`` (N, H, W, 2) hold where vertices (V, 3) are seen. (V, 2)
+
+        ``vertices``: int32, ``scale`` of them a box unit; ``cameras``: as in :meth:`Kernels.pixel_rays`.
+        """
+
+
 class Kernels(Protocol):
     """The hot functions. All tensors of a call lie on one device; positions and directions are float32.
 
@@ -152,6 +275,12 @@ class Kernels(Protocol):
     """Number of samples that a network with a graph processes at a time."""
     IMAGE: ImageKernels | None
     """Kernels for images of palette scenes on lattices; None if plain torch renders them, as in training."""
+    STROKES: StrokeKernels | None
+    """Kernels for strokes in images; None if the CPU evaluates them (:mod:`svv.fields.strokes.stroke_paint`)."""
+    TRAINING: TrainingKernels | None
+    """Kernels that do several of a training step's operations in one; None if plain torch does them."""
+    TOMOGRAPHY: TomographyKernels | None
+    """Kernels for the first extinction; None if the CPU finds it (:mod:`svv.train.base.tomography`)."""
 
     def lattice_encode(self, x: Tensor, lattice: Lattice, table: Tensor) -> Tensor:
         """Return the trilinear features of all levels, concatenated: (S, 3) and (V, F) -> (S, L * F)."""
@@ -179,6 +308,15 @@ class Kernels(Protocol):
 
     def marked_rows(self, marks: Tensor) -> Tensor:
         """Return the indices of the rows that are marked, ascending: (V,) uint8, 0 or 1 -> (N,) int64."""
+
+    def draw_pixels(
+        self, source: PixelSource, seed: int, first_ray: int, rays: int, total: int
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Draw the pixels of rays from number ``first_ray`` on, of ``total``, of the batch that ``seed`` numbers.
+
+        Returns flat indices among all views (R,) int64, weights with which a sum over all rays is a mean over all
+        pixels (R,), and premultiplied RGBA in [0, 1] (R, 4). A ray's pixel depends on its number and the seed alone.
+        """
 
     def pixel_rays(
         self, pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int

@@ -175,7 +175,9 @@ class Training:
             return Beginning.from_arrays(replace(occupancy, occupied=arrays["occupied"]), values["cells"], arrays)
         limit = None if self.limit is None else self.limit * BEGINNING_PART
         begun = time.monotonic()
-        beginning, reason = begin(self.views, occupancy, field, self.chosen.reconstruct, self.seed, told, limit)
+        beginning, reason = begin(
+            self.views, occupancy, field, self.chosen.reconstruct, self.seed, told, limit, self.device
+        )
         if reason is not None and beginning.density is not None:
             self.seconds["extinction"] = time.monotonic() - begun
             self.notes.append(reason)

@@ -22,7 +22,7 @@ def first_stage(how: Context) -> Reconstruction:
     views, chosen = how.read("train"), how.preset()
     occupancy, _ = first_occupancy(views, chosen.reconstruct, chosen.field, silent)
     field, _ = fitted_field(chosen.field, views.cameras, occupancy.box)
-    beginning, _ = begin(views, occupancy, field, chosen.reconstruct, SEED, silent)
+    beginning, _ = begin(views, occupancy, field, chosen.reconstruct, SEED, silent, device=how.torch_device)
     return Reconstruction(views, beginning, field, chosen.reconstruct, SEED, how.torch_device)
 
 

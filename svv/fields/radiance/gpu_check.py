@@ -8,12 +8,18 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 
+import numpy as np
 import torch
 
+from svv.fields.radiance.image_checks import image_checks
 from svv.fields.radiance.kernel_checks import Check, checks
+from svv.fields.radiance.training_checks import training_checks
+from svv.fields.strokes.stroke_checks import BRUSHES, check_strokes
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.gpu import current_gpu, why_no_gpu
+from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import Kernels
 
 SAMPLES = 1 << 14
@@ -28,10 +34,23 @@ def run_checks(kernels: Kernels, device: torch.device, samples: int, seeds: int)
 
     A fault of the GPU itself ends all later checks of the process, each with the same message.
     """
-    for name, check in checks(samples).items():
+    for name, check in checks_of(kernels, samples).items():
         begin = time.perf_counter()
         wrong = _wrong(check, kernels, device, seeds)
         yield name, time.perf_counter() - begin, wrong
+
+
+def checks_of(kernels: Kernels, samples: int) -> dict[str, Check]:
+    """Return the checks of everything that a set of kernels has, with so many samples each."""
+    found = dict(checks(samples))
+    if kernels.IMAGE is not None and kernels.NAME != numba_kernels.NAME:
+        found |= image_checks(samples)
+    if kernels.TRAINING is not None:
+        found |= training_checks(samples)
+    if kernels.STROKES is not None:
+        counts = tuple(np.random.default_rng(0).integers(0, 9, min(max(40, samples // 8), 1 << 13)).tolist())
+        found |= {f"strokes, {name}": partial(check_strokes, brush=name, counts=counts) for name in BRUSHES}
+    return found
 
 
 def _wrong(check: Check, kernels: Kernels, device: torch.device, seeds: int) -> str:

@@ -21,6 +21,7 @@ from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Rays
 from svv.fields.scene.model import Model, for_colours, of_colour
 from svv.fields.strokes.stroke_opacity import strokes_of
+from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import ImageKernels, Samples, Surface
 
@@ -45,7 +46,7 @@ def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -
         plain = palette.encoding.look_up(samples.position)
     else:
         tables = _both_tables(geometry.table, palette.encoding)
-        along = encode_directions(rays.lit_along, torch.arange(len(rays), dtype=torch.int32))
+        along = encode_directions(rays.lit_along, torch.arange(len(rays), dtype=torch.int32, device=samples.ray.device))
         lit, plain = kernels.features(samples, along, geometry.layout, tables)
         light = palette.lighting_mlp(lit)
     return Look(samples, palette.palette_mlp(plain), light)
@@ -67,12 +68,12 @@ def draw(
     sigma = samples.sigma
     if paint is not None:
         strokes = strokes_of(scene)
-        strokes = torch.zeros(len(scene.regions), 4) if strokes is None else strokes
+        strokes = numbers_on([(0.0,) * 4] * len(scene.regions), paint.device) if strokes is None else strokes
         sigma = kernels.overpaint(surface, paint, scene.paint_shares, strokes, sigma)
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):
         dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams)
-    opacity = torch.tensor([r.seen_opacity for r in scene.regions])
+    opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
 
 

@@ -19,6 +19,7 @@ from svv.fields.radiance.networks import PaletteField, encode_directions
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.model import Model
+from svv.kernels.constants import numbers_on
 from svv.options.editing import PAINT_LIGHT
 from svv.options.making import DRAWN
 
@@ -64,7 +65,7 @@ def lights_of(scene: Model, network: str) -> Tensor:
             shade, specular = r.mean_light or mean_lights(scene)[scene.roots[k]]
             part = paint / (plain + paint)
             lights[k] = r.lighting * (plain + paint), 1.0 - part + part / shade, part * specular
-    return scene.palette_network.colours.new_tensor(lights)
+    return numbers_on(lights, scene.palette_network.colours.device)
 
 
 @torch.no_grad()

@@ -22,6 +22,7 @@ from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Rays
+from svv.kernels.constants import numbers_on
 
 LONGEST_VECTOR = 2.0
 """Length beyond which a vector v carries no more information; shorter vectors fit into bytes more exactly."""
@@ -67,8 +68,8 @@ class Beams:
             return cls(facing, facing, lamp.intensity, up)
         if lamp.direction is not None:
             direction = np.asarray(lamp.direction) / np.linalg.norm(lamp.direction)
-            return cls(facing, facing.new_tensor(direction).expand_as(facing), lamp.intensity, up)
-        return cls(facing, facing @ facing.new_tensor(lamp.turn(rotation).T), lamp.intensity, up)
+            return cls(facing, numbers_on(direction, facing.device).expand_as(facing), lamp.intensity, up)
+        return cls(facing, facing @ numbers_on(lamp.turn(rotation).T, facing.device), lamp.intensity, up)
 
     def at(self, ray: Tensor) -> Beams:
         """Return the beams of each sample's ray. (S,) -> S beams"""
@@ -88,7 +89,7 @@ class PhongLight(nn.Module):
 
     def coefficients(self) -> Tensor:
         """Return ambient, diffuse, specular (>= 0) and shininess (> 0) of each region. (P, 4)"""
-        return softplus(self.raw) * self.raw.new_tensor([1.0, 1.0, 1.0, SHININESS_UNIT])
+        return softplus(self.raw) * numbers_on([1.0, 1.0, 1.0, SHININESS_UNIT], self.raw.device)
 
     def start(self, density: SparseLattice, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
         """Initialise from the gradient of the extinction and from the shading recorded with the views."""

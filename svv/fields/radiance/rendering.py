@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.geometry.box import Box
@@ -19,6 +20,7 @@ from svv.core.geometry.cameras import Camera
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
+from svv.kernels.constants import fetched, moved_at_once
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Limits, Samples
 
@@ -54,9 +56,7 @@ class RayCaster:
         rotations = np.ascontiguousarray(matrices[:, :3, :3], np.float32)
         positions = box.to_box(matrices[:, :3, 3]).astype(np.float32)
         lenses = np.array([_lens(c, box) for c in cameras], np.float32)
-        self._rotations, self._positions, self._lenses = (
-            torch.from_numpy(a).to(device) for a in (rotations, positions, lenses)
-        )
+        self._rotations, self._positions, self._lenses = moved_at_once((rotations, positions, lenses), device)
 
     @property
     def cameras(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -212,7 +212,7 @@ def representatives(samples: Samples, every: float, seed: int, first_ray: int = 
         Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
     drawn = torch.rand(first_ray + len(samples.count), generator=torch.Generator().manual_seed(seed))
-    shift = drawn[first_ray:].to(samples.sigma.device)
+    (shift,) = moved_at_once((drawn[first_ray:].numpy(),), samples.sigma.device)
     return kernels_for(shift).representatives(samples, every, shift)
 
 
@@ -228,11 +228,32 @@ def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, 
 
 def empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     """Return straight RGBA (pixels, 4), depth and region (pixels,) of images that show nothing."""
+    if device.type == "cpu":
+        return torch.zeros(pixels, 4), torch.full((pixels,), torch.nan), torch.full((pixels,), -1, dtype=torch.int16)
+    # In one piece of memory, so that one copy brings all three to the CPU.
+    whole = torch.empty(BYTES * pixels, dtype=torch.uint8, device=device)
+    rgba, depth, region = whole.split([16 * pixels, 4 * pixels, 2 * pixels])
     return (
-        torch.zeros(pixels, 4, device=device),
-        torch.full((pixels,), torch.nan, device=device),
-        torch.full((pixels,), -1, dtype=torch.int16, device=device),
+        rgba.view(torch.float32).view(-1, 4).zero_(),
+        depth.view(torch.float32).fill_(torch.nan),
+        region.view(torch.int16).fill_(-1),
     )
+
+
+BYTES = 22
+"""Bytes of a pixel: four and one numbers of four bytes, and one of two."""
+
+
+def on_cpu(images: tuple[Tensor, Tensor, Tensor]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return images from :func:`empty_images`, when they are drawn, as arrays."""
+    rgba, depth, region = images
+    if rgba.device.type == "cpu":
+        return rgba.numpy(), depth.numpy(), region.numpy()
+    pixels = len(depth)
+    whole = torch.empty(0, dtype=torch.uint8, device=rgba.device)
+    content = fetched(whole.set_(rgba.untyped_storage(), 0, (BYTES * pixels,), (1,)))
+    a, b, c = np.split(content, [16 * pixels, 20 * pixels])
+    return a.view(np.float32).reshape(-1, 4), b.view(np.float32), c.view(np.int16)
 
 
 class _Composite(torch.autograd.Function):
@@ -243,12 +264,14 @@ class _Composite(torch.autograd.Function):
         ctx.save_for_backward(s, v, weights, out, transmittance)  # an output kept on ctx is never freed
         ctx.samples = samples
         ctx.mark_non_differentiable(weights)
+        ctx.set_materialize_grads(False)  # no zeros for the weights, which have no gradient
         return out, transmittance, weights
 
     @staticmethod
-    def backward(ctx: Any, g_out: Tensor, g_transmittance: Tensor, _: Tensor) -> tuple[Any, Any, None]:
+    def backward(ctx: Any, g_out: Tensor | None, g_transmittance: Tensor | None, _: None) -> tuple[Any, Any, None]:
         s, v, weights, out, transmittance = ctx.saved_tensors
-        upstream = g_out.contiguous(), g_transmittance.contiguous()
+        pairs = (g_out, out), (g_transmittance, transmittance)
+        upstream = tuple(torch.zeros_like(own) if g is None else g.contiguous() for g, own in pairs)
         gradients = kernels_for(s).composite_backward(s, v, weights, ctx.samples, out, transmittance, *upstream)
         return *gradients, None
 
@@ -259,7 +282,7 @@ class Extinction(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, samples: Samples, table: Tensor, density: SparseLattice) -> Tensor:
         ctx.samples, ctx.density = samples, density
-        return samples.sigma.clone()
+        return samples.sigma.detach()
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:

@@ -25,6 +25,7 @@ from svv.fields.scene.region import Region
 from svv.fields.strokes.stroke_edits import UNEDITED, edited_field, edits_of_strokes, entries_of
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
+from svv.kernels.constants import numbers_on
 from svv.kernels.types import Samples
 
 NETWORKS = ("base", "pcn", "styled")
@@ -146,9 +147,9 @@ class Model:
             return None
         learned = self.palette_network.phong.coefficients()
         learned = learned if len(learned) == len(self.regions) else learned[self.roots]
-        edited = learned.new_tensor([
+        edited = numbers_on([
             [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
-        ])  # fmt: skip
+        ], learned.device)  # fmt: skip
         return torch.where(edited.isnan(), learned, edited)
 
     def edited_colours(self, offsets: Tensor, here: Tensor | None = None) -> Tensor:
@@ -165,10 +166,10 @@ class Model:
             if region.edited_colour is None:
                 continue
             root = roots[number]
-            own, target = palette[root].detach(), palette.new_tensor(region.edited_colour)
+            own, target = palette[root].detach(), numbers_on(region.edited_colour, palette.device)
             # The user edits the region's colour as shown; the palette may have drifted from it in training.
-            shown = palette.new_tensor(region.colour)
-            target = shown if bool((target == own).all()) else target
+            shown = numbers_on(region.colour, palette.device)
+            target = torch.where((target == own).all(), shown, target)
             rows = slice(None) if here is None else (here[:, root] == number).nonzero()[:, 0]
             shift = shift_in_oklab if region.recolour_in == "oklab" else shift_colours
             colours[rows, root] = shift(colours[rows, root, None], shown[None], target[None])[:, 0]
@@ -236,7 +237,7 @@ class Model:
     def paint_shares(self) -> Tensor:
         """Weight of the paint in each region's colour, in [0, 1]. (regions,)"""
         shares = [0.0 if r.style is None else r.strength for r in self.regions]
-        return torch.tensor(shares, device=self.device)
+        return numbers_on(shares, self.device)
 
 
 def of_colour(here: Tensor | None, colour: Tensor) -> Tensor:

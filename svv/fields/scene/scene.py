@@ -25,7 +25,7 @@ from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import PaletteColours, encode_directions
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
-from svv.fields.radiance.rendering import Marching, Rays, composite, empty_images, ended, march, not_hidden
+from svv.fields.radiance.rendering import Marching, Rays, composite, empty_images, ended, march, not_hidden, on_cpu
 from svv.fields.scene.history import History
 from svv.fields.scene.joined import Shaded, Together, members, split_in_a_layer
 from svv.fields.scene.kept_styles import without_kept
@@ -34,6 +34,7 @@ from svv.fields.scene.scene_arrays import arrays_of, layers_of, parts_of
 from svv.fields.scene.variants import PaintedModel
 from svv.fields.strokes.stroke_opacity import fade_of, followed
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
+from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.gpu import gpu_errors
 from svv.kernels.types import Samples
@@ -148,7 +149,7 @@ class Scene(PaintedModel):
             images = self._draw(camera, network, progress)
             if background is not None and not outlines:
                 _blend(images[0], background)
-            rgba, depth, region = (image.cpu().numpy().reshape(*shape, *image.shape[1:]) for image in images)
+            rgba, depth, region = (image.reshape(*shape, *image.shape[1:]) for image in on_cpu(images))
         if outlines:
             pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in self.regions]
             size = self.occupancy.box.size
@@ -276,7 +277,7 @@ class Scene(PaintedModel):
         paint = self.paint(samples, network, region)
         sigma = followed(self, sigma, region, paint)
         if any(r.seen_opacity != 1.0 for r in self.regions):
-            sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
+            sigma = sigma * numbers_on([r.seen_opacity for r in self.regions], sigma.device)[region]
         diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets, here)), region, paint)
         colour = self.light(parts, diffuse, region, network)
         if any(r.matcap is not None for r in self.regions):
@@ -287,7 +288,7 @@ class Scene(PaintedModel):
     def light(self, parts: PaletteColours, diffuse: Tensor, region: Tensor, network: str) -> Tensor:
         """Light diffuse colours (S, 3) with the brightness that the edits of their regions (S,) set. (S, 3)"""
         if network != "styled":
-            factor = diffuse.new_tensor([r.lighting for r in self.regions])[region]
+            factor = numbers_on([r.lighting for r in self.regions], diffuse.device)[region]
             return lit(diffuse, parts.specular, parts.shade, factor)
         return lit(diffuse, parts.specular, parts.shade, *lights_of(self, network)[region].unbind(1))
 
@@ -386,5 +387,5 @@ class Scene(PaintedModel):
 def _blend(rgba: Tensor, background: Sequence[float]) -> None:
     """Blend straight RGBA (N, 4) over a colour, in place and on its device; alpha becomes 1."""
     alpha = rgba[:, 3:].clone()
-    rgba[:, :3].mul_(alpha).add_(rgba.new_tensor(list(background)) * (1.0 - alpha))
+    rgba[:, :3].mul_(alpha).add_(numbers_on(background, rgba.device) * (1.0 - alpha))
     rgba[:, 3] = 1.0

@@ -17,8 +17,10 @@ from torch import Tensor
 from svv.core.strokes.strokes import Brush, Floats, Strokes
 from svv.errors import Progress, silent
 from svv.fields.strokes.stroke_paint import StrokePaint
+from svv.kernels.constants import on_device
+from svv.kernels.dispatch import kernels_for
 from svv.kernels.numba import sheets as numba_sheets
-from svv.kernels.types import Samples
+from svv.kernels.types import Samples, StrokeKernels
 
 NOBODY = 255
 """Owner of vertices that no painted region has."""
@@ -108,24 +110,43 @@ class Brushed:
             wholes: For each region of the scene, the region of which it is a part, or itself.
             pixel: Width of a pixel in box units.
         """
-        apart = np.zeros(len(wholes))
-        for own, root in roots.items():
-            apart[own] = max(GAP * self.width(root), STEPS * samples.step)
+        kernels = kernels_for(region).STROKES
+        if kernels is not None:
+            return self.over_there(kernels, colours, samples, region, roots, wholes, pixel)
         numbers = region.cpu().numpy()
-        sheet, where = sheets_of(samples, numbers, apart)
+        sheet, where = sheets_of(samples, numbers, self._gaps(roots, wholes, samples.step))
         of_sheet = np.empty(len(where), np.int64)
         of_sheet[sheet[sheet >= 0]] = numbers[sheet >= 0]
         covered = np.zeros((len(where), 4), np.float32)
         for own, root in roots.items():
             theirs = np.flatnonzero(of_sheet == own)
             covered[theirs] = self.paint(root, pixel).over_ground(where[theirs])
-        if colours is None:
-            flats = np.stack([self.flats[k if k < len(self.flats) else whole] for k, whole in enumerate(wholes)])
-            out = flats[numbers]
-        else:
-            out = np.array(colours.cpu().numpy())
+        out = self._flats(wholes)[numbers] if colours is None else np.array(colours.cpu().numpy())
         numba_sheets.cover(sheet, covered, out)
         return torch.from_numpy(out).to(region.device)
+
+    def over_there(
+        self, kernels: StrokeKernels, colours: Tensor | None, samples: Samples, region: Tensor,
+        roots: Mapping[int, int], wholes: Sequence[int], pixel: float,
+    ) -> Tensor:  # fmt: skip
+        """Do what :meth:`over` does, by the kernels of the samples' device, to which only small tables are copied."""
+        device, flat = region.device, colours is None
+        below = on_device(self._flats(wholes), device) if colours is None else colours.contiguous()
+        chosen, gaps = np.array(list(roots), np.int64), self._gaps(roots, wholes, samples.step)
+        tables = [self.paint(root, pixel).on(device) for root in roots.values()]
+        apart = on_device(gaps[chosen], device)
+        return kernels.over(samples, region, on_device(chosen, device), apart, tables, below, flat)
+
+    def _gaps(self, roots: Mapping[int, int], wholes: Sequence[int], step: float) -> NDArray[np.float64]:
+        """Return the gap that separates sheets of each region, 0 for a region without strokes."""
+        apart = np.zeros(len(wholes))
+        for own, root in roots.items():
+            apart[own] = max(GAP * self.width(root), STEPS * step)
+        return apart
+
+    def _flats(self, wholes: Sequence[int]) -> Floats:
+        """Return the colour of each region, of which some are parts of others, where no stroke reaches. (regions, 3)"""
+        return np.stack([self.flats[k if k < len(self.flats) else whole] for k, whole in enumerate(wholes)])
 
     def width(self, region: int) -> float:
         """Return the usual width of a region's strokes, in box units."""

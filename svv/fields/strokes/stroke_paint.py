@@ -6,12 +6,14 @@ import copy
 from functools import cached_property
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from svv.core.strokes.strokes import NOISE, Brush, Floats, Strokes
+from svv.fields.strokes.stroke_tables import cells_near, tables_of
 from svv.kernels.numba import strokes as numba_strokes
+from svv.kernels.types import StrokeTables
 
 MOST_BINS = 160
 """Maximum number of bins along the box: four million in all."""
@@ -34,20 +36,39 @@ class StrokePaint:
 
     def __init__(self, strokes: Strokes, brush: Brush, soft: float) -> None:
         self.strokes, self.brush, self.soft = strokes, brush, float(soft)
-        side = max(float(np.median(strokes.radius)), 1.0 / MOST_BINS)
+        # In wide pixels every point reaches far: finer bins would list it a thousand times.
+        side = max(float(np.median(strokes.radius)), 0.5 * self.soft, 1.0 / MOST_BINS)
         self.size = max(int(np.ceil(1.0 / side)), 1)
         self.side = 1.0 / self.size
-        tangent = strokes.frames[0]
-        points = strokes.where, strokes.normal, tangent, strokes.radius, strokes.inner, strokes.outer
-        self.start = np.zeros(self.size**3 + 1, np.int64)
-        none = np.empty(0, np.int32)
-        numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, none)
-        self.entries = np.empty(int(self.start[-1]), np.int32)
-        numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, self.entries)
         self.around = numba_strokes.surroundings(
-            strokes.where, strokes.normal, tangent, strokes.frames[2], strokes.radius, strokes.inner, strokes.outer,
-            self.soft,
+            strokes.where, strokes.normal, strokes.frames[0], strokes.frames[2], strokes.radius, strokes.inner,
+            strokes.outer, self.soft,
         )  # fmt: skip
+        self._bins: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
+        self._there: dict[torch.device, StrokeTables] = {}
+
+    @property
+    def bins(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """First entry of each bin (size^3 + 1,), and the points whose paint may reach into each (B,)."""
+        if not self._bins:  # shared with the paint of other colours
+            strokes = self.strokes
+            points = (
+                strokes.where, strokes.normal, strokes.frames[0], strokes.radius, strokes.inner, strokes.outer,
+                self.soft, self.side, self.size,
+            )  # fmt: skip
+            start = np.zeros(self.size**3 + 1, np.int64)
+            numba_strokes.sort_into_bins(*points, start, np.empty(0, np.int32))
+            entries = np.empty(int(start[-1]), np.int32)
+            numba_strokes.sort_into_bins(*points, start, entries)
+            self._bins.append((start, entries))
+        return self._bins[0]
+
+    def on(self, device: torch.device) -> StrokeTables:
+        """Return the strokes as the kernels of a GPU take them, made when they are first asked for."""
+        if device not in self._there:
+            widths = self.size, self.soft, self.reach
+            self._there[device] = tables_of(self.strokes, self.brush, self.around, widths, (GROUND, BARE), device)
+        return self._there[device]
 
     @cached_property
     def reach(self) -> float:
@@ -57,16 +78,13 @@ class StrokePaint:
 
     def is_near(self, place: Floats) -> NDArray[np.bool_]:
         """Return whether each of the places (V, 3) is within reach of the strokes. (V,)"""
-        cells = max(int(1.0 / self.reach), 1)
-        grid = np.zeros((cells + 2,) * 3, bool)
-        grid[tuple((self.strokes.where * cells).astype(np.int64).clip(0, cells).T)] = True
-        grid = binary_dilation(grid, np.ones((3, 3, 3), bool))
+        cells, grid = cells_near(self.strokes.where, self.reach)
         return grid[tuple((place * cells).astype(np.int64).clip(0, cells).T)]
 
     def with_strokes(self, strokes: Strokes) -> StrokePaint:
         """Return the paint of strokes that differ only in their colours."""
         other = copy.copy(self)
-        other.strokes = strokes
+        other.strokes, other._there = strokes, {}
         return other
 
     @cached_property
@@ -81,7 +99,7 @@ class StrokePaint:
         look = np.array([brush.relief, brush.dry, brush.mixed, brush.rim, brush.body, brush.grain, brush.tooth,
                          brush.flow, brush.feather, brush.blunt])  # fmt: skip
         numba_strokes.paint(
-            np.ascontiguousarray(position, np.float32), self.side, self.size, self.start, self.entries, NOISE,
+            np.ascontiguousarray(position, np.float32), self.side, self.size, *self.bins, NOISE,
             self.around, strokes.normal, tangent, arc, widen, strokes.radius, strokes.inner, strokes.outer,
             strokes.stroke, strokes.length, strokes.colour, strokes.second, strokes.bristles, strokes.seed,
             look, np.array(brush.light), np.array(brush.paper), strokes.unit, self.soft, out,

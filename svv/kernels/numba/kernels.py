@@ -21,7 +21,8 @@ from svv.kernels.numba import leaping as numba_leaping
 from svv.kernels.numba import marching as numba_marching
 from svv.kernels.numba import networks as numba_networks
 from svv.kernels.numba import rays as numba_rays
-from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
+from svv.kernels.reference import draw_pixels as draw_pixels
+from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels, TomographyKernels, TrainingKernels
 
 NAME = "numba"
 RAYS = 1 << 13
@@ -29,6 +30,9 @@ RAYS = 1 << 13
 SAMPLES = 1 << 14
 """Samples at a time: few enough that activations stay in the CPU cache."""
 IMAGE: ImageKernels | None = numba_image
+STROKES: StrokeKernels | None = None
+TOMOGRAPHY: TomographyKernels | None = None
+TRAINING: TrainingKernels | None = None
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:

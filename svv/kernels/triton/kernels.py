@@ -11,10 +11,24 @@ from torch import Tensor
 from svv.core.rays.cells import FARTHEST_LEAP
 from svv.core.rays.networks import relu_layers
 from svv.kernels.reference import marked_rows as marked_rows
+from svv.kernels.triton import drawn as triton_drawn
 from svv.kernels.triton import networks as triton_networks
+from svv.kernels.triton import painted as triton_painted
+from svv.kernels.triton import pixels as triton_pixels
 from svv.kernels.triton import rays as triton_rays
 from svv.kernels.triton import tables as triton_tables
-from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
+from svv.kernels.triton import tomography as triton_tomography
+from svv.kernels.triton import training as triton_training
+from svv.kernels.types import (
+    ImageKernels,
+    Lattice,
+    Limits,
+    PixelSource,
+    Samples,
+    StrokeKernels,
+    TomographyKernels,
+    TrainingKernels,
+)
 
 NAME = "triton"
 
@@ -34,7 +48,10 @@ ROOMY = 6 << 30
 RAYS = rays_at_a_time()
 SAMPLES = 1 << 18
 """Samples at a time: enough to fill the GPU."""
-IMAGE: ImageKernels | None = None
+IMAGE: ImageKernels | None = triton_drawn
+STROKES: StrokeKernels | None = triton_painted
+TOMOGRAPHY: TomographyKernels | None = triton_tomography
+TRAINING: TrainingKernels | None = triton_training
 
 TABLE_BLOCK = 128
 """Samples per program that reads or writes tables."""
@@ -104,6 +121,18 @@ def adam(
     )  # fmt: skip
 
 
+def draw_pixels(source: PixelSource, seed: int, first_ray: int, rays: int, total: int) -> tuple[Tensor, Tensor, Tensor]:
+    device = source.index.device
+    pixels, weight = torch.empty(rays, dtype=torch.int64, device=device), torch.empty(rays, device=device)
+    shown = torch.empty(rays, 4, device=device)
+    if rays:
+        triton_pixels.draw[(triton.cdiv(rays, TABLE_BLOCK),)](
+            source.index, source.levels, source.first, source.ends, source.shares, seed, first_ray, total, pixels,
+            weight, shown, rays, len(source.shares), TABLE_BLOCK,
+        )  # fmt: skip
+    return pixels, weight, shown
+
+
 def pixel_rays(
     pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:
@@ -130,9 +159,9 @@ def march(
 ) -> tuple[Samples, int]:  # fmt: skip
     """March twice: count the samples, find the start of each ray from their sums, and write them."""
     device, rays = origins.device, len(origins)
-    count, tail = torch.zeros(rays, dtype=torch.int64, device=device), torch.zeros(rays, device=device)
+    count, tail = torch.empty(rays, dtype=torch.int64, device=device), torch.empty(rays, device=device)
     position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((0, 3), 0, 0))
-    ray, start = torch.empty(0, dtype=torch.int32, device=device), torch.zeros_like(count)
+    ray, start = torch.empty(0, dtype=torch.int32, device=device), count
 
     def pass_over(writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](

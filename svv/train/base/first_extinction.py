@@ -15,8 +15,9 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings
 from svv.fields.radiance.occupancy import Occupancy, carve, largest_in, least_extinction
 from svv.io.views.viewset import ViewSet
-from svv.kernels.dispatch import CPU
+from svv.kernels.dispatch import CPU, kernels_of
 from svv.train.base.tomography import extinction_from
+from svv.train.base.tomography_there import TomographyThere
 from svv.train.config import ReconstructSettings
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Arrays
@@ -99,6 +100,7 @@ def begin(
     seed: int,
     progress: Progress,
     limit: float | None = None,
+    device: torch.device = CPU,
 ) -> tuple[Beginning, str | None]:
     """Return where training starts, and how the extinction was found if the views had to tell.
 
@@ -110,6 +112,7 @@ def begin(
         seed: Seed of the reconstruction from views.
         progress: Called several times a second during that.
         limit: Seconds after which it ends.
+        device: Device that computes it.
     """
     known, finest = known_volume(views, settings, field), 2 * field.resolutions[-1]
     if known is not None:
@@ -123,12 +126,16 @@ def begin(
         return Beginning(occupancy), None
 
     def pruned(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
-        extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, CPU)
+        extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, lattice.table.device)
         least = least_extinction(settings.faint_prune_least * min(finest, MOST_CELLS), float(extinction.max()))
         left = where.pruned(extinction, least, grow)
         return left if left.occupied.any() else where
 
-    density, left, reason = extinction_from(views, occupancy, min(finest, MOST_CELLS), pruned, seed, progress, limit)
+    kernels = kernels_of(device.type).TOMOGRAPHY
+    work = None if kernels is None else TomographyThere(views, occupancy, seed, kernels, device)
+    density, left, reason = extinction_from(
+        views, occupancy, min(finest, MOST_CELLS), pruned, seed, progress, limit, work
+    )
     return Beginning(left, density, measured=True), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
 
 

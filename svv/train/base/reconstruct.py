@@ -17,7 +17,8 @@ from svv.fields.radiance.networks import BaseField, FieldSettings, encode_direct
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.views.viewset import ViewSet
-from svv.kernels.dispatch import CPU
+from svv.kernels.constants import numbers_on
+from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.types import Samples
 from svv.train.base.first_extinction import Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
@@ -92,10 +93,16 @@ class Reconstruction:
         samples, sigma, colour, cost = self._look(samples, batch, number)
         self.budget.adjust(number, cost)
         out, transmittance, _ = composite(samples, sigma, colour)
-        missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
-        errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
-        error = errors[:3].detach().mean()
-        loss = (errors * errors.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, s.alpha_weight])).sum()
+        each, fused = (
+            numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, s.alpha_weight], out.device),
+            kernels_for(out).TRAINING,
+        )
+        if fused is not None:
+            loss, error = fused.loss(out, transmittance, batch.shown, batch.weight, each, True)
+        else:
+            missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
+            errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
+            loss, error = (errors * each).sum(), errors[:3].detach().mean()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
         error = sum_gradients(error, self.trained, self.field.encodings)

@@ -20,6 +20,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -81,6 +82,9 @@ STOP = 9.0
 class Tomography:
     """Reconstructs the log extinction on the vertices of a lattice, level by level."""
 
+    device = CPU
+    """Where the lattice and the rays lie."""
+
     def __init__(self, views: ViewSet, occupancy: Occupancy, seed: int) -> None:
         """Start from a fog in the occupied cells.
 
@@ -97,14 +101,14 @@ class Tomography:
         lattice = SparseLattice(self.occupancy.occupied, self.occupancy.cells, (resolution,), 1)
         with torch.no_grad():
             lattice.table.fill_(START)
-        return lattice.requires_grad_(False)
+        return lattice.requires_grad_(False).to(self.device)
 
     def refine(self, occupancy: Occupancy, resolution: int) -> None:
         """Continue with a finer lattice on fewer cells."""
         coarse, self.occupancy = self.lattice, occupancy
         self.lattice = self._fog(resolution)
         places = self.lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
-        self.lattice.table.copy_(coarse(torch.from_numpy(places)))
+        self.lattice.table.copy_(coarse(torch.from_numpy(places).to(self.device)))
 
     def rounds(self, count: int, step_done: Callable[[], bool]) -> None:
         """Use all views ``count`` times.
@@ -113,19 +117,26 @@ class Tomography:
             count: Number of rounds.
             step_done: Called after each step; False ends the rounds.
         """
-        views, occupancy, lattice = self._views, self.occupancy, self.lattice
-        resolution = lattice.resolutions[0]
-        factor = pixels_a_cell(views.cameras, occupancy, resolution)
-        alpha = reduced(views.images[..., 3], factor)
+        views, occupancy = self._views, self.occupancy
+        factor = pixels_a_cell(views.cameras, occupancy, self.lattice.resolutions[0])
+        alpha, vertices = self._reduced(np.arange(len(views)), factor), self._vertices()
         cameras = [smaller(camera, factor) for camera in views.cameras]
-        vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells).astype(np.int32)
         subsets = max(1, round(len(cameras) / VIEWS_A_STEP))
         for _ in range(count):
             for subset in np.array_split(self._random.permutation(len(cameras)), subsets):
-                caster = RayCaster([cameras[n] for n in subset], occupancy.box, CPU)
+                caster = RayCaster([cameras[n] for n in subset], occupancy.box, self.device)
                 self._step(caster, alpha[subset], vertices)
                 if not step_done():
                     return
+
+    def _reduced(self, which: NDArray[np.int64], factor: int) -> Any:
+        """Return the alpha of some views, averaged over squares of pixels (:func:`reduced`)."""
+        every = len(which) == len(self._views)
+        return reduced(self._views.images[..., 3] if every else self._views.images[which, ..., 3], factor)
+
+    def _vertices(self) -> Any:
+        """Return integer coordinates of the lattice's vertices, int32. (V, 3)"""
+        return self.lattice.vertices_of_level(0, self.occupancy.occupied, self.occupancy.cells).astype(np.int32)
 
     def _step(self, caster: RayCaster, alpha: Array, vertices: NDArray[np.int32]) -> None:
         """Multiply the extinction by what the alpha (N, H, W) of a subset of views suggests."""
@@ -164,12 +175,15 @@ class Tomography:
         """Return the PSNR in dB of the alpha of the views, as large as the reconstruction has used them last."""
         views, resolution = self._views, self.lattice.resolutions[0]
         factor = pixels_a_cell(views.cameras, self.occupancy, resolution)
-        some = range(0, len(views), max(1, len(views) // VIEWS_A_STEP))
-        alpha = reduced(views.images[list(some), ..., 3], factor)
-        caster = RayCaster([smaller(views.cameras[n], factor) for n in some], self.occupancy.box, CPU)
+        some = np.arange(0, len(views), max(1, len(views) // VIEWS_A_STEP))
+        alpha = self._reduced(some, factor)
+        caster = RayCaster([smaller(views.cameras[n], factor) for n in some], self.occupancy.box, self.device)
+        return -10.0 * float(np.log10(max(self._error(caster, alpha), 1e-12)))
+
+    def _error(self, caster: RayCaster, alpha: Any) -> float:
+        """Return the mean squared error of the alpha of the caster's views."""
         seen = self._optical_depths(caster, torch.arange(alpha.size))
-        error = float(np.square(1.0 - np.exp(-seen) - alpha.reshape(-1)).mean())
-        return -10.0 * float(np.log10(max(error, 1e-12)))
+        return float(np.square(1.0 - np.exp(-seen) - alpha.reshape(-1)).mean())
 
 
 def planned(levels: int, opaque: bool) -> list[int]:
@@ -197,6 +211,7 @@ def extinction_from(
     seed: int,
     progress: Progress,
     limit: float | None = None,
+    work: Tomography | None = None,
 ) -> tuple[SparseLattice, Occupancy, str]:
     """Reconstruct the extinction from the alpha of views.
 
@@ -209,6 +224,7 @@ def extinction_from(
         seed: Seed of the order of the views.
         progress: Called several times a second.
         limit: Seconds after which no more steps are taken; after twice as many, cells are not refined any further.
+        work: What takes the steps, at its start; by default on the CPU.
 
     Returns:
         The log extinction on the occupied cells' vertices, the occupied cells, and how well they agree with the views.
@@ -216,7 +232,7 @@ def extinction_from(
     levels = [COARSEST]
     while levels[-1] < finest:
         levels.append(2 * levels[-1])
-    work, end = Tomography(views, occupancy, seed), None if limit is None else time.monotonic() + limit
+    work, end = work or Tomography(views, occupancy, seed), None if limit is None else time.monotonic() + limit
     plan = planned(len(levels), mostly_opaque(views))
     # A round costs about eight times as much with cells half as large; the last ones are nearly all of the time.
     shares = np.cumsum([0.0, *(count * 4.0**k for k, count in enumerate(plan))])
@@ -238,7 +254,7 @@ def extinction_from(
             work.rounds(count, step_done)
     agreement = work.agreement()
     last = pruned(work.lattice, work.occupancy, False)
-    lattice = work.lattice.restricted(last.occupied, last.cells).requires_grad_(False)
+    lattice = work.lattice.restricted(last.occupied, last.cells).requires_grad_(False).to(CPU)
     lattice.table.clamp_(EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION)
     return lattice, last, f"tomography finds an extinction that has the alpha of the views to {agreement:.1f} dB"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +16,12 @@ from svv.fields.radiance.encodings import LatticeAdam
 from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.phong import Beams
-from svv.fields.radiance.rendering import Marching, composite, march, not_hidden
+from svv.fields.radiance.rendering import Marching, Rays, composite, march, not_hidden
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.kernels.dispatch import CPU
+from svv.kernels.constants import numbers_on
+from svv.kernels.dispatch import CPU, kernels_for
+from svv.kernels.types import Samples
 from svv.train.base.from_values import palette_given
 from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, shares_of
@@ -85,30 +88,16 @@ class Recolouring:
             if self.base.density is None:
                 samples, seen = not_hidden(samples, sigma, self.marching)
                 sigma, geometry = sigma[seen], geometry[seen]
-        along = batch.rays.lit_along
-        beams = Beams.headlight(-along).at(samples.ray)
-        parts = self.field(samples.position, geometry, encode_directions(along, samples.ray), beams)
-        diffuse = parts.diffuse(self.field.colours + parts.offsets)
-        colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
-        offsets = parts.offsets.square().sum(dim=(1, 2))
-        settled = self.owners is not None and not self.owners.shared
-        mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
-        values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
-        if self.given is not None:
-            light = (parts.intensity * parts.shade).detach()
-            values = torch.cat([values, light[:, None] * parts.weights], dim=1)
-        out, _, _ = composite(samples, sigma, values)
+        values, weights = self._values(samples, geometry, batch.rays)
+        out, transmittance, _ = composite(samples, sigma, values)
         out, mixtures = out[:, :6], out[:, 6:]
-        missing = torch.cat([(out[:, :3] - batch.premultiplied).square(), out[:, 3:]], dim=1)
-        errors = (batch.weight[:, None] * missing).sum(dim=0)
-        drift = (self.field.colours - self.start).square().sum()
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
         penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
-        each = out.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
-        error = errors[:3].detach().mean()
-        loss = (errors * each).sum() + s.palette_weight * batch.share * drift
+        loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
+        drift = (self.field.colours - self.start).square().sum()
+        loss = loss + s.palette_weight * batch.share * drift
         if self.owners is not None:
-            loss = loss + self._foreign(self.owners, parts.weights, samples.position)
+            loss = loss + self._foreign(self.owners, weights, samples.position)
         if self.given is not None:
             loss = loss + self._not_as_given(self.given, mixtures, batch)
         self.networks.zero_grad(set_to_none=True)
@@ -123,6 +112,26 @@ class Recolouring:
         with torch.no_grad():
             self.field.colours.clamp_(0.0, 1.0)
         return error
+
+    def _values(self, samples: Samples, geometry: Tensor, rays: Rays) -> tuple[Tensor, Tensor]:
+        """Return what is composited: colours, penalties and given shares (S, 6 or 6 + P); and weights (S, P)."""
+        along, field, fused = rays.lit_along, self.field, kernels_for(geometry).TRAINING
+        settled = self.owners is not None and not self.owners.shared
+        if fused is not None and field.lighting_mlp is not None and self.given is None:
+            raw = field.palette_mlp(field.encoding(samples.position))
+            light = field.lighting_mlp(torch.cat([geometry, encode_directions(along, samples.ray)], dim=1))
+            return fused.mixed(raw, light, field.colours, settled)
+        beams = Beams.headlight(-along).at(samples.ray)
+        parts = field(samples.position, geometry, encode_directions(along, samples.ray), beams)
+        diffuse = parts.diffuse(field.colours + parts.offsets)
+        colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
+        offsets = parts.offsets.square().sum(dim=(1, 2))
+        mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
+        values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
+        if self.given is not None:
+            light = (parts.intensity * parts.shade).detach()
+            values = torch.cat([values, light[:, None] * parts.weights], dim=1)
+        return values, parts.weights
 
     def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
         """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
@@ -155,6 +164,16 @@ class Recolouring:
         sigma, _ = self.base.geometry(samples)
         _, weights, _ = self.field.material(samples.position)
         return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
+
+
+def _error(out: Tensor, transmittance: Tensor, batch: Batch, each: Sequence[float]) -> tuple[Tensor, Tensor]:
+    """Return the loss and the mean squared error of colour of composited values (R, 6), whose weights are ``each``."""
+    factors, fused = numbers_on(each, out.device), kernels_for(out).TRAINING
+    if fused is not None:
+        return fused.loss(out, transmittance, batch.shown, batch.weight, factors, False)
+    missing = torch.cat([(out[:, :3] - batch.premultiplied).square(), out[:, 3:]], dim=1)
+    errors = (batch.weight[:, None] * missing).sum(dim=0)
+    return (errors * factors).sum(), errors[:3].detach().mean()
 
 
 def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None) -> Palette:

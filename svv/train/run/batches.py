@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -12,6 +13,9 @@ from torch import Tensor
 from svv.core.geometry.box import Box
 from svv.fields.radiance.rendering import RayCaster, Rays
 from svv.io.views.viewset import ViewSet
+from svv.kernels.constants import moved, moved_at_once, on_device
+from svv.kernels.dispatch import kernels_for
+from svv.kernels.types import PixelSource
 from svv.train.run import ranks
 from svv.train.run.pixels import pixels_of
 
@@ -59,6 +63,31 @@ class RayBudget:
             self.rays = int(np.clip(ideal, self._most // 4, self._most))
 
 
+SEED_STEP = 7919
+"""Apart from each other, the seeds of batches of two runs whose seeds differ by one."""
+
+MOST_OF_GPU = 0.125
+"""Share of a GPU's memory that views may take, from which it then draws rays itself."""
+
+_VIEWS_THERE: WeakKeyDictionary[ViewSet, dict[torch.device, tuple[Tensor, Tensor]]] = WeakKeyDictionary()
+
+
+def pixels_on(views: ViewSet, device: torch.device) -> tuple[Tensor, Tensor] | None:
+    """Return indices of the pixels to draw from (N,) and the levels of all (pixels, 4) on a GPU.
+
+    None if the device is the CPU or has little memory: then the CPU draws, which takes longer than the rest of a step.
+    """
+    index, levels = pixels_of(views).index, views.images.reshape(-1, 4)
+    if device.type != "cuda" or index.dtype != np.int32:
+        return None
+    if index.nbytes + levels.nbytes > MOST_OF_GPU * torch.cuda.get_device_properties(device).total_memory:
+        return None
+    known = _VIEWS_THERE.setdefault(views, {})
+    if device not in known:
+        known[device] = torch.from_numpy(index).to(device), torch.from_numpy(levels).to(device)
+    return known[device]
+
+
 class RayPool:
     """Draws batches of rays; batch k of a seed is always the same, so a resumed run continues as if uninterrupted."""
 
@@ -67,6 +96,7 @@ class RayPool:
         self._levels = views.images.reshape(-1, 4)
         self._pixels = pixels_of(views)
         self._seed = seed
+        self._there = pixels_on(views, device)
 
     def batch(self, number: int, rays: int, part: slice | None = None, by_contrast: float = 0.0) -> Batch:
         """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it.
@@ -75,19 +105,27 @@ class RayPool:
         (:meth:`svv.train.run.pixels.Pixels.drawn`); the others are drawn evenly.
         """
         part, device = part or slice(0, rays), self._caster.device
+        if self._there is not None:
+            source = self._source(by_contrast)
+            seed = (SEED_STEP * self._seed + number) % (1 << 31)
+            count = part.stop - part.start
+            drawn, weights, colours = kernels_for(source.index).draw_pixels(source, seed, part.start, count, rays)
+            return Batch(self._caster.rays(drawn), colours, drawn, weights, part.start, count / rays)
         pixels, weight = self._pixels.drawn(np.random.default_rng((self._seed, number)), rays, by_contrast)
         pixels, weight = pixels[part], weight[part] / np.float32(rays)
         shown = self._levels[pixels].astype(np.float32) / np.float32(255.0)
         shown[:, :3] *= shown[:, 3:]
-        which = torch.from_numpy(pixels)
-        return Batch(
-            self._caster.rays(which),
-            torch.from_numpy(shown).to(device),
-            which,
-            torch.from_numpy(weight).to(device),
-            part.start,
-            len(pixels) / rays,
-        )
+        which = moved(pixels, device)
+        colours, weights = moved_at_once((shown, weight), device)
+        return Batch(self._caster.rays(which), colours, which, weights, part.start, len(pixels) / rays)
+
+    def _source(self, by_contrast: float) -> PixelSource:
+        """Return the pixels on the GPU."""
+        assert self._there is not None
+        (index, levels), device = self._there, self._caster.device
+        share, ends, first = self._pixels.steps(by_contrast)
+        steps = on_device(first.astype(np.int64), device), on_device(ends, device), on_device(share, device)
+        return PixelSource(index, levels, *steps)
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""

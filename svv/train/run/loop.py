@@ -15,7 +15,7 @@ from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.last_good import LastGood
-from svv.train.run.network_adam import NetworkAdam
+from svv.train.run.network_adam import FusedAdam, NetworkAdam
 
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
@@ -175,9 +175,7 @@ def falling(fraction: float, end: float, hold: float = 0.0) -> float:
     return min(1.0, (1.0 - fraction) / (1.0 - hold)) if hold < 1.0 else 1.0
 
 
-def network_adam(
-    parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3
-) -> torch.optim.Adam | NetworkAdam:
+def network_adam(parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3) -> NetworkAdam:
     """Return Adam for a stage's networks; on a GPU, one kernel updates all parameters of a group.
 
     Args:
@@ -186,6 +184,5 @@ def network_adam(
     """
     first = parameters[0]
     one = first["params"][0] if isinstance(first, dict) else first
-    if one.is_cuda:
-        return torch.optim.Adam(parameters, rate, betas=(0.9, 0.99), eps=1e-12, fused=True)
-    return NetworkAdam(parameters, rate, betas=(0.9, 0.99), eps=1e-12)
+    kind = FusedAdam if one.is_cuda else NetworkAdam
+    return kind(parameters, rate, betas=(0.9, 0.99), eps=1e-12)

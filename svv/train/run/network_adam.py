@@ -1,4 +1,4 @@
-"""Adam for the small networks on a CPU (Kingma & Ba 2015)."""
+"""Adam for the small networks (Kingma & Ba 2015), on a CPU and on a GPU."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ class NetworkAdam:
     Creating torch's loads its compiler: 150 MB and 1.5 seconds in every process that trains, for a few thousand
     parameters. The names in the state are torch's, so a checkpoint of either continues with the other.
     """
+
+    STEPS_THERE = False
+    """Whether the numbers of steps lie on the parameters' device."""
 
     def __init__(
         self, parameters: Sequence[Tensor] | Sequence[dict[str, Any]], lr: float, betas: tuple[float, float], eps: float
@@ -49,19 +52,23 @@ class NetworkAdam:
             gradient = parameter.grad
             if gradient is None:
                 continue
-            if number not in self.state:
-                self.state[number] = {
-                    "step": torch.zeros(()),
-                    "exp_avg": torch.zeros_like(parameter),
-                    "exp_avg_sq": torch.zeros_like(parameter),
-                }
-            own = self.state[number]
+            own = self._state_of(number, parameter)
             own["step"] += 1.0
             steps = float(own["step"])
             mean = own["exp_avg"].lerp_(gradient, 1.0 - first)
             square = own["exp_avg_sq"].mul_(second).addcmul_(gradient, gradient, value=1.0 - second)
             size = (square.sqrt() / (1.0 - second**steps) ** 0.5).add_(self._eps)
             parameter.addcdiv_(mean, size, value=-rate / (1.0 - first**steps))
+
+    def _state_of(self, number: int, parameter: Tensor) -> dict[str, Tensor]:
+        """Return the state of a parameter, which begins with zeros."""
+        if number not in self.state:
+            self.state[number] = {
+                "step": torch.zeros((), device=parameter.device if self.STEPS_THERE else None),
+                "exp_avg": torch.zeros_like(parameter),
+                "exp_avg_sq": torch.zeros_like(parameter),
+            }
+        return self.state[number]
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of each parameter by its number, under ``state``."""
@@ -70,3 +77,41 @@ class NetworkAdam:
     def load_state_dict(self, saved: dict[str, Any]) -> None:
         """Restore the state returned by an earlier :meth:`state_dict`."""
         self.state = {int(number): dict(own) for number, own in saved["state"].items()}
+
+
+class FusedAdam(NetworkAdam):
+    """The same in two operations for each group: what :class:`torch.optim.Adam` starts on a GPU if it is fused."""
+
+    STEPS_THERE = True
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Take one step with the gradients that there are."""
+        first, second = self._betas
+        for rate, parameters in self._by_rate():
+            states = [self._state_of(number, parameter) for number, parameter in parameters]
+            steps, means, squares = ([own[k] for own in states] for k in ("step", "exp_avg", "exp_avg_sq"))
+            values, gradients = [p for _, p in parameters], [p.grad for _, p in parameters if p.grad is not None]
+            torch._foreach_add_(steps, 1.0)
+            torch._fused_adam_(
+                values, gradients, means, squares, [], steps, lr=rate, beta1=first, beta2=second, weight_decay=0.0,
+                eps=self._eps, amsgrad=False, maximize=False,
+            )  # fmt: skip
+
+    def _by_rate(self) -> Iterator[tuple[float, list[tuple[int, Tensor]]]]:
+        """Yield the parameters with a gradient, with their numbers, and the rate of each group."""
+        number = 0
+        for group in self.param_groups:
+            numbered = list(enumerate(group["params"], start=number))
+            number += len(numbered)
+            there = [(k, p) for k, p in numbered if p.grad is not None]
+            if there:
+                yield group["lr"], there
+
+    def load_state_dict(self, saved: dict[str, Any]) -> None:
+        """Restore the state returned by an earlier :meth:`state_dict`, of any device."""
+        super().load_state_dict(saved)
+        for number, _, parameter in self._numbered():
+            if number in self.state:
+                own = self.state[number]
+                self.state[number] = {name: value.to(parameter.device, torch.float32) for name, value in own.items()}

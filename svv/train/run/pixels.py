@@ -62,15 +62,24 @@ class Pixels:
             Flat indices among all views, and weights with which a mean over them is, on average, the mean over all
             pixels. (count,) each
         """
+        share, ends, first = self.steps(by_contrast)
+        where = generator.random(count) * ends[-1]
+        step = np.searchsorted(ends[1:-1], where, side="right")
+        place = np.minimum(first[step] + (where - ends[step]) / share[step], first[step + 1] - 1.0)
+        return self.index[place.astype(np.int64)].astype(np.int64), (1.0 / share[step]).astype(np.float32)
+
+    def steps(self, by_contrast: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return how the steps of contrast are drawn, for a fraction ``by_contrast`` of pixels drawn by contrast.
+
+        Returns:
+            How much the pixels of each step are drawn, relative to drawing evenly (STEPS,); where each step begins if
+            each pixel counts as much as it is drawn, and where it begins in ``index``, both with the end (STEPS + 1,).
+        """
         middle = (np.arange(STEPS) + 0.5) / STEPS
         mean = (self._counts * middle).sum() / self._counts.sum()
         share = 1.0 - by_contrast + by_contrast * middle / mean
         ends = np.concatenate([[0.0], np.cumsum(self._counts * share)])
-        where = generator.random(count) * ends[-1]
-        step = np.searchsorted(ends[1:-1], where, side="right")
-        first = np.concatenate([[0.0], np.cumsum(self._counts)])
-        place = np.minimum(first[step] + (where - ends[step]) / share[step], first[step + 1] - 1.0)
-        return self.index[place.astype(np.int64)].astype(np.int64), (1.0 / share[step]).astype(np.float32)
+        return share, ends, np.concatenate([[0.0], np.cumsum(self._counts)])
 
 
 def contrast(image: NDArray[np.uint8]) -> NDArray[np.float32]:

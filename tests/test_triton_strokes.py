@@ -1,0 +1,44 @@
+"""Strokes in images: the Triton kernels compared with those of the CPU.
+
+They run on a GPU if there is one, otherwise in Triton's interpreter. See ``tests/test_triton_kernels.py``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from svv.fields.strokes import stroke_checks
+from svv.fields.strokes.stroke_paint import StrokePaint
+from svv.fields.strokes.stroke_tables import bins_of
+from tests.interpreted import GPU, triton_kernels
+
+CPU = torch.device("cpu")
+DEVICE = torch.device("cuda") if GPU else CPU
+COUNTS = np.random.default_rng(1).integers(0, 9, 60).tolist()
+
+
+@pytest.mark.parametrize("brush", stroke_checks.BRUSHES)
+def test_strokes_are_those_of_the_cpu(brush: str) -> None:
+    stroke_checks.check_strokes(triton_kernels, DEVICE, 0, brush, COUNTS)
+
+
+@pytest.mark.parametrize("counts", [[0, 0], [0, 1, 0], [40]])
+def test_rays_with_no_and_with_many_samples(counts: list[int]) -> None:
+    stroke_checks.check_strokes(triton_kernels, DEVICE, 3, "oil", counts)
+
+
+def test_strokes_far_apart_leave_the_ground_of_the_nearest() -> None:
+    """Where two strokes are far apart, most of what is near one is bare, and its colour is a question of distance."""
+    stroke_checks.check_strokes(triton_kernels, DEVICE, 1, "oil", COUNTS, strokes=2, soft=0.002)
+
+
+@pytest.mark.parametrize("soft", [0.002, 0.02])
+def test_bins_are_those_of_the_cpu(soft: float) -> None:
+    strokes = stroke_checks.curved_strokes(9, 2)
+    paint = StrokePaint(strokes, stroke_checks.BRUSHES["oil"], soft)
+    start, entries = bins_of(strokes, strokes.frames[0], paint.soft, paint.size, DEVICE)
+    expected, points = paint.bins
+    np.testing.assert_array_equal(start.cpu(), expected)
+    np.testing.assert_array_equal(entries.cpu(), points)

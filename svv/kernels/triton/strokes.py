@@ -198,7 +198,8 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             if WASHES:
                 ended = hit & (weights > 0.0) & (bristles != wash)  # what is above has been another wash
                 dark = rim * tl.exp(-deepest / sharp)
-                whole = tl.maximum(weights, 1e-20)
+                # Without a wash, its sums are those of the last one: divided by nothing, they would be infinite.
+                whole = tl.where(weights > 0.0, weights, 1.0)
                 density = tl.maximum(1.0 + dark + flow * runs / whole + grain * paper, LEAST_PIGMENT)
                 share = tl.where(ended, covers, 0.0)
                 left0, red = over(c0 / whole, share, -dark, density, body, left0, red)
@@ -245,7 +246,7 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             going = going & (tl.maximum(left0, tl.maximum(left1, left2)) > 1.0 - OPAQUE)
     if WASHES:
         dark = rim * tl.exp(-deepest / sharp)
-        whole = tl.maximum(weights, 1e-20)
+        whole = tl.where(weights > 0.0, weights, 1.0)
         density = tl.maximum(1.0 + dark + flow * runs / whole + grain * paper, LEAST_PIGMENT)
         share = tl.where(weights > 0.0, covers, 0.0)
         left0, red = over(c0 / whole, share, -dark, density, body, left0, red)

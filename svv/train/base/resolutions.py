@@ -14,6 +14,9 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.scene import Scene
 from svv.train.config import ReconstructSettings, StylizeSettings
 
+USUAL = ReconstructSettings()
+"""Settings of most presets."""
+
 
 def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
     """Return the side of a pixel of the stylization views at the scene's centre, in box units."""
@@ -36,7 +39,7 @@ def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tu
 
 
 def fitted_field(
-    field: FieldSettings, cameras: Sequence[Camera], box: Box, settings: ReconstructSettings = ReconstructSettings()
+    field: FieldSettings, cameras: Sequence[Camera], box: Box, settings: ReconstructSettings = USUAL
 ) -> tuple[FieldSettings, str]:
     """Return the lattice levels that the views can resolve, and the reason in a sentence.
 

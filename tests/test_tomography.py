@@ -84,13 +84,13 @@ def project(
     lattice: SparseLattice, rays: tuple[np.ndarray, np.ndarray], step: float = 1 / 256, room: float = 0.0
 ) -> np.ndarray:
     """Optical depths, from bricks if they may take ``room`` values per value of the table."""
-    slots, bricks = made(lattice.layout, lattice.table[:, 0].numpy(), room)
-    assert (slots.size > 0) == (room > 0.0)
+    bricks = made(lattice.layout, lattice.table[:, 0].numpy(), room)
+    assert (bricks[0].size > 0) == (room > 0.0)
     occupancy, layout, out = Occupancy.full(BOX, 16), lattice.layout, np.empty(len(rays[0]), np.float32)
     optical_depths(
         *rays, occupancy.distance_on(CPU).numpy(), np.float32(16), np.asarray(BOX.extent, np.float32), np.float32(step),
         np.float32(0.5), layout.shapes.numpy(), layout.scales.numpy(), layout.bases.numpy(), layout.index.numpy(),
-        lattice.table[:, 0].numpy(), slots, bricks, np.float32(1e9), out,
+        lattice.table[:, 0].numpy(), np.float32(1e9), out, bricks,
     )  # fmt: skip
     return out
 

@@ -155,13 +155,12 @@ class Tomography:
         """Return the optical depth of pixels (R,) of the caster's views."""
         rays, occupancy, layout = caster.rays(pixels), self.occupancy, self.lattice.layout
         out, table = np.empty(len(pixels), np.float32), self.lattice.table[:, 0].numpy()
-        slots, bricks = made(layout, table, MOST_ROOM)
         optical_depths(
             rays.origins.numpy(), rays.directions.numpy(), occupancy.distance_on(CPU).numpy(),
             np.float32(occupancy.cells), np.asarray(occupancy.box.extent, np.float32),
             np.float32(1.0 / self.lattice.resolutions[0]), np.float32(self._random.random()),
             layout.shapes.numpy(), layout.scales.numpy(), layout.bases.numpy(), layout.index.numpy(),
-            table, slots, bricks, np.float32(STOP), out,
+            table, np.float32(STOP), out, made(layout, table, MOST_ROOM),
         )  # fmt: skip
         return out
 

@@ -12,16 +12,15 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.kernels.numba.bricks import value_in_brick
+from svv.kernels.numba.bricks import NO_BRICKS, value_in_brick
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.marching import clip_to_box, interpolate_scalar, inverse, leap
 from svv.kernels.numba.trilinear import ONE32
 
 
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def optical_depths(  # type: ignore[no-untyped-def]
-    origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, slots, bricks, stop,
-    out,
+    origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, stop, out,
+    bricks=NO_BRICKS,
 ):  # fmt: skip
     """Write each ray's optical depth through an extinction of which a lattice holds the logarithm.
 
@@ -38,11 +37,22 @@ def optical_depths(  # type: ignore[no-untyped-def]
         bases: First entry of each level in ``index``.
         index: Row of each vertex.
         table: Log extinction, float32. (V,)
-        slots: Bricks with the same values, see :func:`svv.kernels.numba.bricks.made`; empty: there are none.
-        bricks: Their values.
         stop: Optical depth at which a ray ends.
         out: Result, float32. (R,)
+        bricks: The same values in bricks (:func:`svv.kernels.numba.bricks.made`), from which they are read faster.
     """
+    _optical_depths(
+        origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, *bricks, stop,
+        out,
+    )  # fmt: skip
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _optical_depths(  # type: ignore[no-untyped-def]
+    origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, slots, bricks, stop,
+    out,
+):  # fmt: skip
+    """Do the work of :func:`optical_depths`."""
     nx, ny, nz = distance.shape[1:]
     side, rate = ONE32 / cells, ONE32 / step
     in_bricks, scale = slots.size > 0, scales[0]

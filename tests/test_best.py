@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from svv.bench.chart.figures import DASHES, MARKERS
 from svv.bench.chart.plan import SECONDS
 from svv.core.geometry.box import Box
+from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import FieldSettings
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.model import JOINED_WEIGHT
@@ -17,6 +19,7 @@ from svv.io.views.viewset import ViewSet
 from svv.options.making import PRESET_NAMES
 from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.config import PRESETS
+from svv.train.palette import regions_from_views
 from svv.train.pipeline import train_scene
 from tests.balls import SHORT, balls_views
 
@@ -74,3 +77,19 @@ def test_a_known_density_becomes_finer_and_images_use_every_sample(views: ViewSe
     assert scene.joined < JOINED_WEIGHT
     assert any("every sample" in note for note in report["notes"])
     assert report["preset"] == "best"
+
+
+def test_regions_are_found_on_a_grid_that_memory_holds(views: ViewSet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is worked on whole, not only where something is visible: 512 cells would take five gigabytes."""
+    grids: list[int] = []
+    whole = regions_from_views.softened_extinction
+
+    def softened(density: SparseLattice, occupancy: Occupancy, cells: int) -> Any:
+        grids.append(cells)
+        return whole(density, occupancy, cells)
+
+    monkeypatch.setattr(regions_from_views, "softened_extinction", softened)
+    monkeypatch.setattr(regions_from_views, "MOST_CELLS", 16)
+    scene, _ = train_scene(views, FEW)
+    assert grids == [16] and scene.settings.resolutions[-1] > 16
+    assert scene.regions

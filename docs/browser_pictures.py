@@ -69,7 +69,13 @@ def served(jupyter: str, folder: Path) -> Iterator[str]:
     with socket.socket() as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
-    options = [f"--port={port}", "--no-browser", "--IdentityProvider.token=", f"--notebook-dir={folder}", "--allow-root"]
+    options = [
+        f"--port={port}",
+        "--no-browser",
+        "--IdentityProvider.token=",
+        f"--notebook-dir={folder}",
+        "--allow-root",
+    ]
     with (folder / "jupyter.log").open("w") as log:
         process = subprocess.Popen([jupyter, "lab", *options], stdout=log, stderr=log, cwd=folder)
         address = f"http://localhost:{port}"

@@ -290,7 +290,7 @@ def test_the_same_demo_again_does_nothing(finished: Path) -> None:
 def test_another_orbit_trains_nothing(finished: Path) -> None:
     shown = Shown()
     run_demo(finished, replace(SMALL, path=OrbitOptions(3, 64)), RESOLUTION, shown)
-    assert [title.split(":")[0] for title in shown.titles] == ["Orbit"] * 4 + ["Side by side"]
+    assert [title.split(":")[0] for title in shown.titles] == ["Orbit", "Orbits", "Side by side"]
 
 
 def test_commands_on_the_trained_scene(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import doctest
 import importlib
 import inspect
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +32,12 @@ def run(test: doctest.DocTest) -> None:
 
 
 @pytest.fixture
-def in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Examples write files, and train as briefly as tests do."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(PRESETS, "draft", SHORT)
     monkeypatch.setenv("PYVISTA_OFF_SCREEN", "true")
-    yield tmp_path
+    return tmp_path
 
 
 @pytest.mark.parametrize("name", sorted(svv.PUBLIC))

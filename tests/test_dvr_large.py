@@ -17,6 +17,7 @@ from svv.bricks.source import ArraySource
 from svv.bricks.written import write_meta
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig
+from svv.dvr.draw import casters, large
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.large import LargeVolume, memory_allowed, open_volume, straight
 from svv.dvr.draw.views import make_views, render_views
@@ -25,6 +26,7 @@ from svv.dvr.read.grids import from_array, index_to_world, level_of_image, set_g
 from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput, silent
 from svv.io.views.viewset import ViewSet
+from svv.options.making import MapperName
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SHADINGS = {"ParaView's": Shading(), "glossy": Shading(ambient=0.2, diffuse=0.6, specular=0.5, specular_power=8.0)}
@@ -181,3 +183,34 @@ def test_what_vtk_writes_is_read_by_bricks_and_the_other_way_round(kind: str, tm
 def test_straight_alpha_keeps_colours() -> None:
     drawn = np.array([[[0.25, 0.125, 0.0, 0.5], [0.0, 0.0, 0.0, 0.0]]], np.float32)
     assert straight(drawn).tolist() == [[[128, 64, 0, 128], [0, 0, 0, 0]]]
+
+
+@pytest.mark.parametrize(
+    ("mapper", "many", "drawn"), [("auto", 1, "bricks"), ("auto", 10**9, "cpu"), ("cpu", 1, "cpu")]
+)
+def test_many_voxels_are_drawn_by_bricks_unless_another_ray_caster_is_named(
+    mapper: MapperName, many: int, drawn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And their truth, for scores, is drawn as they were; the picture is the same."""
+    monkeypatch.setattr(large, "MANY", many)
+    monkeypatch.setattr(casters, "hardware_opengl", lambda: False)
+    image = stirred_volume(40, levels=255)
+    train, test = make_views(image, tf(), n=3, test=1, size=64, rescale=False, mapper=mapper)
+    assert test is not None and train.meta.mapper == test.meta.mapper == drawn
+    shading = train.meta.shading
+    again = render_views(image, tf(), list(test.cameras), drawn, shading)
+    assert np.array_equal(again, test.images)
+    theirs = render_views(image, tf(), list(test.cameras), "cpu", shading)
+    assert np.abs(theirs[..., 3].astype(float) - test.images[..., 3]).mean() < 1.0
+
+
+def test_what_memory_or_the_table_does_not_hold_is_left_to_vtk(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(large, "MANY", 1)
+    monkeypatch.setattr(casters, "hardware_opengl", lambda: False)
+    image = stirred_volume(40, levels=255)
+    assert large.quickest(image, "auto", 1.0) == "bricks"
+    values = to_array(image)
+    assert large.quickest(from_array(values.astype(np.int32) * 100), "auto", 1.0) == "auto"
+    assert large.quickest(from_array(values.astype(np.float32) * 100), "auto", 1.0) == "bricks"
+    monkeypatch.setattr(large, "memory_allowed", lambda memory: 100_000)
+    assert large.quickest(image, "auto", None) == "auto"

@@ -6,6 +6,7 @@ import copy
 import gc
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from svv.fields.radiance.kept_views import KEPT, KeptViews, Look, View, bytes_of
 from svv.fields.radiance.rendering import Rays, march
 from svv.fields.scene.scene import Rendering, Scene
 from svv.kernels.types import Samples
+from svv.render.frames import write_frames, write_frames_of
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
 
 FACTORS = st.floats(0.0, 2.0)
@@ -269,3 +271,36 @@ def test_what_is_measured_is_drawn_anew(marched: list[int], of_their_own: KeptVi
     assert not marched
     of_their_own.forget(-1)
     assert of_their_own.bytes
+
+
+def test_frames_of_edits_and_paintings_of_a_scene_march_each_view_once(tmp_path: Path, marched: list[int]) -> None:
+    """Also if the scenes come from files of their own; and the files are those of each scene alone."""
+    scene, cameras = painted_cube(), [cube_camera(20), cube_camera(28)]
+    scenes = {
+        "plain": scene,
+        "edited": scene.edited(1, lighting=1.5),
+        "again": replace(scene, base=copy.deepcopy(scene.base), palette_network=copy.deepcopy(scene.palette_network)),
+    }
+    with nothing_kept():
+        alone = {name: write_frames(tmp_path / "alone" / name, one, cameras) for name, one in scenes.items()}
+    marched.clear()
+    write_frames_of({tmp_path / name: one for name, one in scenes.items()}, cameras)
+    assert len(marched) == len(cameras)
+    for name, paths in alone.items():
+        for path in paths:
+            assert (tmp_path / name / path.name).read_bytes() == path.read_bytes()
+    assert kept_views.KEPT.bytes == 0
+    marched.clear()
+    write_frames_of({tmp_path / name: one for name, one in scenes.items()}, cameras)
+    assert not marched  # they are there
+
+
+def test_frames_of_other_networks_are_their_own(tmp_path: Path) -> None:
+    scene, camera = still(cube_scene()), cube_camera()
+    other = replace(scene, palette_network=copy.deepcopy(scene.palette_network))
+    assert other.palette_network is not None
+    other.palette_network.encoding.table.mul_(-1.0)
+    write_frames_of({tmp_path / "one": scene, tmp_path / "other": other}, [camera])
+    (alone,) = write_frames(tmp_path / "alone", other, [camera])
+    assert (tmp_path / "other" / alone.name).read_bytes() == alone.read_bytes()
+    assert (tmp_path / "one" / alone.name).read_bytes() != alone.read_bytes()

@@ -25,7 +25,8 @@ from svv.fields.radiance.occupancy import Occupancy, carve
 from svv.fields.radiance.rendering import RayCaster
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
-from svv.train.base.first_extinction import begin
+from svv.kernels.numba.bricks import made
+from svv.train.base.first_extinction import begin, largest_extinction
 from svv.train.base.tomography import Tomography, opaque_part, pixels_a_cell, reduced, smaller
 from svv.train.base.tomography_kernels import back_project, optical_depths
 from svv.train.config import PRESETS, ReconstructSettings
@@ -79,12 +80,17 @@ def lattice_of(exponent: np.ndarray, resolution: int) -> SparseLattice:
     return lattice.requires_grad_(False)
 
 
-def project(lattice: SparseLattice, rays: tuple[np.ndarray, np.ndarray], step: float = 1 / 256) -> np.ndarray:
+def project(
+    lattice: SparseLattice, rays: tuple[np.ndarray, np.ndarray], step: float = 1 / 256, room: float = 0.0
+) -> np.ndarray:
+    """Optical depths, from bricks if they may take ``room`` values per value of the table."""
+    bricks = made(lattice.layout, lattice.table[:, 0].numpy(), room)
+    assert (bricks[0].size > 0) == (room > 0.0)
     occupancy, layout, out = Occupancy.full(BOX, 16), lattice.layout, np.empty(len(rays[0]), np.float32)
     optical_depths(
         *rays, occupancy.distance_on(CPU).numpy(), np.float32(16), np.asarray(BOX.extent, np.float32), np.float32(step),
         np.float32(0.5), layout.shapes.numpy(), layout.scales.numpy(), layout.bases.numpy(), layout.index.numpy(),
-        lattice.table[:, 0].numpy(), np.float32(1e9), out,
+        lattice.table[:, 0].numpy(), np.float32(1e9), out, bricks,
     )  # fmt: skip
     return out
 
@@ -102,6 +108,41 @@ def test_the_depth_of_a_uniform_box_is_the_length_of_the_chord(seed: int, expone
     chord = ends[1].min(axis=1) - ends[0].max(axis=1)
     found = project(lattice, (origin.astype(np.float32), direction.astype(np.float32)))
     np.testing.assert_allclose(found, chord * np.exp(exponent), atol=np.exp(exponent) / 200)
+
+
+def test_depths_from_bricks_are_those_from_the_table() -> None:
+    random = np.random.default_rng(1)
+    lattice = lattice_of(random.normal(size=(33, 33, 33)), 32)
+    direction = random.normal(size=(500, 3)).astype(np.float32)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    rays = (random.random((500, 3)).astype(np.float32) - 2 * direction, direction)
+    found = project(lattice, rays)
+    assert (found > 0).all()
+    np.testing.assert_allclose(project(lattice, rays, room=np.inf), found, rtol=1e-5)
+
+
+def test_a_step_needs_only_half_the_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other pixels are not cast, and count neither for nor against a vertex."""
+    cast: list[int] = []
+    views, whole = views_of(orbit(8)), Tomography._optical_depths
+
+    def count(work: Tomography, caster: RayCaster, pixels: torch.Tensor) -> np.ndarray:
+        cast.append(len(pixels))
+        return whole(work, caster, pixels)
+
+    monkeypatch.setattr(Tomography, "_optical_depths", count)
+    work = Tomography(views, carve(views.images[..., 3] > 0, views.cameras, 32), 0)
+    work.rounds(1, lambda: True)
+    factor = pixels_a_cell(views.cameras, work.occupancy, 32)
+    seen = int((reduced(views.images[..., 3], factor) > 0).sum())
+    assert len(cast) == 1 and 0.4 * seen < cast[0] < 0.75 * seen  # with those beside the outline
+
+
+def test_corners_are_enough_where_cells_are_no_finer() -> None:
+    lattice = lattice_of(np.random.default_rng(2).normal(size=(17, 17, 17)), 16)
+    where = Occupancy.full(BOX, 16)
+    found = [largest_extinction(lambda p: lattice(p)[:, 0], where, CPU, corners=corners) for corners in (True, False)]
+    torch.testing.assert_close(*found)
 
 
 @pytest.mark.parametrize("parallel", [False, True])

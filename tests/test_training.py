@@ -308,7 +308,7 @@ def test_a_loop_spends_its_limit_and_its_schedule_ends_with_it(monkeypatch: pyte
     assert fractions == sorted(fractions) and 0.9 < fractions[-1] < 1.0
 
 
-@pytest.mark.parametrize(("preset", "limit", "words"), [("best", None, "no preset"), ("draft", 0.0, "time limit")])
+@pytest.mark.parametrize(("preset", "limit", "words"), [("finest", None, "no preset"), ("draft", 0.0, "time limit")])
 def test_training_that_cannot_be(views: ViewSet, preset: str, limit: float | None, words: str) -> None:
     with pytest.raises(BadInput, match=words):
         train_scene(views, preset, time_limit=limit)

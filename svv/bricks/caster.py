@@ -134,11 +134,13 @@ class BrickCaster:
             lengths = self.level.spacing / self.look.stretch
         table, shades = self.look.for_step(step), self.look.shades(-camera.camera_to_world[:3, 2])
 
+        alphas, glossy = np.ascontiguousarray(table[:, 3]), bool((shades[:, 1] != 0.0).any())
+
         def work(rays: NDArray[np.int32], wanted: NDArray[np.int32]) -> None:
             marching.march(
                 rays, camera.width, frame, corner, pixel, lengths, bounds, step, self._slots, self._stamps, self._now,
-                self._seen, self._values, self._codes, table, np.float32(low), np.float32(gain), shades,
-                self.look.blank is not None, self.look.nearest, state, samples, wanted,
+                self._seen, self._values, self._codes, table, alphas, np.float32(low), np.float32(gain), shades,
+                glossy, self.look.blank is not None, self.look.nearest, state, samples, wanted,
             )  # fmt: skip
 
         with ThreadPoolExecutor(self.threads) as pool:

@@ -20,6 +20,9 @@ BRICK = 32
 BLOCK = 8
 """Cells along each side of a block of a brick."""
 
+PART = BLOCK // 2
+"""Cells along each side of an eighth of a block. Which of them show something is one bit each of a block's byte."""
+
 SIDE = BRICK + 1
 """Voxels along each side of a brick."""
 
@@ -70,25 +73,26 @@ def decoded() -> np.ndarray:
 
 @njit(nogil=True, cache=True)
 def find_visible(box, first, ranges, seen):  # type: ignore[no-untyped-def]
-    """Record which blocks of a brick contain a value to be seen; returns whether any does.
+    """Record which eighths of the blocks of a brick contain a value to be seen; returns whether any does.
 
     Args:
         box: Voxels of the brick and around it. (z, y, x)
         first: Index in ``box`` of the brick's first voxel. (3,)
         ranges: Intervals of values that are visible. (R, 2)
-        seen: Receives 1 for visible blocks, 0 for others. (BLOCKS, BLOCKS, BLOCKS)
+        seen: Receives a bit for each visible eighth of a block, the lowest for the first along all axes, then along x,
+            y, z. (BLOCKS, BLOCKS, BLOCKS)
     """
     found = False
-    for bz in range(BLOCKS):
-        z0 = first[0] + bz * BLOCK
-        z1 = min(z0 + BLOCK + 1, box.shape[0])
-        for by in range(BLOCKS):
-            y0 = first[1] + by * BLOCK
-            y1 = min(y0 + BLOCK + 1, box.shape[1])
-            for bx in range(BLOCKS):
-                x0 = first[2] + bx * BLOCK
-                x1 = min(x0 + BLOCK + 1, box.shape[2])
-                seen[bz, by, bx] = 0
+    seen[:] = 0
+    for bz in range(2 * BLOCKS):
+        z0 = first[0] + bz * PART
+        z1 = min(z0 + PART + 1, box.shape[0])
+        for by in range(2 * BLOCKS):
+            y0 = first[1] + by * PART
+            y1 = min(y0 + PART + 1, box.shape[1])
+            for bx in range(2 * BLOCKS):
+                x0 = first[2] + bx * PART
+                x1 = min(x0 + PART + 1, box.shape[2])
                 if z1 - z0 < 2 or y1 - y0 < 2 or x1 - x0 < 2:
                     continue  # beyond the volume's last voxel
                 low = high = box[z0, y0, x0]
@@ -99,7 +103,7 @@ def find_visible(box, first, ranges, seen):  # type: ignore[no-untyped-def]
                             low, high = min(low, value), max(high, value)
                 for r in range(len(ranges)):
                     if high >= ranges[r, 0] and low <= ranges[r, 1]:
-                        seen[bz, by, bx] = 1
+                        seen[bz >> 1, by >> 1, bx >> 1] |= np.uint8(1 << ((bz & 1) << 2 | (by & 1) << 1 | (bx & 1)))
                         found = True
     return found
 
@@ -150,16 +154,17 @@ def _leaves(o, d, low, high):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def through_block(  # type: ignore[no-untyped-def]
-    ox, oy, oz, dx, dy, dz, step, k, until, values, codes, table, low, gain, shades, blanks, nearest, red, green, blue,
-    through,
+    ox, oy, oz, dx, dy, dz, step, k, until, first, seen, values, codes, table, alphas, low, gain, shades, glossy,
+    blanks, nearest, red, green, blue, through,
 ):  # fmt: skip
     """Add the light of the samples ``k`` to ``until`` of a ray, which lie in one block, and return it.
 
     (ox, oy, oz) and (dx, dy, dz) are the ray's start and direction in voxels, counted from the brick's first one;
-    ``values`` and ``codes`` (VOXELS,) are the brick's; (red, green, blue) is the light so far, and ``through`` the
+    ``first`` is the block's first cell (x, y, z), and ``seen`` its byte; ``values`` and ``codes`` (VOXELS,) are the
+    brick's; (red, green, blue) is the light so far, and ``through`` the
     transmittance. Other arguments are those of :func:`march`.
     """
-    last = len(table) - 1
+    last, shine = len(table) - 1, np.float32(0.0)
     while k < until:
         t = (k + 0.5) * step
         k += 1
@@ -167,6 +172,9 @@ def through_block(  # type: ignore[no-untyped-def]
         i = min(max(int(x), 0), BRICK - 1)
         j = min(max(int(y), 0), BRICK - 1)
         h = min(max(int(z), 0), BRICK - 1)
+        eighth = (h - first[2] >= PART) << 2 | (j - first[1] >= PART) << 1 | (i - first[0] >= PART)
+        if not (seen >> eighth) & 1:
+            continue
         wx, wy, wz = np.float32(x - i), np.float32(y - j), np.float32(z - h)
         # The first voxels of the four rows of a cell.
         a = (h * SIDE + j) * SIDE + i
@@ -181,11 +189,12 @@ def through_block(  # type: ignore[no-untyped-def]
         near = _between(values[a], values[a + 1], values[b], values[b + 1], wx, wy)
         far = _between(values[c], values[c + 1], values[d], values[d + 1], wx, wy)
         entry = min(max(int((near + wz * (far - near) - low) * gain + np.float32(0.5)), 0), last)
-        alpha = table[entry, 3]
+        alpha = alphas[entry]
         if alpha <= np.float32(0.0):
             continue
         lit = _shade(codes, shades, 0, a, b, c, d, wx, wy, wz)
-        shine = _shade(codes, shades, 1, a, b, c, d, wx, wy, wz)
+        if glossy:
+            shine = _shade(codes, shades, 1, a, b, c, d, wx, wy, wz)
         weight = through * alpha
         red += weight * (table[entry, 0] * lit + shine)
         green += weight * (table[entry, 1] * lit + shine)
@@ -259,8 +268,8 @@ def _clipped(o, d, low, high, near, far):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]
-    rays, width, frame, corner, pixel, lengths, bounds, step, slots, stamps, now, seen, values, codes, table, low, gain,
-    shades, blanks, nearest, state, samples, wanted,
+    rays, width, frame, corner, pixel, lengths, bounds, step, slots, stamps, now, seen, values, codes, table, alphas,
+    low, gain, shades, glossy, blanks, nearest, state, samples, wanted,
 ):  # fmt: skip
     """March rays until they end or reach a brick that is not in memory.
 
@@ -281,13 +290,15 @@ def march(  # type: ignore[no-untyped-def]
         slots: Slot of each brick, or UNKNOWN or EMPTY. (bz, by, bx)
         stamps: Time at which a slot was last used. (slots,)
         now: The present time.
-        seen: Visible blocks. (slots, BLOCKS, BLOCKS, BLOCKS)
+        seen: Which eighths of the blocks are visible. (slots, BLOCKS, BLOCKS, BLOCKS)
         values: Voxels. (slots, VOXELS)
         codes: Codes of normals. (slots, VOXELS)
-        table: RGB, and opacity for one sample, of evenly spaced values. (N, 4)
+        table: RGB of evenly spaced values; the fourth column is not used. (N, 4)
+        alphas: Opacity of one sample of these values. (N,)
         low: First value of the table.
         gain: Entries of the table per unit of the value.
         shades: Factor of the colour, and highlight, of each code. (CODES ** 2 + 1, 2)
+        glossy: Whether there are highlights.
         blanks: Whether codes may have the flag BLANK; there are shades for those, too.
         nearest: Whether samples have the value and the normal of the nearest voxel.
         state: Light so far (RGB times opacity) and transmittance of each pixel. (pixels, 4)
@@ -340,8 +351,9 @@ def march(  # type: ignore[no-untyped-def]
                 k = until
                 continue
             red, green, blue, through = through_block(
-                sx, sy, sz, dx, dy, dz, step, k, min(until, end + 1), values[slot], codes[slot], table, low, gain,
-                shades, blanks, nearest, red, green, blue, through,
+                sx, sy, sz, dx, dy, dz, step, k, min(until, end + 1), (mx * BLOCK, my * BLOCK, mz * BLOCK),
+                int(seen[slot, mz, my, mx]), values[slot], codes[slot], table, alphas, low, gain, shades, glossy,
+                blanks, nearest, red, green, blue, through,
             )  # fmt: skip
             k = end + 1 if through < SPENT else until
         state[number, 0], state[number, 1], state[number, 2], state[number, 3] = red, green, blue, through

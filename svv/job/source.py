@@ -99,7 +99,9 @@ class Drawn(ABC):
         from svv.dvr.functions.transfer_functions import TransferFunction
 
         tf, mapper = TransferFunction.from_dict(known(meta.tf, "tf")), known(meta.mapper, "mapper")
-        return render_views(self.image(mapper), tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
+        # A volume that fits into memory was drawn by bricks from there.
+        volume = self.image("auto" if mapper == "bricks" else mapper)
+        return render_views(volume, tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
 from svv.options.described import chosen
 from svv.options.making import OrbitOptions, PaintOptions, TrainOptions, ViewOptions
-from svv.render.frames import orbit, region_colours, write_frames
+from svv.render.frames import orbit, region_colours, write_frames_of
 from svv.render.looks.file import to_json
 from svv.render.looks.look import Look
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 
 HUE_TURN = 0.42
 """Fraction of the hue circle by which the recoloured orbit turns each region: enough to be obvious."""
+
+TRUTH = "volume rendering"
+"""Label of the orbit of the volume itself."""
 
 CONTACT_ROWS = 4
 UNSEEN_ROWS = 3
@@ -240,24 +243,30 @@ class Job:
         settings = {"frames": s.orbit, "size": s.orbit_size}
         columns: dict[str, tuple[str, Path | None]] = {"palette network": ("train", self.scene), **self.variants}
         if isinstance(source, Drawn):
-            columns = {"volume rendering": ("views", None), **columns}
+            columns = {TRUTH: ("views", None), **columns}
         self.variants = columns
-        for label, (stage, path) in columns.items():
-            folder = self._frames(label)
+        scenes = {self._frames(label): path for label, (_, path) in columns.items() if path is not None}
 
-            def work(progress: Progress, folder: Path = folder, path: Path | None = path) -> None:
-                scene = self.scene_at(path or self.scene)
-                cameras = orbit(scene, s.orbit, s.orbit_size, s.orbit_size)
-                if path is not None:
-                    write_frames(folder, scene, cameras, progress=progress)
-                    return
-                assert isinstance(source, Drawn)
-                make_folder(folder)
-                for index, image in enumerate(source.truth(self.views, cameras, progress)):
-                    write_png(folder / f"{index:04d}.png", image)
+        def draw(progress: Progress) -> None:
+            assert isinstance(source, Drawn)
+            cameras, folder = orbit(self.scene_at(self.scene), s.orbit, s.orbit_size, s.orbit_size), self._frames(TRUTH)
+            make_folder(folder)
+            for index, image in enumerate(source.truth(self.views, cameras, progress)):
+                write_png(folder / f"{index:04d}.png", image)
 
-            last = [folder / f"{s.orbit - 1:04d}.png"]
-            self.stages.do(f"orbit {label}", f"Orbit: {label}", settings, last, work, sorted({"train", stage}))
+        def render(progress: Progress) -> None:
+            shown = {folder: self.scene_at(path) for folder, path in scenes.items()}
+            cameras = orbit(next(iter(shown.values())), s.orbit, s.orbit_size, s.orbit_size)
+            write_frames_of(shown, cameras, progress)
+
+        last = f"{s.orbit - 1:04d}.png"
+        if TRUTH in columns:
+            self.stages.do(
+                f"orbit {TRUTH}", f"Orbit: {TRUTH}", settings, [self._frames(TRUTH) / last], draw, ["train", "views"]
+            )
+        stages = sorted({"train", *(stage for stage, path in columns.values() if path is not None)})
+        files, names = [folder / last for folder in scenes], ", ".join(label for label in columns if label != TRUTH)
+        self.stages.do("orbits", f"Orbits: {names}", {**settings, "of": names}, files, render, stages)
 
     def movie(self) -> None:
         """Combine the orbits side by side, as a movie and as a contact sheet."""
@@ -278,7 +287,7 @@ class Job:
 
             write_mp4(movie, frames(), FPS)
 
-        after = [f"orbit {label}" for label in labels]
+        after = ["orbits", *([f"orbit {TRUTH}"] if TRUTH in labels else [])]
         self.stages.do("movie", "Side by side", {"fps": FPS}, [contact, movie], work, after)
 
     def _frames(self, label: str) -> Path:

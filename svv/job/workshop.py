@@ -89,7 +89,7 @@ class Workshop:
         return self.shown(folder)
 
     def train(self, views: str, out: str, preset: PresetName = "fast") -> str:
-        """Train a scene on a folder of views: draft takes seconds, fast and balanced minutes."""
+        """Train a scene on a folder of views: draft takes seconds, fast and balanced minutes, best longer."""
         from svv.io.views.viewset import ViewSet
         from svv.train.pipeline import train_scene
 

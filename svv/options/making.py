@@ -12,7 +12,7 @@ from svv.options.described import Setting
 DRAWN, PREFIX = "ink:", "gallery:"
 """Prefixes of an ink's name and of a gallery picture's name, where a style is expected."""
 
-PresetName = Literal["draft", "fast", "balanced", "paper"]
+PresetName = Literal["draft", "fast", "balanced", "best", "paper"]
 EncodingName = Literal["lattice", "hash", "values"]
 LightingName = Literal["network", "phong", "auto"]
 DeviceName = Literal["cpu", "cuda", "auto"]
@@ -110,7 +110,8 @@ class TrainOptions:
     """How a scene is trained on views."""
 
     preset: PresetName = "balanced"
-    """How long to train: draft gives a first look, fast and balanced take minutes, the paper's schedule hours."""
+    """How long to train: draft gives a first look, fast and balanced take minutes, best a quarter of an hour for a
+    figure, the paper's schedule hours."""
     time_limit: Annotated[
         float | None, Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit.")
     ] = None
@@ -176,8 +177,8 @@ class PaintOptions:
     go_on: Annotated[bool, Setting("--continue", panel="")] = False
     """Keep the scene's painting where no style is given for a region."""
     preset: PresetName = "balanced"
-    """How to paint: draft gives a first look, fast and balanced paint alike, and paper matches features for hours, as
-    StyleRF-VolVis does."""
+    """How to paint: draft gives a first look, fast, balanced and best paint alike, and paper matches features for
+    hours, as StyleRF-VolVis does."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE", advanced=True)] = "auto"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +29,8 @@ from svv.io.pictures.output import (
 )
 
 if TYPE_CHECKING:
+    from torch import nn
+
     from svv.fields.scene.scene import Rendering, Scene
 
 SHOWN_SIZE = 320
@@ -154,19 +156,80 @@ def write_frames(
     Returns:
         The files, in the order of the cameras.
     """
-    make_folder(folder)
-    paths = [folder / f"{index:04d}.png" for index in range(len(cameras))]
-    chosen = list(zip(paths, cameras, range(len(cameras)), strict=True))[those]
-    whole, at, steps = _at_each(scene)
-    look = digest(whole.to_bytes(), network, background, what)
-    for index, (path, camera, number) in enumerate(chosen):
-        each = part(progress, index / len(chosen), (index + 1) / len(chosen))
-        told = {field.name: getattr(camera, field.name) for field in fields(camera)}
-        made = key_of(look, told if steps is None else {**told, "step": steps[number]})
-        if made_of(path) != made:
-            write_view(path, at(number), camera, network, background, what, each, made)
+    frames = _Frames(folder, scene, network, background, what)
+    chosen = list(enumerate(cameras))[those]
+    for index, (number, camera) in enumerate(chosen):
+        frames.write(number, camera, part(progress, index / len(chosen), (index + 1) / len(chosen)))
         progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
-    return paths
+    return [frames.path(number) for number in range(len(cameras))]
+
+
+def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], progress: Progress = silent) -> None:
+    """Render the same views of several scenes, each into a folder; see :func:`write_frames`.
+
+    Scenes with the same networks, such as edits and a painting of one scene, share what these say of a view: it is
+    found once for all of them. The files are the same as from one call for each.
+
+    Args:
+        scenes: Folder of each scene.
+        cameras: Cameras in world units.
+        progress: Called often.
+    """
+    from svv.fields.radiance.kept_views import kept_at_once
+
+    frames = [
+        _Frames(folder, scene, None, None, "rgba") for folder, scene in zip(scenes, _sharing(list(scenes.values())))
+    ]
+    count = len(cameras) * len(frames)
+    for number, camera in enumerate(cameras):
+        with kept_at_once():
+            for k, each in enumerate(frames):
+                done = number * len(frames) + k
+                each.write(number, camera, part(progress, done / count, (done + 1) / count))
+        progress((number + 1) / len(cameras), f"view {number + 1} of {len(cameras)}")
+
+
+class _Frames:
+    """Frames of a scene in a folder; one that was made from the same scene, camera and settings is left as it is."""
+
+    def __init__(
+        self, folder: Path, scene: Scene | Played, network: str | None, background: Sequence[float] | None, what: str
+    ) -> None:
+        self._folder, self._how = make_folder(folder), (network, background, what)
+        whole, self._at, self._steps = _at_each(scene)
+        self._look = digest(whole.to_bytes(), *self._how)
+
+    def path(self, number: int) -> Path:
+        """Return the file of a frame."""
+        return self._folder / f"{number:04d}.png"
+
+    def write(self, number: int, camera: Camera, progress: Progress) -> None:
+        """Render a frame, unless it is there."""
+        told = {field.name: getattr(camera, field.name) for field in fields(camera)}
+        made = key_of(self._look, told if self._steps is None else {**told, "step": self._steps[number]})
+        if made_of(self.path(number)) != made:
+            write_view(self.path(number), self._at(number), camera, *self._how, progress, made)
+
+
+def _sharing(scenes: Sequence[Scene]) -> list[Scene]:
+    """Return the scenes with those networks of the first one that are equal to their own, number by number."""
+    first, out = scenes[0], list(scenes[:1])
+    for scene in scenes[1:]:
+        parts = {name: getattr(first, name) for name in ("base", "palette_network")}
+        same = scene.settings == first.settings and np.array_equal(first.occupancy.occupied, scene.occupancy.occupied)
+        same = same and all(_equal(network, getattr(scene, name)) for name, network in parts.items())
+        out.append(replace(scene, **parts, occupancy=first.occupancy) if same else scene)
+    return out
+
+
+def _equal(network: nn.Module | None, other: nn.Module | None) -> bool:
+    """Return whether two networks have the same parameters."""
+    if network is None or other is None:
+        return network is other
+    one, two = network.state_dict(), other.state_dict()
+    return one.keys() == two.keys() and all(
+        one[k].shape == two[k].shape and bool((one[k] == two[k]).all()) for k in one
+    )
 
 
 def write_movie(

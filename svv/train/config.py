@@ -44,6 +44,16 @@ class ReconstructSettings(FitSettings):
 
     iterations: int = 1500
     """Number of optimiser steps."""
+    pixels_a_cell: float = 2.5
+    """Minimum number of pixels that the finest cell of the features covers, if the lattice is fitted to the views: in a
+    short training, too few rays see finer cells to train them."""
+    most_cells: int = 256
+    """Maximum number of such cells along the longest side."""
+    most_vertices: int = 1 << 24
+    """Maximum number of vertices of such cells where something is visible; where there are more, the finest level is
+    left out."""
+    refine_known: bool = False
+    """Whether a density that starts from the volume or from a tomography becomes twice as fine, too."""
     refine_at: float = 0.5
     """Fraction of the schedule after which the step and the density lattice become twice as fine; above 1: never."""
     density_rate: float = 0.3
@@ -175,6 +185,9 @@ class Preset:
     """Whether the scene is a function of the volume's values (:mod:`svv.train.base.from_values`)."""
     fitted: bool = True
     """Whether the lattice is fitted to the views' pixels (:func:`svv.train.base.resolutions.fitted_field`)."""
+    all_samples: bool = False
+    """Whether images take every sample, merged as in stage 2, instead of as few as show the same to the eye
+    (:func:`svv.train.base.sampling.with_fewest_samples`)."""
 
 
 PRESETS = {
@@ -187,6 +200,15 @@ PRESETS = {
     ),
     "fast": Preset("fast", FieldSettings(), ReconstructSettings(iterations=700), RecolourSettings(iterations=300)),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
+    "best": Preset(
+        "best",
+        FieldSettings(),
+        ReconstructSettings(
+            iterations=6000, pixels_a_cell=0.7, most_cells=512, most_vertices=8_000_000, refine_known=True
+        ),
+        RecolourSettings(iterations=2400, joined=1.0 / 128.0),
+        all_samples=True,
+    ),
     "paper": Preset(
         "paper",
         FieldSettings("hash", (16, 4096), features=2, shading=False),
@@ -234,7 +256,7 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     """Look up a preset by name.
 
     Args:
-        name: ``draft``, ``fast``, ``balanced`` or ``paper``; custom settings are returned unchanged.
+        name: ``draft``, ``fast``, ``balanced``, ``best`` or ``paper``; custom settings are returned unchanged.
         encoding: ``lattice`` or ``hash`` to override the preset's: the table and the learning rates then come from the
             encoding's home preset (:data:`HOMES`); schedule, widths and losses stay the preset's. ``values``: the
             lattice's, with a shorter schedule, because little is left to learn.

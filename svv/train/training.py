@@ -26,7 +26,7 @@ from svv.train.base.feature_levels import with_fewest_levels
 from svv.train.base.first_extinction import Beginning, begin, first_occupancy
 from svv.train.base.from_values import ValueReconstruction, field_of
 from svv.train.base.reconstruct import Reconstruction, reconstruct
-from svv.train.base.resolutions import fitted_field
+from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
@@ -119,6 +119,9 @@ class Training:
 
     def _samples(self, scene: Scene) -> tuple[float, float, str]:
         """Return with which samples images of the scene are good enough, and why."""
+        if self.chosen.all_samples:
+            joined = self.chosen.recolour.joined
+            return 1.0, joined, f"images use every sample, merged up to 1/{1 / joined:g} of a pixel, as in the preset"
         found, reason = with_fewest_samples(scene, self.views.cameras)
         return found.stride, found.joined, reason
 
@@ -161,9 +164,13 @@ class Training:
             field = field_of(field, values)
             self.notes.append(f"the scene is a function of the volume's values, on a lattice of {values.cells} cells")
         elif chosen.fitted:
-            field, reason = fitted_field(field, views.cameras, occupancy.box)
+            field, reason = fitted_field(field, views.cameras, occupancy.box, chosen.reconstruct)
             self.notes.append(reason)
-        return field, replace(self._beginning(occupancy, field), values=values)
+        beginning = replace(self._beginning(occupancy, field), values=values)
+        if values is None and chosen.fitted:
+            field, left_out = affordable_field(field, beginning.occupancy, chosen.reconstruct)
+            self.notes += [] if left_out is None else [left_out]
+        return field, beginning
 
     def _beginning(self, occupancy: Occupancy, field: FieldSettings) -> Beginning:
         """Return the extinction with which training starts; one that the views told is kept in the checkpoint."""

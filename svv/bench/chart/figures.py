@@ -29,11 +29,12 @@ COLOURS = {
     "lattice, phong, reference kernels": "#93c99b",
     "lattice, auto, reference kernels": "#c3a5dc",
 }
-MARKERS = {"draft": "o", "fast": "s", "balanced": "D", "paper": "^"}
+MARKERS = {"draft": "o", "fast": "s", "balanced": "D", "best": "*", "paper": "^"}
 DASHES: dict[str, Any] = {
     "draft": (0, (1, 1.2)),
     "fast": "-",
     "balanced": (0, (5, 1.5)),
+    "best": (0, (8, 2)),
     "paper": (0, (5, 1.5, 1, 1.5)),
 }
 PLACES = ((-9, 3), "right"), ((9, -9), "left")

@@ -104,7 +104,9 @@ def _stage_1(views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps
     settings = replace(chosen.reconstruct, iterations=steps, prune_every=max(1, steps // 10))
     progress(0.0, "where to look")
     occupancy, _ = first_occupancy(views, settings, chosen.field, silent)
-    field = fitted_field(chosen.field, views.cameras, occupancy.box)[0] if chosen.fitted else chosen.field
+    field = chosen.field
+    if chosen.fitted:
+        field, _ = fitted_field(field, views.cameras, occupancy.box, settings)
     beginning, _ = begin(views, occupancy, field, settings, seed, silent)
     training = Reconstruction(views, beginning, field, settings, seed)
     number = itertools.count()

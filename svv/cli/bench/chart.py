@@ -39,7 +39,7 @@ class Axes:
     """Settings whose values are all combined with each other."""
 
     presets: Annotated[str, Setting(metavar="A,B")] = "draft,fast"
-    """Presets: draft, fast, balanced, paper."""
+    """Presets: draft, fast, balanced, best, paper."""
     encodings: Annotated[str, Setting(metavar="A,B")] = "lattice,hash"
     """Encodings: lattice, hash."""
     time_limits: Annotated[str, Setting(metavar="SECONDS,...")] = "15,30,60"

@@ -21,7 +21,7 @@ from svv.core.volumes.classified import ClassifiedVolume
 from svv.dvr.draw.casters import CpuMapper, GpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.classify import classified
 from svv.dvr.draw.frame import Stage, set_stage
-from svv.dvr.draw.large import BrickMapper, LargeVolume, Opened, open_volume
+from svv.dvr.draw.large import BrickMapper, LargeVolume, Opened, open_volume, quickest
 from svv.dvr.functions.histogram import default_transfer_function
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import as_volume
@@ -99,6 +99,7 @@ def render_views(
         BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
             it is ``gpu`` and OpenGL is not available.
     """
+    mapper = quickest(image, mapper, None)
     opened = Opened.of(image, mapper, None)
     tf = tf.fitted(*opened.range, rescale=False)
     tf = replace(tf, unit_distance=tf.unit_distance or opened.unit_distance)
@@ -151,7 +152,7 @@ def make_views(
         volume = as_volume(volume)
     elif not isinstance(volume, LargeVolume):
         volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
-    opened = Opened.of(volume, asked.mapper, asked.memory)
+    opened = Opened.of(volume, quickest(volume, asked.mapper, asked.memory), asked.memory)
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
     given = tf or default_transfer_function(opened.image)

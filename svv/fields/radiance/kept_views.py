@@ -109,6 +109,11 @@ class KeptViews:
             while self._views and self.bytes > self.most:
                 self._views.popitem(last=False)
 
+    def drop(self, key: Hashable) -> None:
+        """Forget one view."""
+        with self._lock:
+            self._views.pop(key, None)
+
     def forget(self, holder: int) -> None:
         """Forget all views of something that no longer exists; ``holder`` is its number in the keys."""
         with self._lock:
@@ -134,6 +139,22 @@ def nothing_kept() -> Iterator[None]:
         _ALL_ANEW.reset(before)
 
 
+_AT_ONCE: ContextVar[list[Hashable] | None] = ContextVar("_AT_ONCE", default=None)
+
+
+@contextmanager
+def kept_at_once() -> Iterator[None]:
+    """Keep every view from its first image on, until the end: for whoever draws several edits of a scene in turn."""
+    keys: list[Hashable] = []
+    before = _AT_ONCE.set(keys)
+    try:
+        yield
+    finally:
+        _AT_ONCE.reset(before)
+        for key in keys:
+            KEPT.drop(key)
+
+
 _numbers: dict[int, tuple[weakref.ref[object], int]] = {}
 _COUNT = itertools.count()
 
@@ -148,6 +169,8 @@ class View:
     def __init__(self, key: Hashable | None) -> None:
         self._key, self._bytes = key, 0
         self._looks = None if key is None else KEPT.look(key)
+        if key is not None and self._looks is None and _AT_ONCE.get() is not None:
+            self._looks = {}
         self._complete = bool(self._looks)
 
     def look(self, first: int, make: Callable[[], Look | None]) -> Look | None:
@@ -167,6 +190,9 @@ class View:
         if self._looks and not self._complete:
             assert self._key is not None
             KEPT.keep(self._key, self._looks)
+            at_once = _AT_ONCE.get()
+            if at_once is not None:
+                at_once.append(self._key)
 
 
 def bytes_of(looks: Looks) -> int:

@@ -126,12 +126,18 @@ def least_extinction(pruned: float, largest: float) -> float:
     return min(pruned, LEAST_EXTINCTION_SHARE * largest)
 
 
-def largest_in(exponent: Callable[[Tensor], Tensor], corner: Tensor, occupancy: Occupancy) -> Tensor:
-    """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)"""
+def largest_in(
+    exponent: Callable[[Tensor], Tensor], corner: Tensor, occupancy: Occupancy, corners: bool = False
+) -> Tensor:
+    """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)
+
+    It is that of 27 points of a cell, or of its ``corners``, which are enough if the exponent is interpolated between
+    them.
+    """
     device = corner.device
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
     largest = torch.full((len(corner),), -torch.inf, device=device)
-    for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
+    for offset in itertools.product((0.0, 1.0) if corners else (0.0, 0.5, 1.0), repeat=3):
         points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
         # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
         points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())

@@ -44,8 +44,9 @@ def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = 
         return scene, "one level of features, the minimum"
     if borders:
         return scene, f"all {encoding.levels} levels of features stay, for the borders between the regions"
-    choices = [without_finer(scene, k, views, seed) for k in range(1, encoding.levels)] + [scene]
-    found = [accuracy(choice, views, seed) for choice in choices]
+    # One at a time: each has tables of its own, hundreds of megabytes of them where cells are small.
+    found = [accuracy(without_finer(scene, k, views, seed), views, seed) for k in range(1, encoding.levels)]
+    found.append(accuracy(scene, views, seed))
     kept = next(k for k in range(1, encoding.levels + 1) if found[-1] - found[k - 1] <= LEAST_GAIN)
     said, verb, first = "left out", "would add", kept
     if kept == encoding.levels:
@@ -54,7 +55,7 @@ def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = 
     names = " and ".join(f"{n} ({encoding.resolutions[n - 1]} cells)" for n in numbers)
     rows = encoding.rows_of_level(encoding.levels - 1).stop - encoding.rows_of_level(first).start
     # One byte per feature, in the base network's table and in the palette network's.
-    return choices[kept - 1], (
+    return scene if kept == encoding.levels else without_finer(scene, kept, views, seed), (
         f"level{'s' * (len(numbers) > 1)} {names} {verb} {found[-1] - found[first - 1]:.2f} dB "
         f"for {2e-6 * rows * encoding.features:.2g} MB: {said}"
     )

@@ -126,7 +126,8 @@ def begin(
         return Beginning(occupancy), None
 
     def pruned(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
-        extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, lattice.table.device)
+        corners, device = lattice.resolutions[-1] <= where.cells, lattice.table.device
+        extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, device, corners=corners)
         least = least_extinction(settings.faint_prune_least * min(finest, MOST_CELLS), float(extinction.max()))
         left = where.pruned(extinction, least, grow)
         return left if left.occupied.any() else where
@@ -146,7 +147,11 @@ def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSett
 
 @torch.no_grad()
 def largest_extinction(
-    exponent: Callable[[Tensor], Tensor], occupancy: Occupancy, device: torch.device, shared: bool = False
+    exponent: Callable[[Tensor], Tensor],
+    occupancy: Occupancy,
+    device: torch.device,
+    shared: bool = False,
+    corners: bool = False,
 ) -> Tensor:
     """Return the largest extinction at 27 points of each occupied cell, in raster order.
 
@@ -155,13 +160,14 @@ def largest_extinction(
         occupancy: Occupied cells.
         device: Device of the points.
         shared: Whether all ranks call this together: each looks at a part of the cells.
+        corners: Whether the 8 corners of a cell are enough, because the exponent is interpolated between them.
     """
     corner = occupancy.occupied_on(device).nonzero()
     if shared and ranks.many():
         part, whole = ranks.part(len(corner)), torch.zeros(len(corner), device=device)
-        whole[part] = largest_in(exponent, corner[part], occupancy)
+        whole[part] = largest_in(exponent, corner[part], occupancy, corners)
         return ranks.summed(whole)
-    return largest_in(exponent, corner, occupancy)
+    return largest_in(exponent, corner, occupancy, corners)
 
 
 def log_extinction(field: BaseField, points: Tensor) -> Tensor:

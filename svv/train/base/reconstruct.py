@@ -75,6 +75,8 @@ class Reconstruction:
             with torch.no_grad():
                 density.table[density.rows_of_level(0)] = settings.initial_exponent
         finest = field.resolutions[-1] if density is not None else 512
+        if density is not None and settings.refine_known:
+            finest = min(finest, density.resolutions[-1])  # finer steps would see the same cells of the density again
         self.marching = Marching(1.0 / finest, keep=settings.keep)
         self.pool = RayPool(views, occupancy.box, seed, device, field.headlight)
         self.budget = RayBudget(settings.rays, settings.samples)
@@ -144,12 +146,13 @@ class Reconstruction:
         """Halve the step and add a density level twice as fine, in the cells that pruning left.
 
         The new level starts with zeros, so the field does not change. A density that starts from a known extinction
-        has its finest level from the beginning.
+        has its finest level from the beginning, unless ``refine_known``.
         """
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
         where = self.occupancy.occupied, self.occupancy.cells
-        self.field.density = density.restricted(*where, finer=() if self.known else (2 * density.resolutions[-1],))
+        finer = () if self.known and not self.settings.refine_known else (2 * density.resolutions[-1],)
+        self.field.density = density.restricted(*where, finer=finer)
         self.field.encoding = encoding.restricted(*where)
         self.tables.restart(self.field.encodings)
         self.marching = replace(self.marching, step=0.5 * self.marching.step)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.fields.radiance.networks import FieldSettings
+from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.scene import Scene
-from svv.train.config import StylizeSettings
+from svv.train.config import ReconstructSettings, StylizeSettings
 
-PIXELS_A_CELL = 2.5
-"""Minimum number of pixels that the finest lattice cell covers: too few rays see finer cells to train them."""
+USUAL = ReconstructSettings()
+"""Settings of most presets."""
 
 
 def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
@@ -37,24 +39,42 @@ def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tu
 
 
 def fitted_field(
-    field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256
+    field: FieldSettings, cameras: Sequence[Camera], box: Box, settings: ReconstructSettings = USUAL
 ) -> tuple[FieldSettings, str]:
     """Return the lattice levels that the views can resolve, and the reason in a sentence.
 
-    Cells of the finest level cover at least :data:`PIXELS_A_CELL` pixels of the views; each coarser level has half as
-    many cells, down to 16.
+    Cells of the finest level cover at least ``settings.pixels_a_cell`` pixels of the views, and there are at most
+    ``settings.most_cells`` of them along the box; each coarser level has half as many cells, down to 16.
     """
+    finest, least = settings.most_cells, settings.pixels_a_cell
     centre = box.bounds.mean(axis=0)
     # Cameras at several distances: what half of them resolve.
     pixel = float(np.median([c.pixel_at(float(np.linalg.norm(c.position - centre))) for c in cameras]) / box.size)
-    best = 1.0 / (PIXELS_A_CELL * pixel)
+    best = 1.0 / (least * pixel)
     levels = [16]
     while levels[-1] * 2 <= min(best, finest):
         levels.append(levels[-1] * 2)
     reason = (
         f"a pixel covers 1/{1 / pixel:.0f} of the box, so the finest of {len(levels)} levels has {levels[-1]} cells: "
-        f"{levels[-1] * 2} would be under {PIXELS_A_CELL:g} pixels per cell"
+        f"{levels[-1] * 2} would be under {least:g} pixels per cell"
         if levels[-1] < finest
         else f"the finest of {len(levels)} levels has {finest} cells, the most this preset allows"
     )
     return FieldSettings(**{**field.to_json(), "resolutions": tuple(levels)}), reason  # type: ignore[arg-type]
+
+
+def affordable_field(
+    field: FieldSettings, occupancy: Occupancy, settings: ReconstructSettings
+) -> tuple[FieldSettings, str | None]:
+    """Return the lattice without the levels that need too much memory, and the reason if there are such levels.
+
+    A level has about as many vertices as cells in the occupied part of the box. Those of a surface are few even where
+    cells are smaller than a pixel; those of a fog that fills its box are hundreds of millions.
+    """
+    levels, cells = field.resolutions, int(occupancy.occupied.sum())
+    kept = [n for n in levels[1:] if cells * (n / occupancy.cells) ** 3 <= settings.most_vertices]
+    if len(kept) == len(levels) - 1:
+        return field, None
+    fitting = (levels[0], *kept)
+    reason = f"cells of {fitting[-1]} are the finest that {settings.most_vertices:,} vertices can hold here"
+    return replace(field, resolutions=fitting), reason

@@ -12,15 +12,16 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
+from svv.kernels.numba.bricks import NO_BRICKS, value_in_brick
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.marching import clip_to_box, interpolate_scalar, inverse, leap
 from svv.kernels.numba.trilinear import ONE32
 
 
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def optical_depths(  # type: ignore[no-untyped-def]
-    origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, stop, out
-):
+    origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, stop, out,
+    bricks=NO_BRICKS,
+):  # fmt: skip
     """Write each ray's optical depth through an extinction of which a lattice holds the logarithm.
 
     Args:
@@ -38,9 +39,24 @@ def optical_depths(  # type: ignore[no-untyped-def]
         table: Log extinction, float32. (V,)
         stop: Optical depth at which a ray ends.
         out: Result, float32. (R,)
+        bricks: The same values in bricks (:func:`svv.kernels.numba.bricks.made`), from which they are read faster.
     """
+    _optical_depths(
+        origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, *bricks, stop,
+        out,
+    )  # fmt: skip
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _optical_depths(  # type: ignore[no-untyped-def]
+    origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, slots, bricks, stop,
+    out,
+):  # fmt: skip
+    """Do the work of :func:`optical_depths`."""
     nx, ny, nz = distance.shape[1:]
     side, rate = ONE32 / cells, ONE32 / step
+    in_bricks, scale = slots.size > 0, scales[0]
+    cell = np.int32(shapes[0, 0] - 2), np.int32(shapes[0, 1] - 2), np.int32(shapes[0, 2] - 2)  # the last one
     for r in prange(origins.shape[0]):
         ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
         dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
@@ -63,7 +79,11 @@ def optical_depths(  # type: ignore[no-untyped-def]
                     tz = leap(cz, empty, dz, oz, iz_, side)
                     i = max(i + 1, int(math.ceil(min(tx, min(ty, tz)) * rate - shift)))
                     continue
-                depth += np.exp(interpolate_scalar(x, y, z, shapes, scales, bases, index, table)) * step
+                if in_bricks:
+                    value = value_in_brick(x, y, z, scale, cell, slots, bricks)
+                else:
+                    value = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
+                depth += np.exp(value) * step
                 if depth > stop:
                     break
                 i += 1

@@ -70,6 +70,9 @@ LEAST_COLOUR = 0.02
 LEAST_SOLID = 0.1
 """Alpha below which what a pixel shows beyond its regions is not divided by alpha any further."""
 
+MOST_CELLS = 256
+"""Maximum number of cells along the longest side of the grid of regions, which is worked on whole."""
+
 SAME_HUE = 0.06
 """Angle in radians between two colours' directions up to which only their brightness tells them apart."""
 
@@ -114,7 +117,7 @@ class _Points:
         occupancy, settings = scene.occupancy, scene.settings
         self._shading = views.meta.shading
         assert scene.base.density is not None
-        cells = (settings.resolutions + settings.finer)[-1]
+        cells = min((settings.resolutions + settings.finer)[-1], MOST_CELLS)
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
         empty = self.labels(np.zeros(len(self._places), np.int64))

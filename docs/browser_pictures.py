@@ -35,7 +35,8 @@ NOTEBOOK = (1000, 1150)
 """Size of the notebook's window in pixels."""
 
 CELLS = (
-    'import pyvista\n\nscene = pyvista.read("scene.svv")\nwidget = scene.svv.widget(title="My scene", height=420)\nwidget',
+    'import pyvista\n\nscene = pyvista.read("scene.svv")\nwidget = scene.svv.widget(title="My scene", height=420)\n'
+    "widget",
     'import traitlets\n\nother = scene.svv.recolour(0, "seagreen").svv.widget(title="In green", height=420)\n'
     'link = traitlets.link((widget, "view"), (other, "view"))\nother',
 )
@@ -97,7 +98,8 @@ def notebook_picture(demo: Path, jupyter: str) -> Image.Image:
         {"cell_type": "code", "id": f"c{k}", "metadata": {}, "execution_count": None, "outputs": [], "source": text}
         for k, text in enumerate(CELLS)
     ]
-    book = {"cells": cells, "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+    book = {"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copy(demo / "scene.svv", folder)

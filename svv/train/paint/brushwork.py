@@ -58,8 +58,8 @@ SIDES = 2.0
 
 LIFTED, DULL, COLOURFUL = 0.1, 0.5, 35.0
 """On what is translucent: how far the tone of washes is lifted towards the lightest; lack of chroma, relative to the
-picture's most vivid colours, that costs as much as :data:`TONE`; and chroma from which a colour is vivid in any picture,
-so that a bright yellow does not drive out a teal."""
+picture's most vivid colours, that costs as much as :data:`TONE`; and chroma from which a colour is vivid in any
+picture, so that a bright yellow does not drive out a teal."""
 
 PALE, MIDDLE, FORM, VARIED, SPARSE = 0.95, 0.45, 0.15, 0.27, 0.5
 """On what is wholly transparent, strokes are sparse and opaque on a clear ground, which shows the sheet and what lies

@@ -15,11 +15,26 @@ class BadInput(ValueError):
     """Input that the program cannot work with; its message is one sentence that says what to do.
 
     The command line prints the message and exits with code 2; ParaView shows it in its Output Messages.
+
+    >>> try:
+    ...     svv.Ink("chalk")
+    ... except svv.BadInput as error:
+    ...     print(error)
+    There is no 'ink:chalk'; choose one of ink:stippling, ink:hatching, ink:cross-hatching.
     """
 
 
 class Cancelled(Exception):
-    """The user stopped the work; finished results are kept (exit code 130)."""
+    """The user stopped the work; finished results are kept (exit code 130).
+
+    >>> def stop(part: float, label: str) -> None:
+    ...     raise svv.Cancelled("stopped by the user")
+    >>> try:
+    ...     svv.train_scene(views, "draft", progress=stop)
+    ... except svv.Cancelled as stopped:
+    ...     print(stopped)
+    stopped by the user
+    """
 
 
 class Elsewhere(Exception):

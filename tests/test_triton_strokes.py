@@ -19,9 +19,10 @@ DEVICE = torch.device("cuda") if GPU else CPU
 COUNTS = np.random.default_rng(1).integers(0, 9, 60).tolist()
 
 
-@pytest.mark.parametrize("brush", stroke_checks.BRUSHES)
-def test_strokes_are_those_of_the_cpu(brush: str) -> None:
-    stroke_checks.check_strokes(triton_kernels, DEVICE, 0, brush, COUNTS)
+@pytest.mark.parametrize(("brush", "seed"), [*((brush, 0) for brush in stroke_checks.BRUSHES), ("wash", 2)])
+def test_strokes_are_those_of_the_cpu(brush: str, seed: int) -> None:
+    # With the seed 2, washes end below dry strokes: what is left of their sums counts for nothing.
+    stroke_checks.check_strokes(triton_kernels, DEVICE, seed, brush, COUNTS)
 
 
 @pytest.mark.parametrize("counts", [[0, 0], [0, 1, 0], [40]])

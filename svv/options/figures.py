@@ -29,7 +29,12 @@ JOURNALS: dict[str, tuple[float, float, float]] = {
 
 @dataclass(frozen=True)
 class FigureOptions:
-    """How a figure is laid out, and what is drawn beside its pictures."""
+    """How a figure is laid out, and what is drawn beside its pictures.
+
+    >>> options = svv.FigureOptions(width=89.0, dpi=300)  # millimetres: one column
+    >>> options.width, options.dpi
+    (89.0, 300)
+    """
 
     journal: JournalName = "nature"
     """Journal whose column widths and size of text are used."""

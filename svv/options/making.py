@@ -82,7 +82,12 @@ class ShownVolumeOptions(VolumeOptions):
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Which views of a volume are drawn."""
+    """Which views of a volume are drawn.
+
+    >>> options = svv.ViewOptions(n=42, test=20, size=400)
+    >>> options.n, options.test, options.size
+    (42, 20, 400)
+    """
 
     n: Annotated[int, Setting(least=3, panel="Views", advanced=True)] = 92
     """Number of training views, spread evenly over a sphere around the volume."""
@@ -107,7 +112,11 @@ class ViewOptions:
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """How a scene is trained on views."""
+    """How a scene is trained on views.
+
+    >>> svv.TrainOptions("fast", encoding="lattice").preset
+    'fast'
+    """
 
     preset: PresetName = "balanced"
     """How long to train: draft gives a first look, fast and balanced take minutes, best a quarter of an hour for a
@@ -139,7 +148,11 @@ class TrainOptions:
 
 @dataclass(frozen=True)
 class PaletteOptions:
-    """How the regions of a corrected palette are trained again."""
+    """How the regions of a corrected palette are trained again.
+
+    >>> svv.PaletteOptions("draft").preset
+    'draft'
+    """
 
     preset: PresetName = "balanced"
     """How long to train the regions; draft gives a first look."""
@@ -155,7 +168,12 @@ class PaletteOptions:
 
 @dataclass(frozen=True)
 class PaintOptions:
-    """How the regions of a scene are painted."""
+    """How the regions of a scene are painted.
+
+    >>> options = svv.PaintOptions(mapping={0: 1, 1: 0}, preset="draft", stroke_size=1.5)
+    >>> options.manner, options.hand
+    ('auto', 'auto')
+    """
 
     mapping: Annotated[
         dict[int, int] | Literal["colour"] | None,

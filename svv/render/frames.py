@@ -58,7 +58,12 @@ class Played:
 
 
 def orbit(scene: Scene, n: int, width: int, height: int) -> list[Camera]:
-    """Return ``n`` cameras of the 181-view path around a scene, at the distance of its training views."""
+    """Return ``n`` cameras of the 181-view path around a scene, at the distance of its training views.
+
+    >>> cameras = svv.orbit(scene, 8, 64, 48)
+    >>> len(cameras), cameras[0].width, cameras[0].height
+    (8, 64, 48)
+    """
     return [camera.resized(width, height) for camera in scene.rig.orbit(n, width)]
 
 

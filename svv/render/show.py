@@ -57,6 +57,10 @@ def show(
     Raises:
         BadInput: PyVista is missing, this is ParaView, there is no display, the scene does not have that network, or
             the file cannot be written.
+
+    >>> picture = svv.show(scene, size=(64, 48), off_screen=True)
+    >>> picture.size
+    (64, 48)
     """
     first = camera.resized(*size) if camera is not None else orbit(scene, 181, *size)[90]
     if not off_screen and _in_notebook():
@@ -96,6 +100,9 @@ def widget(
 
     Raises:
         BadInput: anywidget is missing, or the scene has no palette network.
+
+    >>> svv.widget(scene, title="Two balls").scene.regions == scene.regions
+    True
     """
     try:
         from svv.render.notebook import SceneWidget
@@ -115,6 +122,10 @@ def image_data(rendering: Rendering) -> Any:
 
     Raises:
         BadInput: PyVista is missing, or this is ParaView.
+
+    >>> data = svv.image_data(scene.render(svv.orbit(scene, 8, 64, 48)[0]))
+    >>> data.dimensions, data.point_data.keys()
+    ((64, 48, 1), ['RGBA', 'Depth', 'Region'])
     """
     height, width = rendering.depth.shape
     image = _pyvista().ImageData(dimensions=(width, height, 1))

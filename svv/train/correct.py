@@ -73,6 +73,10 @@ def correct_palette(
     Raises:
         BadInput: There is no palette network, the views are of another scene, or the correction is impossible
             (:func:`svv.core.colour.correction.corrected`).
+
+    >>> corrected, report = svv.correct_palette(scene, views, svv.Correction(merge=((0, 1),)), "draft")
+    >>> len(corrected.regions)
+    1
     """
     asked, chosen = given(PaletteOptions, options, changes)
     time_limit, seed = asked.time_limit, asked.seed

@@ -69,6 +69,10 @@ def train_scene(
     Raises:
         BadInput: There are fewer than 3 views, no point is visible in all of them, they contradict their cameras, an
             option does not exist, or the time limit is not above 0.
+
+    >>> trained, report = svv.train_scene(views, "draft", time_limit=2.0)
+    >>> trained.networks, sorted(report["seconds"])
+    (('base', 'pcn'), ['base', 'extinction', 'hull', 'palette', 'pcn', 'sampling', 'total'])
     """
     asked, chosen = given(TrainOptions, options, changes)
     device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed
@@ -147,6 +151,11 @@ def stylize_scene(
             a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
             styled network to continue with, the variant already exists, or the preset ``paper`` is to draw in ink or
             paint in another manner, or another preset to match features.
+
+    >>> picture = np.random.default_rng(0).random((64, 64, 3), np.float32)
+    >>> painted, report = svv.stylize_scene(scene, [picture], "draft", mapping={0: 0}, manner="strokes")
+    >>> painted.networks, report["manner"]
+    (('base', 'pcn', 'styled'), {'0': 'strokes'})
     """
     asked, chosen = given(PaintOptions, options, changes)
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]

@@ -41,7 +41,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Correction:
-    """Changes to a palette. All numbers refer to the palette before the correction."""
+    """Changes to a palette. All numbers refer to the palette before the correction.
+
+    >>> corrected, _ = svv.correct_palette(scene, views, svv.Correction(merge=((0, 1),)), "draft")
+    >>> len(scene.regions), len(corrected.regions)
+    (2, 1)
+    """
 
     merge: tuple[tuple[int, ...], ...] = ()
     """Groups of colours to merge into their mean, weighted by their shares."""

@@ -53,6 +53,10 @@ class Camera:
     Raises:
         BadInput: The matrix is not finite, its 3x3 part is not a rotation, or an angle, width, point or size is out
             of range.
+
+    >>> camera = svv.Camera(np.eye(4), np.radians(30.0), 640, 480)  # at the origin, looking along -z
+    >>> round(camera.focal), camera.principal_point, camera.resized(320, 240).width
+    (1194, (320.0, 240.0), 320)
     """
 
     camera_to_world: Array

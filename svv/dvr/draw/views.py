@@ -142,6 +142,11 @@ def make_views(
     Raises:
         BadInput: An option is out of range, or ``read_volume``, ``TransferFunction`` or ``render_views`` rejects an
             argument.
+
+    >>> import pyvista
+    >>> train, test = svv.make_views(pyvista.Wavelet(), n=12, test=3, size=64)
+    >>> train.images.shape, test.images.shape
+    ((12, 64, 64, 4), (3, 64, 64, 4))
     """
     asked = replace(options, **changes)
     _check_options(asked)

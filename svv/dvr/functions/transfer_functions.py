@@ -63,6 +63,11 @@ class TransferFunction:
     Raises:
         BadInput: There are no points, values are not finite or not ascending, numbers are outside [0, 1], or the
             colour space is unknown.
+
+    >>> points = [(0.0, 0.0, 0.5, 0.0), (0.4, 0.0, 0.5, 0.0), (1.0, 0.6, 0.5, 0.0)]
+    >>> tf = svv.TransferFunction([(0.0, 0.1, 0.2, 0.8), (1.0, 0.9, 0.3, 0.1)], points)
+    >>> tf.range
+    (0.0, 1.0)
     """
 
     colours: Points

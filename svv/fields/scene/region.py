@@ -29,6 +29,10 @@ class Region:
 
     It consists of the samples whose largest palette weight is this colour's, or of a part of them that was split off
     (:mod:`svv.fields.scene.parts`).
+
+    >>> region = scene.edited(0, name="core", opacity=0.5).regions[0]
+    >>> region.name, region.opacity, region.hidden
+    ('core', 0.5, False)
     """
 
     colour: tuple[float, float, float]

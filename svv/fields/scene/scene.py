@@ -57,6 +57,10 @@ class Rendering:
 
     ``rgba`` (H, W, 4) float32, straight alpha, in [0, 1]; ``depth`` (H, W) float32, mean distance from the camera in
     world units, NaN where nothing is visible; ``region`` (H, W) int16, -1 where nothing is visible.
+
+    >>> image = scene.render(svv.orbit(scene, 8, 64, 48)[0])
+    >>> image.rgba.shape, image.depth.shape, image.region.shape
+    ((48, 64, 4), (48, 64), (48, 64))
     """
 
     rgba: NDArray[np.float32]
@@ -70,6 +74,11 @@ class Scene(PaintedModel):
 
     :class:`svv.fields.scene.model.Model` documents its fields, :class:`svv.fields.scene.edits.EditedModel` its edits,
     and :class:`svv.fields.scene.variants.PaintedModel` its paintings.
+
+    >>> scene.save("balls.svv")
+    >>> again = svv.Scene.load("balls.svv").hidden(0)
+    >>> again.networks, [region.hidden for region in again.regions]
+    (('base', 'pcn'), [True, False])
     """
 
     def on(self, device: torch.device) -> Scene:

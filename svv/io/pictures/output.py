@@ -48,6 +48,8 @@ def write_png(path: str | Path, image: ArrayLike, made: str = "") -> None:
 
     Raises:
         BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+
+    >>> svv.write_png("grey.png", np.full((32, 48, 3), 0.5))
     """
     values = np.asarray(image)
     levels = values if values.dtype == np.uint8 else to_bytes(values)

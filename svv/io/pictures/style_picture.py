@@ -40,6 +40,10 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     Raises:
         BadInput: The file is missing, not a readable picture, smaller than 16 x 16, far too large, or
             completely transparent.
+
+    >>> svv.write_png("style.png", np.random.default_rng(0).random((48, 64, 3)))
+    >>> svv.read_style("style.png").shape
+    (48, 64, 3)
     """
     path = Path(path)
     if not path.is_file():

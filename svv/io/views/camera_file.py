@@ -33,6 +33,12 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: in
 
     Raises:
         BadInput: The file is missing, is not JSON or contains no camera, or the matrix is not a rotation.
+
+    >>> import json, pathlib
+    >>> told = {"camera_to_world": np.eye(4).tolist(), "fov": 30.0}
+    >>> _ = pathlib.Path("camera.json").write_text(json.dumps(told))
+    >>> svv.read_camera("camera.json", (640, 480)).height
+    480
     """
     content = _object(Path(path))
     if "frames" in content:

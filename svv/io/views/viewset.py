@@ -61,6 +61,9 @@ class ViewSet:
 
     Raises:
         BadInput: There is no view, or counts, sizes or types do not match.
+
+    >>> len(views), views.images.shape, views.cameras[0].width
+    (24, (24, 56, 56, 4), 56)
     """
 
     cameras: tuple[Camera, ...]

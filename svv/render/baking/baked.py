@@ -127,7 +127,12 @@ def network_in(member: Scene, network: NetworkName) -> NetworkName:
 
 
 def bake(scene: Scene, options: BakeOptions = BakeOptions(), progress: Progress = silent) -> BakedVolume:
-    """Bake a scene with its edits; see :meth:`Baker.bake`."""
+    """Bake a scene with its edits; see :meth:`Baker.bake`.
+
+    >>> baked = svv.bake(scene)
+    >>> type(baked).__name__
+    'BakedVolume'
+    """
     return Baker().bake(scene, options, progress)
 
 

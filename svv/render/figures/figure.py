@@ -52,7 +52,12 @@ MOST_PIXELS = 150_000_000
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of a figure."""
+    """One picture of a figure.
+
+    >>> panel = svv.Panel(scene, title="from the front")
+    >>> panel.title, panel.camera is None
+    ('from the front', True)
+    """
 
     scene: Scene
     camera: Camera | None = None
@@ -85,8 +90,9 @@ def figure(
         BadInput: matplotlib is missing, an option is out of range, no font has a character of a name, the legend does
             not fit, a scene lacks the network, or the file cannot be written.
 
-    Example:
-        >>> svv.figure(svv.Scene.load("head.svv"), "head.pdf", unit="mm", value_unit="HU")  # doctest: +SKIP
+    >>> drawn = svv.figure(scene, width=60.0)
+    >>> len(drawn.axes) > 0
+    True
     """
     need_matplotlib()
     options = replace(options or FigureOptions(), **changes)

@@ -28,7 +28,13 @@ from svv.train.paint.ink import StyleInput, ink_named
 
 @dataclass(frozen=True)
 class Look(Kept):
-    """A look of scenes; :meth:`of` takes it from one, :meth:`applied` gives it to another."""
+    """A look of scenes; :meth:`of` takes it from one, :meth:`applied` gives it to another.
+
+    >>> look = svv.Look.of(scene.edited(0, name="core", colour=(0.8, 0.2, 0.1)))
+    >>> applied = look.applied(scene)
+    >>> applied.scene.regions[0].edited_colour, applied.notes
+    ((0.8, 0.2, 0.1), ())
+    """
 
     @classmethod
     def of(

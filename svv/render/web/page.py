@@ -79,6 +79,10 @@ def write_html(
 
     Raises:
         BadInput: The scene has no palette network or no cameras, or the file cannot be written.
+
+    >>> from pathlib import Path
+    >>> svv.write_html(Path("balls.html"), scene, "Two balls") > 10_000
+    True
     """
     check_writable(path)
     page = html_of(scene, title, path.stem, background, progress)

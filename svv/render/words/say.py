@@ -47,8 +47,9 @@ def say(
     Raises:
         BadInput: The sentence was not understood, or an edit cannot be made.
 
-    Example:
-        >>> svv.say(svv.Scene.load("a.svv"), "hide region 1").scene.save("b.svv")  # doctest: +SKIP
+    >>> said = svv.say(scene.edited(0, name="core"), "make the core pale jade")
+    >>> said.understood
+    ('core: colour pale jade (#9ad5b6)',)
     """
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")

@@ -79,6 +79,10 @@ class Ink:
 
     Raises:
         BadInput: There is no such ink.
+
+    >>> painted, report = svv.stylize_scene(scene, [svv.Ink("hatching")], "draft", mapping={0: 0})
+    >>> report["manner"], painted.regions[0].style
+    ({'0': 'ink'}, 'ink:hatching')
     """
 
     kind: str
@@ -103,7 +107,12 @@ Style = NDArray[np.floating] | Ink
 
 @dataclass(frozen=True, eq=False)
 class StyleInput:
-    """A style with its name and mask, for :func:`svv.train.pipeline.stylize_scene`."""
+    """A style with its name and mask, for :func:`svv.train.pipeline.stylize_scene`.
+
+    >>> picture = np.random.default_rng(0).random((64, 64, 3), np.float32)
+    >>> svv.StyleInput(picture, "noise").name
+    'noise'
+    """
 
     style: Style
     """A picture or an ink."""

@@ -274,7 +274,8 @@ def _pinhole(matrices: Array, rays: Array, focal: Array, pairs: NDArray[np.intp]
     length = np.linalg.norm(line, axis=1, keepdims=True)
     line = line / np.where(length > 0.0, length, np.nan)
     units = rays / np.linalg.norm(rays, axis=2, keepdims=True)
-    ahead = units[i].mean(1) + units[j].mean(1)
+    middle = units.mean(1)  # of each view once, not once for each pair
+    ahead = middle[i] + middle[j]
     ahead -= np.einsum("pk,pk->p", ahead, line)[:, None] * line
     size = np.linalg.norm(ahead, axis=1, keepdims=True)
     ahead /= np.where(size > 0.0, size, np.nan)  # 0 for two cameras that look at each other

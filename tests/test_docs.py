@@ -33,7 +33,7 @@ NOT_RUN = {"needs ParaView": 11, "needs a GPU": 1, "takes minutes": 4}
 SHORT = replace(
     PRESETS["draft"], reconstruct=ReconstructSettings(iterations=150, rays=1024, cells=32),
     recolour=replace(PRESETS["draft"].recolour, iterations=100, rays=1024),
-    stylize=StylizeSettings(style_views=12, style_size=64),
+    stylize=StylizeSettings(style_views=6, style_size=64),
 )  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, filled: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, filled: Path, broad_strokes: None, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where a page is worked through, with a preset that takes a second."""
     shutil.copytree(filled, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)

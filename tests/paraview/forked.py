@@ -47,7 +47,9 @@ with open(0, closefd=False) as requests:
         if not process:
             break
         os.write(answers, f"{process}\\n".encode())
-        os.write(answers, f"{os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])}\\n".encode())
+        _, ended, used = os.wait4(process, 0)
+        print(f"{used.ru_utime + used.ru_stime:.1f} s of a CPU: {request['arguments'][:2]}", flush=True)
+        os.write(answers, f"{os.waitstatus_to_exitcode(ended)}\\n".encode())
     else:
         raise SystemExit
 os.setsid()

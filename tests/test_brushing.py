@@ -243,7 +243,7 @@ def lightness(scene: Scene, size: int = 200) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def oil(balls: Scene) -> tuple[Scene, dict]:
-    return painted(balls)
+    return painted(balls, stroke_size=BROAD)
 
 
 def test_a_painting_is_laid_by_strokes_without_weights(oil: tuple[Scene, dict]) -> None:
@@ -374,7 +374,7 @@ def test_one_picture_serves_many_regions_and_hidden_ones_are_painted_as_well(bal
 def test_twice_the_stroke_size_is_twice_the_width(balls: Scene, oil: tuple[Scene, dict]) -> None:
     assert stroke_width(balls, 2.0) == pytest.approx(2.0 * stroke_width(balls, 1.0))
     widths = []
-    for styled in (oil[0].styled, painted(balls, stroke_size=2.0)[0].styled):
+    for styled in (oil[0].styled, painted(balls, stroke_size=2.0 * BROAD)[0].styled):
         assert styled is not None and styled.brushed is not None
         widths.append(float(np.median(styled.brushed.regions[0][0].radius)))
     assert 1.4 < widths[1] / widths[0] < 2.3

@@ -270,7 +270,8 @@ def test_torch_and_paraviews_own_vtk_are_at_home_in_pvpython(paraview: programs.
         "print(torch.__file__, svv.__file__, sep='\\n')\n"
         "print(vtkmodules.__file__)\n"
         "print(*[name for name in ('vtk', 'pyvista', 'matplotlib') if (importlib.util.find_spec(name) or "
-        f"importlib.util.find_spec('os')).origin.startswith({str(environment)!r})])"
+        f"importlib.util.find_spec('os')).origin.startswith({str(environment)!r})])",
+        own=True,
     )
     same, torch, svv, vtk, *ours = done.stdout.splitlines()[-5:]
     assert same == "True"

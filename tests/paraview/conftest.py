@@ -2,12 +2,12 @@
 
 If ParaView or a tool is missing, tests that use them fail with a sentence; they are never skipped:
 
-- ``pvpython(source, *args, timeout=300, check=True, environ=None, cwd=None, own=False)`` runs Python text or a script
+- ``pvpython(source, *args, timeout=600, check=True, environ=None, cwd=None, own=False)`` runs Python text or a script
   file, in a fork of a process that is ready unless ``own`` asks for a start of its own;
 - ``mpiexec(source, *args, ranks=2, program=(), ...)`` does the same in pvbatch on several ranks (or another program);
 - ``pvserver`` is the port of a separate server, ``start_pvserver(environ=None, ranks=1)`` starts more and returns the
   port;
-- ``gui(source, *args, environ=None, timeout=300)`` starts ParaView's user interface, see :class:`Gui`.
+- ``gui(source, *args, environ=None, timeout=600)`` starts ParaView's user interface, see :class:`Gui`.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-LONG = 300.0
+LONG = 600.0
 """Seconds after which a program hangs: a hundred times what it takes, as machines may be busy with other things."""
 
 LATE = {"SVV_CACHE", "SVV_CACHE_SIZE"}

@@ -17,7 +17,7 @@ def test_numba_gets_its_lock_and_processes_end(pvpython) -> None:
         "import numba.np.ufunc.parallel\n"
         "process = multiprocessing.Process(target=sys.exit, args=(3,))\n"
         "process.start()\n"
-        "process.join(60)\n"
+        "process.join(600)\n"
         "print('ENDED', process.exitcode)\n",
         own=True,
     )

@@ -155,7 +155,7 @@ StyleRFRender(Input=paint, ImageSize=[40, 30])
 told("first")
 paint.Variant, paint.Seed, paint.ShowVariant = "two", 1, "one"
 table = GetColorTransferFunction("RTData")
-table.RGBPoints = [*table.RGBPoints[:1], 1.0, 0.0, 0.0, *table.RGBPoints[4:]]  # and not taken as edited
+table.RGBPoints = [*table.RGBPoints[:-3], 0.1, 0.8, 0.2]  # of what is seen, and not taken as edited
 """
     first = run(variants + SAVE.replace('told("first")', 'told("second")'), "first")
     second = json.loads((tmp_path / "second.json").read_text())

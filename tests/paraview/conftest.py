@@ -155,7 +155,7 @@ def environ(paraview: programs.ParaView, display: str, tmp_path_factory: pytest.
 def forked(
     paraview: programs.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Forked]:
-    """The pvpython that forks for scripts. MPI has threads, which do not survive that."""
+    """The pvpython that forks for scripts, if it can. MPI has threads, which do not survive that."""
     started = Forked([paraview.program("pvpython"), "--no-mpi"], environ, tmp_path_factory.mktemp("forked"))
     yield started
     started.end()
@@ -178,6 +178,8 @@ def pvpython(
         command = [paraview.program("pvpython"), _script(source, tmp_path_factory), *arguments]
         late = LATE.issuperset(options.get("environ") or {})
         ready = request.getfixturevalue("forked") if forks and late and not own else None
+        if ready is not None and not ready.ready:
+            ready = None
         return run_to_end(command, _alone(environ, tmp_path_factory), forked=ready, **options)
 
     return run

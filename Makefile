@@ -2,7 +2,8 @@
 #   make demo       the whole job on generated data; the result is demo/report.html. OPTIONS are those of svv demo:
 #                   make demo OPTIONS=--views-only learns without the volume, as the paper does
 #   make test       style, types and tests, including those in ParaView
-#   make test-slow  the longest tests, which make test leaves out, and laws with new random examples
+#   make test-slow  the longest tests, which make test leaves out, laws with new random examples, and the tests in ParaView
+#                   each in a process that is started for it
 #   make test-processors   the tests outside ParaView with the arithmetic of other CPUs
 #   make coverage   all tests, and a report of the lines and branches that they miss, as pages in build/coverage
 #   make docs       the documentation, as pages in build/docs
@@ -52,6 +53,7 @@ kernels: $(INSTALLED)
 
 test-slow: paraview browser
 	$(PYTEST) -m "slow or hypothesis" --hypothesis-profile thorough
+	SVV_TESTS_FORK=0 $(PYTEST) -m "not slow" tests/paraview
 
 # Every CPU rounds sums in a different order, and some have half precision. These runs imitate a CPU without AVX on one
 # thread, one with AVX2 on two threads, and one with AMX.

@@ -17,7 +17,7 @@ SHORT = replace(
     DRAFT,
     reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=1024, samples=8192, cells=32),
     recolour=replace(DRAFT.recolour, iterations=300, rays=1024, samples=8192),
-    stylize=StylizeSettings(style_views=12, style_size=64),
+    stylize=StylizeSettings(style_views=6, style_size=64),
 )
 STEPS = MatchSettings(distil_iterations=50, distil_views=12, distil_rays=1024, network_rate=0.02, style_iterations=4,
                       style_views=4, style_size=64)  # fmt: skip

@@ -17,11 +17,24 @@ if TYPE_CHECKING:
     from tests.browser import Opened
 
 # Machines differ in speed, and compiled kernels build on their first call: no test may fail for the time it takes.
-# Thirty examples each, always the same, find what a change breaks, and pass on everybody's machine if they pass on one;
-# --hypothesis-profile thorough looks for what nobody thought of, with other examples each time.
-settings.register_profile("svv", deadline=None, max_examples=30, derandomize=True)
+# Fifteen examples each, always the same, find what a change breaks, and pass everywhere if they pass on one machine;
+# --hypothesis-profile thorough (make test-slow) looks for what nobody thought of, with 300 others each time.
+settings.register_profile("svv", deadline=None, max_examples=15, derandomize=True)
 settings.register_profile("thorough", deadline=None, max_examples=300)
 settings.load_profile("svv")
+
+
+LONGEST = """
+paraview/test_filters paraview/test_scripts test_docs test_demo test_looks test_brushing test_consistency
+paraview/test_displays paraview/test_transfer_functions paraview/test_start test_classified test_agreement
+""".split()
+"""The modules that take longest, which come first, so that the workers end at about the same time."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest modules."""
+    place = {f"tests/{name}.py": number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
 
 
 def threads_each() -> int:
@@ -39,6 +52,24 @@ def share_the_cores() -> None:
         torch.set_num_threads(threads_each())
     if "NUMBA_NUM_THREADS" not in os.environ:
         numba.set_num_threads(threads_each())
+
+
+@pytest.fixture(scope="module")
+def broad_strokes() -> Iterator[None]:
+    """Strokes are twice as broad and the preset draft looks from half as many views: a quarter of the time.
+
+    For tests that ask what a painting is made of, and not how fine it is.
+    """
+    from dataclasses import replace
+
+    from svv.train.config import PRESETS
+    from svv.train.paint import stroke_painting
+
+    draft = PRESETS["draft"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stroke_painting, "WIDTH", 2.0 * stroke_painting.WIDTH)
+        patch.setitem(PRESETS, "draft", replace(draft, stylize=replace(draft.stylize, style_views=6, style_size=64)))
+        yield
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.core.view_checks.camera_mistakes import mistakes
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.grids import as_volume
+from svv.dvr.read.grids import as_volume, from_array
 from svv.errors import BadInput
 from svv.io.views.agreement import Agreement, check_agreement
 from svv.io.views.on_screen import ignoring_fixed
@@ -228,3 +228,12 @@ def test_views_that_reach_it_are_left_out_or_refused() -> None:
     views = ViewSet(tuple(CAMERAS), with_bar(at, 5), tuple(NAMES))
     left, said = ignoring_fixed(views)
     assert len(left) < 24 and f"so are {24 - len(left)} of 24 views" in said
+
+
+def test_views_of_a_ball_are_taken_though_one_level_is_noise() -> None:
+    """The other levels agree with the cameras in any order, so nothing contradicts the given one."""
+    ball = np.linalg.norm(np.indices((26, 26, 26)) - 12.5, axis=0).astype(np.float32)
+    function = TransferFunction.from_dict({"bumps": [{"centre": 8, "width": 6, "opacity": 0.5}]})
+    views, _ = make_views(from_array(ball, (2.0,) * 3, (0.0,) * 3), function, n=12, size=200, mapper="cpu")
+    found = check_agreement(views.cameras, views.images, views.names)
+    assert found.found is not None and found.doubt is None

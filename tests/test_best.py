@@ -14,6 +14,7 @@ from svv.core.geometry.box import Box
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import FieldSettings
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.phong import softened_extinction
 from svv.fields.scene.model import JOINED_WEIGHT
 from svv.io.views.viewset import ViewSet
 from svv.options.making import PRESET_NAMES
@@ -82,7 +83,7 @@ def test_a_known_density_becomes_finer_and_images_use_every_sample(views: ViewSe
 def test_regions_are_found_on_a_grid_that_memory_holds(views: ViewSet, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is worked on whole, not only where something is visible: 512 cells would take five gigabytes."""
     grids: list[int] = []
-    whole = regions_from_views.softened_extinction
+    whole = softened_extinction
 
     def softened(density: SparseLattice, occupancy: Occupancy, cells: int) -> Any:
         grids.append(cells)

@@ -30,6 +30,7 @@ from tests.balls import SHORT
 UP = np.array([0.0, 1.0, 0.0])
 WIDTH = 0.03
 EMPTY = np.zeros((64, 64, 64), np.float32)
+BROAD = 2.0  # painting takes a third of the time
 
 
 def surface(points: np.ndarray, normals: np.ndarray, side: float = 0.4 * WIDTH) -> VisibleSurface:
@@ -242,7 +243,7 @@ def lightness(scene: Scene, size: int = 200) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def oil(balls: Scene) -> tuple[Scene, dict]:
-    return painted(balls)
+    return painted(balls, stroke_size=BROAD)
 
 
 def test_a_painting_is_laid_by_strokes_without_weights(oil: tuple[Scene, dict]) -> None:
@@ -311,14 +312,14 @@ def test_each_region_has_its_own_strokes(oil: tuple[Scene, dict]) -> None:
 
 
 def test_both_manners_may_meet_in_one_painting(balls: Scene) -> None:
-    scene, report = painted(balls, ("oil", "mosaic"), mapping={0: 0, 1: 1})
+    scene, report = painted(balls, ("oil", "mosaic"), mapping={0: 0, 1: 1}, stroke_size=BROAD)
     assert report["manner"] == {"0": "strokes", "1": "pieces"}
     assert scene.styled is not None and scene.styled.brushed is not None
     assert list(scene.styled.brushed.regions) == [0] and not scene.styled.brushed.complete
 
 
 def test_the_manner_can_be_chosen(balls: Scene) -> None:
-    _, report = painted(balls, ("mosaic",), manner="strokes")
+    _, report = painted(balls, ("mosaic",), manner="strokes", stroke_size=BROAD)
     assert set(report["manner"].values()) == {"strokes"}
     assert not any("--manner" in note for note in report["notes"])
     with pytest.raises(BadInput, match="'paper'"):
@@ -326,12 +327,12 @@ def test_the_manner_can_be_chosen(balls: Scene) -> None:
 
 
 def test_going_on_keeps_the_strokes_of_other_regions(balls: Scene) -> None:
-    first = painted(balls, mapping={0: 0})[0]
-    second, report = painted(first, ("impasto",), mapping={1: 0}, go_on=True)
+    first = painted(balls, mapping={0: 0}, stroke_size=BROAD)[0]
+    second, report = painted(first, ("impasto",), mapping={1: 0}, go_on=True, stroke_size=BROAD)
     assert report["manner"] == {"1": "strokes"}
     assert second.styled is not None and second.styled.brushed is not None
     assert set(second.styled.brushed.regions) == {0, 1}
-    inked, _ = stylize_scene(second, [Ink("hatching")], SHORT, mapping={1: 0}, go_on=True)
+    inked, _ = stylize_scene(second, [Ink("hatching")], SHORT, mapping={1: 0}, go_on=True, stroke_size=BROAD)
     assert inked.styled is not None and inked.styled.brushed is not None
     assert set(inked.styled.brushed.regions) == {0}
 
@@ -353,7 +354,7 @@ ODD = {
 @pytest.mark.parametrize("name", ODD)
 def test_any_picture_can_be_painted_by_strokes(balls: Scene, name: str) -> None:
     """Without a stroke in the picture, its colours are all that is taken."""
-    scene, report = stylize_scene(balls, [ODD[name]], SHORT, manner="strokes")
+    scene, report = stylize_scene(balls, [ODD[name]], SHORT, manner="strokes", stroke_size=BROAD)
     assert set(report["manner"].values()) == {"strokes"}
     image = scene.render(scene.rig.orbit(9, 64, [3])[0], "styled").rgba
     shown = image[image[..., 3] > 0.9][:, :3]
@@ -364,17 +365,16 @@ def test_any_picture_can_be_painted_by_strokes(balls: Scene, name: str) -> None:
 
 def test_one_picture_serves_many_regions_and_hidden_ones_are_painted_as_well(balls: Scene) -> None:
     """They may be shown again later."""
-    scene, report = painted(balls.hidden(1), mapping={0: 0, 1: 0})
+    scene, report = painted(balls.hidden(1), mapping={0: 0, 1: 0}, stroke_size=BROAD)
     assert scene.styled is not None and scene.styled.brushed is not None
     assert set(scene.styled.brushed.regions) == {0, 1}
     assert report["manner"] == {"0": "strokes", "1": "strokes"}
 
 
-def test_twice_the_stroke_size_is_twice_the_width(balls: Scene) -> None:
+def test_twice_the_stroke_size_is_twice_the_width(balls: Scene, oil: tuple[Scene, dict]) -> None:
     assert stroke_width(balls, 2.0) == pytest.approx(2.0 * stroke_width(balls, 1.0))
     widths = []
-    for size in (1.0, 2.0):
-        styled = painted(balls, stroke_size=size)[0].styled
+    for styled in (oil[0].styled, painted(balls, stroke_size=2.0 * BROAD)[0].styled):
         assert styled is not None and styled.brushed is not None
         widths.append(float(np.median(styled.brushed.regions[0][0].radius)))
     assert 1.4 < widths[1] / widths[0] < 2.3

@@ -190,7 +190,7 @@ def test_features_that_follow_from_coarser_ones_go_without_a_trace() -> None:
 def test_paint_has_cells_of_its_own() -> None:
     """Colours do without the finer levels that this scene could have; what is painted on it does not."""
     scene = trained("opaque, one region")[0]
-    painted, _ = stylize_scene(scene, [style_picture("brush strokes", 48).astype(np.float32)], SHORT)
+    painted, _ = stylize_scene(scene, [style_picture("brush strokes", 48).astype(np.float32)], SHORT, stroke_size=2.0)
     assert painted.styled is not None and isinstance(painted.styled.encoding, SparseLattice)
     cells = paint_cells(scene.occupancy, paint_pixel(scene, SHORT.stylize))
     (finest,) = painted.styled.encoding.resolutions

@@ -199,7 +199,7 @@ SMALL = JobSettings(
     OrbitOptions(orbit=4, orbit_size=64),
     recolour=True,
 )
-PAINT = StylizeSettings(style_views=12, style_size=96)
+PAINT = StylizeSettings(style_views=6, style_size=96)
 RESOLUTION = 24
 
 
@@ -223,7 +223,7 @@ class Shown:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def finished(tmp_path_factory: pytest.TempPathFactory, broad_strokes: None) -> Iterator[Path]:
     """A tiny demo that was stopped in the middle of its training and then begun again."""
     out = tmp_path_factory.mktemp("demo") / "out"
     stopped, again = Shown(stop_in="Training"), Shown()

@@ -18,11 +18,11 @@ from svv.io.pictures.output import write_png
 from svv.train.config import PRESETS, StylizeSettings
 
 HOW = Exhibit("draft", 48)
-SHORT = StylizeSettings(style_views=12, style_size=48)
+SHORT = StylizeSettings(style_views=6, style_size=48)
 
 
 @pytest.fixture(autouse=True)
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
+def short(broad_strokes: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(PRESETS, "draft", replace(PRESETS["draft"], stylize=SHORT))
 
 

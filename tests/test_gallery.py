@@ -16,7 +16,7 @@ from svv.styles.gallery.drawings import discs, streamed
 from svv.styles.gallery.subjects import flowers, hills, sea, still_life
 from svv.styles.offered import GALLERY
 
-SIZE = 128
+SIZE = 96
 
 
 @pytest.fixture(autouse=True)

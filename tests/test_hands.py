@@ -241,7 +241,7 @@ def test_oil_is_painted_as_it_is_measured() -> None:
 
 
 def painted(scene: Scene, name: str, **options) -> tuple[Scene, dict]:
-    return stylize_scene(scene, [StyleInput(gallery_picture(name, 300), name)], SHORT, **options)
+    return stylize_scene(scene, [StyleInput(gallery_picture(name, 300), name)], SHORT, stroke_size=2.0, **options)
 
 
 def test_a_named_hand_is_honoured_and_kept_in_the_file(balls: Scene, tmp_path: Path) -> None:

@@ -379,13 +379,12 @@ def test_lights_that_cannot_be_trained_are_one_sentence(views: ViewSet) -> None:
 def test_a_whole_job_has_the_light_that_is_asked_for(views: ViewSet, tmp_path: Path) -> None:
     views.write(tmp_path / "views", "train")
     source, out = ViewSource(tmp_path / "views"), tmp_path / "out"
+    few = ("reconstruct.iterations=30", "recolour.iterations=20")
 
     def trained(lighting: str) -> tuple[bool, str]:
         """Whether the job trained now, and what its report says."""
         before = (out / "scene.svv").stat().st_mtime_ns if (out / "scene.svv").exists() else 0
-        job = Job(
-            source, [], out, JobSettings(train=TrainOptions("draft", time_limit=1.0, lighting=lighting)), Stages(out)
-        )
+        job = Job(source, [], out, JobSettings(train=TrainOptions("draft", lighting=lighting, change=few)), Stages(out))
         job.make_views()
         job.train()
         said = json.loads((out / "train.json").read_text())["lighting"]

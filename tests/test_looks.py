@@ -29,11 +29,12 @@ from svv.train.pipeline import stylize_scene
 from tests.cube import cube_scene, lit_cube_scene
 
 PICTURE = np.random.default_rng(0).random((40, 32, 3)).astype(np.float32)
+pytestmark = pytest.mark.usefixtures("broad_strokes")
 MASK = np.arange(40 * 32).reshape(40, 32) % 32 < 16
 
 
 @pytest.fixture(scope="module")
-def painted(cube: Scene) -> Scene:
+def painted(cube: Scene, broad_strokes: None) -> Scene:
     """The cube with a name, a masked picture, a plain region and an ink."""
     named = cube.edited(0, name="bone", opacity=0.5).edited(1, (0.1, 0.9, 0.8)).with_outline(0.7, 2)
     styles = [StyleInput(PICTURE, "noise", MASK), StyleInput(Ink("stippling"))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,11 +53,15 @@ def painted(scene: Scene, preset: Preset, **options) -> tuple[Scene, dict]:
 
 @pytest.mark.parametrize(
     ("preset", "options"),
-    [(SHORT, {"manner": "pieces"}), (SHORT, {"manner": "strokes"}), (MATCHED, {"features": "embedded"})],
+    [
+        (SHORT, {"manner": "pieces"}),
+        (SHORT, {"manner": "strokes", "stroke_size": 2.0}),
+        (MATCHED, {"features": "embedded"}),
+    ],
     ids=["pieces", "strokes", "matched"],
 )
 def test_they_show_the_painting_come_and_leave_it_as_it_is(
-    balls: Scene, monkeypatch: pytest.MonkeyPatch, preset: Preset, options: dict[str, str]
+    balls: Scene, monkeypatch: pytest.MonkeyPatch, preset: Preset, options: dict[str, Any]
 ) -> None:
     """Laid paint after each region, or all that are in strokes at once; learned paint after every step."""
     for name in ("FIRST", "EVERY"):

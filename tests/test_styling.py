@@ -249,7 +249,7 @@ def test_nothing_is_matched_and_no_weights_are_looked_for(
     for name in ("load", "first_use", "get"):
         monkeypatch.delattr(weights, name)
     short = replace(config.PRESETS[preset], stylize=SHORT.stylize)
-    painted, report = stylize_scene(scene, [picture], short, manner=manner)
+    painted, report = stylize_scene(scene, [picture], short, manner=manner, stroke_size=2.0)
     assert painted.styled is not None and painted.styled.direct
     assert report["features"] == "none" and set(report["manner"].values()) == {manner}
     assert not any("weights" in note or "svv features" in note for note in report["notes"])
@@ -349,7 +349,9 @@ def test_likeness_of_colour_pairs_regions_and_styles(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize(
-    ("preset", "options"), [*PRESETS, (SHORT, {"manner": "strokes"})], ids=["laid", "matched", "strokes"]
+    ("preset", "options"),
+    [*PRESETS, (SHORT, {"manner": "strokes", "stroke_size": 2.0})],
+    ids=["laid", "matched", "strokes"],
 )
 def test_progress_ends_where_the_work_does(
     scene: Scene, picture: np.ndarray, preset: Preset, options: dict[str, Any]

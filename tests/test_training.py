@@ -287,7 +287,8 @@ def test_checkpoint_of_another_run_is_not_used(views: ViewSet, tmp_path: Path) -
     assert not Checkpoint(path, {"seed": 0}).finished
 
 
-def test_time_limit_ends_a_training_and_still_gives_a_scene(views: ViewSet) -> None:
+def test_time_limit_ends_a_training_and_still_gives_a_scene(views: ViewSet, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("svv.train.run.loop.time.monotonic", itertools.count(0.0, 0.1).__next__)  # a look, 0.1 s
     scene, report = train_scene(views, "balanced", time_limit=2.0)
     assert any(note.startswith("stage 1 stopped") and "at its limit of" in note for note in report["notes"])
     assert scene.networks == ("base", "pcn")

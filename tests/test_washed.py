@@ -13,7 +13,7 @@ from svv.options.making import HandName
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import measure_hand
 from svv.train.paint.brushwork import Painter
-from tests.test_brushing import EMPTY, WIDTH, ball, painted
+from tests.test_brushing import BROAD, EMPTY, WIDTH, ball, painted
 
 
 def test_a_region_without_room_for_strokes_is_washed_and_named(
@@ -21,7 +21,7 @@ def test_a_region_without_room_for_strokes_is_washed_and_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("svv.train.paint.stroke_painting.Painter.painted", lambda self, progress: None)
-    scene, report = painted(balls)
+    scene, report = painted(balls, stroke_size=BROAD)
     assert scene.styled is not None and scene.styled.brushed is not None and not scene.styled.brushed.regions
     said = "Region 0 has no room for strokes: it gets an even wash in the colour of the picture's sky."
     assert said in report["notes"]

@@ -30,6 +30,9 @@ def test_colours_edited_in_oklab_are_those_of_the_renderer(open_page: Any, cube:
     assert opened.psnr(scene, camera) > CLOSE
 
 
+DRAWN = "window.svv.then(({ show }) => !show.changed && !show.stale && show.fence === null)"
+
+
 def test_names_are_shown_as_text_and_the_switch_simulates(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     write_html(tmp_path / "page.html", balls.edited(0, name=EVIL), "named")
     opened = open_page(tmp_path / "page.html", size=(700, 500))
@@ -38,15 +41,10 @@ def test_names_are_shown_as_text_and_the_switch_simulates(open_page: Any, balls:
     assert EVIL in page.get_by_role("list").inner_text() and page.get_by_label(f"Opacity of {EVIL}").count() == 1
 
     def shot() -> np.ndarray:
-        """What the canvas shows when it no longer changes: while it is drawn, it is coarser."""
-        last = None
-        while True:
-            image = Image.open(io.BytesIO(page.locator("#picture").screenshot())).convert("RGB")
-            now = np.asarray(image, np.float64) / 255.0
-            if last is not None and (now == last).all():
-                return now
-            last = now
-            page.wait_for_timeout(300)
+        """What the canvas shows once it is drawn in full, however long that takes: until then, it is coarser."""
+        opened.until(DRAWN)
+        image = Image.open(io.BytesIO(page.locator("#picture").screenshot())).convert("RGB")
+        return np.asarray(image, np.float64) / 255.0
 
     before = shot()
     for vision in ("protanopia", "deuteranopia", "tritanopia", "grey print"):

@@ -2,11 +2,12 @@
 
 If ParaView or a tool is missing, tests that use them fail with a sentence; they are never skipped:
 
-- ``pvpython(source, *args, timeout=300, check=True, environ=None, cwd=None)`` runs Python text or a script file;
+- ``pvpython(source, *args, timeout=600, check=True, environ=None, cwd=None, own=False)`` runs Python text or a script
+  file, in a fork of a process that is ready unless ``own`` asks for a start of its own;
 - ``mpiexec(source, *args, ranks=2, program=(), ...)`` does the same in pvbatch on several ranks (or another program);
 - ``pvserver`` is the port of a separate server, ``start_pvserver(environ=None, ranks=1)`` starts more and returns the
   port;
-- ``gui(source, *args, environ=None, timeout=300)`` starts ParaView's user interface, see :class:`Gui`.
+- ``gui(source, *args, environ=None, timeout=600)`` starts ParaView's user interface, see :class:`Gui`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import time
@@ -31,10 +31,8 @@ from svv.io.pictures.output import write_png
 from svv.pv.launch import programs
 from tests.conftest import threads_each
 from tests.cube import cube_paint, cube_scene
+from tests.paraview.forked import LATE, LONG, Forked, run_to_end
 from tests.paraview.panel_script import END, START
-
-LONG = 300.0
-"""Seconds after which a program hangs: a hundred times what it takes, as machines may be busy with other things."""
 
 SETUP = "make test prepares all of it where it may; Debian, Ubuntu: sudo apt-get install"
 
@@ -154,14 +152,35 @@ def environ(paraview: programs.ParaView, display: str, tmp_path_factory: pytest.
 
 
 @pytest.fixture(scope="session")
-def pvpython(
+def forked(
     paraview: programs.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run Python text or a script file in pvpython."""
+) -> Iterator[Forked]:
+    """The pvpython that forks for scripts, if it can. MPI has threads, which do not survive that."""
+    started = Forked([paraview.program("pvpython"), "--no-mpi"], environ, tmp_path_factory.mktemp("forked"))
+    yield started
+    started.end()
 
-    def run(source: str | Path, *arguments: object, **options) -> subprocess.CompletedProcess[str]:
-        script = _script(source, tmp_path_factory)
-        return _run([paraview.program("pvpython"), script, *arguments], _alone(environ, tmp_path_factory), **options)
+
+@pytest.fixture(scope="session")
+def pvpython(
+    paraview: programs.ParaView,
+    environ: dict[str, str],
+    tmp_path_factory: pytest.TempPathFactory,
+    request: pytest.FixtureRequest,
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run Python text or a script file in pvpython: in a fork of one that is ready, unless ``own`` or variables forbid.
+
+    With SVV_TESTS_FORK=0, and where coverage is measured, all are started.
+    """
+    forks = os.environ.get("SVV_TESTS_FORK") != "0" and "COVERAGE_PROCESS_CONFIG" not in os.environ
+
+    def run(source: str | Path, *arguments: object, own: bool = False, **options) -> subprocess.CompletedProcess[str]:
+        command = [paraview.program("pvpython"), _script(source, tmp_path_factory), *arguments]
+        late = LATE.issuperset(options.get("environ") or {})
+        ready = request.getfixturevalue("forked") if forks and late and not own else None
+        if ready is not None and not ready.ready:
+            ready = None
+        return run_to_end(command, _alone(environ, tmp_path_factory), forked=ready, **options)
 
     return run
 
@@ -177,7 +196,7 @@ def mpiexec(
     ) -> subprocess.CompletedProcess[str]:
         script = _script(source, tmp_path_factory)
         command = [*_on_ranks(ranks), *(program or [paraview.program("pvbatch")]), script, *arguments]
-        return _run(command, _alone(environ, tmp_path_factory), **options)
+        return run_to_end(command, _alone(environ, tmp_path_factory), **options)
 
     return run
 
@@ -307,37 +326,6 @@ def _script(source: str | Path, folders: pytest.TempPathFactory) -> Path:
     path = folders.mktemp("script") / "script.py"
     path.write_text(source)
     return path
-
-
-def _run(
-    command: list[object],
-    variables: Mapping[str, str],
-    timeout: float = LONG,
-    check: bool = True,
-    environ: Mapping[str, str] | None = None,
-    cwd: str | Path | None = None,
-) -> subprocess.CompletedProcess[str]:
-    """Run a program to its end; ``environ`` is added to the launcher's variables."""
-    process = subprocess.Popen(
-        [str(part) for part in command],
-        env={**variables, **(environ or {})},
-        cwd=cwd,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        start_new_session=True,
-    )
-    try:
-        out, err = process.communicate(timeout=timeout)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        out, err = process.communicate()
-        pytest.fail(f"{Path(str(command[0])).name} did not end in {timeout} s:\n{out}\n{err}", pytrace=False)
-    if check and process.returncode:
-        pytest.fail(f"{Path(str(command[0])).name} ended with {process.returncode}:\n{out}\n{err}", pytrace=False)
-    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
 def _on_ranks(count: int) -> list[str]:

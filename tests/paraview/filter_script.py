@@ -1,4 +1,7 @@
-"""Beginning of the filter tests' scripts: a volume on display, small filters for it, and functions to query them."""
+"""Beginning of the filter tests' scripts: a volume on display, small filters for it, and functions to query them.
+
+And what runs a script of ``paraview_scripts`` in little.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,9 @@ VOLUME = """
 import json, os, sys, tempfile
 from paraview.simple import *
 from paraview import servermanager as sm
+
+# Steps, not seconds: what is learned is the same on slow and busy machines.
+FEW = "reconstruct.iterations=60; reconstruct.rays=512; recolour.iterations=40; recolour.rays=512"
 
 def shown(extent=12):
     wavelet = Wavelet(WholeExtent=[-extent, extent] * 3)
@@ -22,7 +28,7 @@ def small(filter):
     return filter
 
 def trained(volume, **values):
-    filter = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, **values))
+    filter = small(StyleRFTrain(Input=volume, Preset="draft", Settings=FEW, **values))
     filter.UpdatePipeline()
     return filter
 
@@ -44,3 +50,18 @@ def scene(filter):
     array = sm.Fetch(filter).GetFieldData().GetArray("StyleRF Scene")
     return None if array is None else vtk_to_numpy(array).tobytes()
 """  # noqa: E501
+
+LITTLE = """
+import os, runpy, sys
+from dataclasses import replace
+from svv.train import config
+draft = config.PRESETS["draft"]
+config.PRESETS["draft"] = replace(
+    draft, reconstruct=replace(draft.reconstruct, iterations=150, rays=1024),
+    recolour=replace(draft.recolour, iterations=60, rays=1024),
+    stylize=replace(draft.stylize, style_views=6, style_size=96))
+del sys.argv[0]
+sys.path[0] = os.path.dirname(sys.argv[0])
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+"""Runs a script whose draft is learned in few steps. Steps, not seconds: the same on slow and busy machines."""

@@ -14,8 +14,10 @@ said = {}
 
 from dataclasses import replace
 from svv.train import config
+FEW = "reconstruct.iterations=60; reconstruct.rays=512; recolour.iterations=40; recolour.rays=512"
 draft = config.PRESETS["draft"]
-config.PRESETS["draft"] = replace(draft, stylize=replace(draft.stylize, style_size=48))  # a test is no painting
+config.PRESETS["draft"] = replace(draft, recolour=replace(draft.recolour, iterations=40, rays=512),
+                                  stylize=replace(draft.stylize, style_size=48))  # a test is no painting
 
 def status(filter):
     filter.UpdatePipeline()

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.paraview.conftest import LONG
 from tests.paraview.filter_script import VOLUME
+from tests.paraview.forked import LONG
 
 Servers = list[subprocess.Popen[str]]
 

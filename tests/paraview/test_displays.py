@@ -167,7 +167,7 @@ said["Resample To Image"] = difference(whole)
 @pytest.fixture(scope="module")
 def drawn(pvpython, tmp_path_factory) -> dict[str, Any]:
     """The differences of all cases from ParaView's pictures."""
-    return _said(pvpython, tmp_path_factory.mktemp("drawn"), CASES, timeout=500)
+    return _said(pvpython, tmp_path_factory.mktemp("drawn"), CASES)
 
 
 def _said(pvpython: Any, folder: Any, script: str, *arguments: str, **options: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from svv.pv.launch.programs import ParaView
-from tests.paraview.filter_script import VOLUME
+from tests.paraview.filter_script import LITTLE, VOLUME
 from tests.paraview.stirred_files import write_stirred
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
@@ -244,9 +244,9 @@ def test_trouble_on_any_rank_is_one_sentence_and_the_ranks_work_on(mpiexec: Call
 def test_the_whole_job_runs_on_ranks(mpiexec: Callable, tmp_path: Path) -> None:
     write_stirred(tmp_path)
     arguments = [tmp_path / "volume.vti", "--tf", tmp_path / "tf.json", "--preset", "draft", "--views", 8, "--test", 2]
-    arguments += ["--size", 64, "--time-limit", 3, "--orbit", 2, "--orbit-size", 48, "--out", tmp_path / "out"]
-    mpiexec(SCRIPTS / "stylize_volume.py", *arguments)
+    arguments += ["--size", 64, "--orbit", 2, "--orbit-size", 48, "--out", tmp_path / "out"]
+    mpiexec(LITTLE, SCRIPTS / "stylize_volume.py", *arguments)
     assert json.loads((tmp_path / "out" / "train.json").read_text())["learned_from"] == "volume and views"
     assert (tmp_path / "out" / "report.html").exists() and (tmp_path / "out" / "image.png").exists()
-    done = mpiexec(SCRIPTS / "stylize_volume.py", *arguments, "--style", tmp_path / "none.png", check=False)
+    done = mpiexec(LITTLE, SCRIPTS / "stylize_volume.py", *arguments, "--style", tmp_path / "none.png", check=False)
     assert done.returncode == 2 and "none.png" in done.stderr and "Traceback" not in done.stderr

@@ -32,7 +32,8 @@ said = {"views": status(views), "unit": views.OpacityUnitDistance, "shade": view
         "cameras": OutputPort(views, 1).GetDataInformation().GetNumberOfPoints()}
 views.ShownView = 5
 assert (image(views)[1]["RGBA"] != arrays["RGBA"]).any() and status(views) == said["views"], "not another view"
-train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=0.0, SceneFile=folder + "/scene.svv")
+more = "reconstruct.iterations=200; reconstruct.rays=1024; recolour.iterations=100"
+train = StyleRFTrain(Input=views, Preset="draft", Settings=more, SceneFile=folder + "/scene.svv")
 train.UpdatePipeline()
 table = sm.Fetch(train)
 said |= {"train": status(train), "rows": table.GetNumberOfRows(),
@@ -172,7 +173,7 @@ nan = small(StyleRFViews(Input=nan))
 nan.TransferFunction = GetColorTransferFunction("RTData")
 nan.Scalars = ["POINTS", "RTData"]
 said("nan", nan)
-view = small(StyleRFStylizedView(Input=wavelet, StyleFiles=["/nowhere/style.png"], Preset="draft", TimeLimit=1.0))
+view = small(StyleRFStylizedView(Input=wavelet, StyleFiles=["/nowhere/style.png"], Preset="draft", Settings=FEW))
 said("style", view)
 said("no scene", StyleRFEdit(Input=StyleRFStylize(Input=PlotOverLine(Input=wavelet))))
 reader = StyleRFScene(FileName=folder + "/scene.svv")

@@ -37,7 +37,7 @@ def test_two_trainings_at_once_and_what_is_deleted_meanwhile(pvpython) -> None:
         VOLUME
         + """
 volume, display = shown()
-one, two = (small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, Seed=seed)) for seed in (0, 1))
+one, two = (small(StyleRFTrain(Input=volume, Preset="draft", Settings=FEW, Seed=seed)) for seed in (0, 1))
 image = StyleRFRender(Input=one, ImageSize=[40, 40])
 said = []
 def meanwhile(*_):
@@ -76,6 +76,7 @@ train = trained(volume)
 print("SAID", status(train))
 """,
         tmp_path,
+        own=True,
     )
     assert "SAID torch is missing in ParaView's Python" in result.stdout
     assert "Traceback" not in result.stderr

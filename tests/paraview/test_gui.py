@@ -51,7 +51,8 @@ def tick(*_):
         filter = made[0]
         filter.StyleFiles, filter.FollowCamera = [style], 1
         if quick == "quick":
-            filter.Preset, filter.TimeLimit, filter.Views, filter.ViewSize = "draft", 4.0, 12, 128
+            filter.Preset, filter.Views, filter.ViewSize = "draft", 12, 128
+            filter.Settings = "reconstruct.iterations=60; recolour.iterations=40"
         done(f"made {filter.TransferFunction is not None} {filter.Shade}")
     elif stage == "made" and made and "Learning" in made[0].Status:
         stage = "learning"

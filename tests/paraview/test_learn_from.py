@@ -15,14 +15,14 @@ volume, display = shown()
 views = small(StyleRFViews(Input=volume))
 seen = {}
 for alone in (0, 1):
-    train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=1.0)
+    train = StyleRFTrain(Input=views, Preset="draft", Settings=FEW)
     assert train.ViewsOnly == 0, "not the default"
     train.ViewsOnly = alone
     train.UpdatePipeline()
     seen[alone] = status(train), scene(train)
 assert "learned from volume and views," in seen[0][0] and "learned from views only," in seen[1][0], seen
 assert seen[0][1] != seen[1][1]
-whole = small(StyleRFStylizedView(Input=volume, Preset="draft", TimeLimit=1.0, ImageSize=[32, 32], ViewsOnly=1))
+whole = small(StyleRFStylizedView(Input=volume, Preset="draft", Settings=FEW, ImageSize=[32, 32], ViewsOnly=1))
 image(whole)
 assert "views only" in status(whole), status(whole)
 for filter in (train, whole, StyleRFPalette(Input=train)):

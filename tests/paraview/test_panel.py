@@ -178,7 +178,7 @@ def test_a_palette_is_corrected_and_learned_again(inside, tmp_path: Path) -> Non
     ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12))).write(tmp_path / "views", "train")
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")
-palette = StyleRFPalette(Input=reader, Preset="draft", TimeLimit=1.0)
+palette = StyleRFPalette(Input=reader, Preset="draft")
 said["nothing"] = status(palette)
 palette.Merge = "0, 2"
 said["no views"] = status(palette)

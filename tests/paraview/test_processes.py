@@ -17,8 +17,9 @@ def test_numba_gets_its_lock_and_processes_end(pvpython) -> None:
         "import numba.np.ufunc.parallel\n"
         "process = multiprocessing.Process(target=sys.exit, args=(3,))\n"
         "process.start()\n"
-        "process.join(60)\n"
-        "print('ENDED', process.exitcode)\n"
+        "process.join(600)\n"
+        "print('ENDED', process.exitcode)\n",
+        own=True,
     )
     assert "ENDED 3" in done.stdout, done.stdout + done.stderr
     assert "NumbaSystemWarning" not in done.stderr
@@ -31,7 +32,8 @@ def test_what_was_chosen_before_stays(pvpython) -> None:
         "    del sys.modules[name]\n"
         "import multiprocessing\n"
         "multiprocessing.set_start_method('spawn', force=True)\n"
-        f"import svv.pv\n{CHOSEN}"
+        f"import svv.pv\n{CHOSEN}",
+        own=True,
     )
     assert "CHOSEN spawn" in done.stdout
 

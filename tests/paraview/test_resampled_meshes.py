@@ -73,7 +73,7 @@ display = Show(mesh, view)
 display.SetRepresentationType("Volume")
 ColorBy(display, ("POINTS", "RTData"))
 Render(view)
-train = StyleRFTrain(Input=mesh, Preset="draft", TimeLimit=2.0, Views=12, ViewSize=32, RayCaster="cpu")
+train = StyleRFTrain(Input=mesh, Preset="draft", Settings=FEW, Views=12, ViewSize=32, RayCaster="cpu")
 said["status"] = status(train)
 """
     )

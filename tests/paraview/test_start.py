@@ -15,6 +15,7 @@ import pytest
 
 from svv.errors import BadInput
 from svv.pv.launch import prepare, programs
+from tests.paraview.forked import LONG
 
 ROOT = Path(__file__).resolve().parents[2]
 SVV = [sys.executable, "-m", "svv"]
@@ -270,7 +271,8 @@ def test_torch_and_paraviews_own_vtk_are_at_home_in_pvpython(paraview: programs.
         "print(torch.__file__, svv.__file__, sep='\\n')\n"
         "print(vtkmodules.__file__)\n"
         "print(*[name for name in ('vtk', 'pyvista', 'matplotlib') if (importlib.util.find_spec(name) or "
-        f"importlib.util.find_spec('os')).origin.startswith({str(environment)!r})])"
+        f"importlib.util.find_spec('os')).origin.startswith({str(environment)!r})])",
+        own=True,
     )
     same, torch, svv, vtk, *ours = done.stdout.splitlines()[-5:]
     assert same == "True"
@@ -287,7 +289,7 @@ def is_on(display: str) -> bool:
 
 
 def ends(display: str) -> bool:
-    until = time.monotonic() + 60
+    until = time.monotonic() + LONG
     while is_on(display) and time.monotonic() < until:
         time.sleep(0.05)
     return not is_on(display)
@@ -329,7 +331,7 @@ def test_signals_reach_the_program_and_end_its_display(paraview: programs.ParaVi
             display = process.stdout.readline().strip()
             assert is_on(display) == programs.needs_display(paraview, "pvpython")
             process.send_signal(number)
-            assert process.wait(60) == (9 if number == signal.SIGINT else -signal.SIGKILL)
+            assert process.wait(LONG) == (9 if number == signal.SIGINT else -signal.SIGKILL)
         finally:
             process.kill()
     assert ends(display)

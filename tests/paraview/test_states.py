@@ -73,7 +73,7 @@ told(state)
 STEPS = """
 volume, display = shown()
 views = small(StyleRFViews(Input=volume))
-train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=2.0)
+train = StyleRFTrain(Input=views, Preset="draft", Settings=FEW)
 edit = StyleRFEdit(Input=train, Region0Lighting=0.5)
 paint = StyleRFStylize(Input=edit, StyleFiles=[files], Preset="draft")
 StyleRFRender(Input=paint, ImageSize=[40, 30], Frame=20)
@@ -81,7 +81,7 @@ StyleRFRender(Input=paint, ImageSize=[40, 30], Frame=20)
 
 ONE_STEP = """
 volume, display = shown()
-small(StyleRFStylizedView(Input=volume, StyleFiles=[files], Preset="draft", TimeLimit=2.0, ImageSize=[40, 30]))
+small(StyleRFStylizedView(Input=volume, StyleFiles=[files], Preset="draft", Settings=FEW, ImageSize=[40, 30]))
 """
 
 Run = Callable[..., dict[str, Any]]
@@ -149,13 +149,13 @@ def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, 
 def test_a_state_shows_what_was_shown_and_not_what_the_panel_would_give_now(run: Run, tmp_path: Path) -> None:
     variants = """
 volume, display = shown()
-train = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0))
+train = small(StyleRFTrain(Input=volume, Preset="draft", Settings=FEW))
 paint = StyleRFStylize(Input=train, StyleFiles=[files], Preset="draft", Variant="one")
 StyleRFRender(Input=paint, ImageSize=[40, 30])
 told("first")
 paint.Variant, paint.Seed, paint.ShowVariant = "two", 1, "one"
 table = GetColorTransferFunction("RTData")
-table.RGBPoints = [*table.RGBPoints[:1], 1.0, 0.0, 0.0, *table.RGBPoints[4:]]  # and not taken as edited
+table.RGBPoints = [*table.RGBPoints[:-3], 0.1, 0.8, 0.2]  # of what is seen, and not taken as edited
 """
     first = run(variants + SAVE.replace('told("first")', 'told("second")'), "first")
     second = json.loads((tmp_path / "second.json").read_text())
@@ -183,7 +183,7 @@ def test_what_cannot_be_kept_is_said_and_a_scene_file_of_views_is_read_again(run
     script = """
 volume, display = shown()
 views = small(StyleRFViews(Input=volume))
-train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=2.0, SceneFile=out + "/own.svv")
+train = StyleRFTrain(Input=views, Preset="draft", Settings=FEW, SceneFile=out + "/own.svv")
 StyleRFRender(Input=train, ImageSize=[40, 30])
 told("plain")
 """
@@ -210,7 +210,7 @@ volume, display = shown()
 train = trained(volume)
 first = scene(train)
 assert json.loads(train.KeptAs)["scene"].startswith("scene-"), train.KeptAs
-other = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0))
+other = small(StyleRFTrain(Input=volume, Preset="draft", Settings=FEW))
 assert scene(other) == first and other.KeptAs == train.KeptAs and "found in the cache" in status(other)
 """,
         pvserver,

@@ -108,7 +108,7 @@ def test_time_passes_and_the_scene_stays_until_it_is_asked_for(pvpython, tmp_pat
         + """
 from svv.fields.scene.scene import Scene
 made = lambda: Scene.from_bytes(scene(train), "the scene").made
-train = small(StyleRFTrain(Input=source, Preset="draft", TimeLimit=2.0))
+train = small(StyleRFTrain(Input=source, Preset="draft", Settings=FEW))
 image = StyleRFRender(Input=train, ImageSize=[40, 30])
 view = as_image(image)
 assert counted == ["train", "draw_views"], counted
@@ -165,7 +165,7 @@ def test_each_time_step_is_trained_once_where_that_is_wished(pvpython, tmp_path)
     pvpython(
         SOURCE
         + """
-train = small(StyleRFTrain(Input=source, Preset="draft", TimeLimit=2.0, TrainEachTimeStep=1))
+train = small(StyleRFTrain(Input=source, Preset="draft", Settings=FEW, TrainEachTimeStep=1))
 train.UpdatePipeline(0.0)
 scenes = {0.0: scene(train)}
 for time in (0.5, 1.0):
@@ -199,7 +199,7 @@ except BadInput as error:
     assert "nothing to orbit" in str(error)
 else:
     raise AssertionError("an orbit around nothing")
-filter = small(StyleRFStylizedView(Input=source, Preset="draft", TimeLimit=2.0, ImageSize=[40, 30]))
+filter = small(StyleRFStylizedView(Input=source, Preset="draft", Settings=FEW, ImageSize=[40, 30]))
 at(animation, 0.5)
 view = as_image(filter)
 filter.Frame = 181
@@ -308,7 +308,7 @@ def test_training_follows_views_that_were_drawn_again(pvpython, tmp_path) -> Non
         SOURCE
         + """
 views = small(StyleRFViews(Input=source))
-train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=2.0)
+train = StyleRFTrain(Input=views, Preset="draft", Settings=FEW)
 train.UpdatePipeline(0.0)
 first = scene(train)
 train.UpdatePipeline(1.0)
@@ -337,7 +337,7 @@ ResetSession()
 display, view = scripts.open_volume(Path(sys.argv[1] + "/state.pvsm"))
 assert time_of(scripts.shown_volume(display).data) == 1.5
 GetAnimationScene().AnimationTime = 1.0
-train = small(StyleRFTrain(Input=display.Input, Preset="draft", TimeLimit=2.0))
+train = small(StyleRFTrain(Input=display.Input, Preset="draft", Settings=FEW))
 follow(StyleRFRender(Input=train), view)
 assert counted == ["train", "draw_views"] and Scene.from_bytes(scene(train), "the scene").made["time"] == 1.0
 stop_following()
@@ -353,7 +353,7 @@ def test_a_scene_of_values_follows_the_time_without_training(pvpython, tmp_path)
         + """
 from svv.fields.scene.scene import Scene
 middle = lambda proxy: np.mean(Scene.from_bytes(scene(proxy), "the scene").info()["bounds"], axis=0)[0]
-train = small(StyleRFTrain(Input=source, Preset="draft", TimeLimit=4.0, Encoding="values"))
+train = small(StyleRFTrain(Input=source, Preset="draft", Settings=FEW, Encoding="values"))
 image = StyleRFRender(Input=train, ImageSize=[40, 30])
 view = as_image(image)
 animation.UpdateAnimationUsingDataTimeSteps()
@@ -381,7 +381,7 @@ from svv.job.moving import Moving
 write_png(sys.argv[1] + "/style.png", np.random.default_rng(0).random((64, 64, 3)).astype(np.float32))
 asked_for, plain = {}, Moving.matter
 Moving.matter = lambda self, image, time: asked_for.setdefault(time, plain(self, image, time))
-filter = small(StyleRFStylizedView(Input=source, Preset="draft", TimeLimit=4.0, Encoding="values", ImageSize=[40, 30],
+filter = small(StyleRFStylizedView(Input=source, Preset="draft", Settings=FEW, Encoding="values", ImageSize=[40, 30],
                                    StyleFiles=[sys.argv[1] + "/style.png"]))
 view = as_image(filter)
 animation.UpdateAnimationUsingDataTimeSteps()

@@ -25,7 +25,7 @@ SaveScreenshot(folder + "/shown.png", ImageResolution=[64, 64])
 views = small(StyleRFViews(Input=volume, TestViews=2, Folder=folder + "/views"))
 dimensions, arrays = image(views)
 assert dimensions == (64, 64, 1), status(views)
-train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=4.0)
+train = StyleRFTrain(Input=views, Preset="draft", Settings=FEW)
 train.UpdatePipeline()
 assert scene(train) is not None, status(train)
 edit = StyleRFEdit(Input=train, Region0Recolour=1, Region0Colour=[0.8, 0.1, 0.1])
@@ -54,11 +54,11 @@ again.UpdatePipeline()
 assert scene(again) == scene(paint), status(again)
 read = OpenDataFile(folder + "/views/transforms_train.json")
 assert image(read)[0] == (64, 64, 1), status(read)
-palette = StyleRFPalette(Input=train, ViewsFile=folder + "/views/transforms_train.json", Preset="draft", TimeLimit=2.0,
+palette = StyleRFPalette(Input=train, ViewsFile=folder + "/views/transforms_train.json", Preset="draft",
                          Colour0Add=1, Colour0Value=[0.1, 0.9, 0.1])
 palette.UpdatePipeline()
 assert "trained in" in status(palette), status(palette)
-view = small(StyleRFStylizedView(Input=volume, StyleFiles=["gallery:impasto"], Preset="draft", TimeLimit=2.0))
+view = small(StyleRFStylizedView(Input=volume, StyleFiles=["gallery:impasto"], Preset="draft", Settings=FEW))
 view.ImageSize = [40, 30]
 assert image(view)[0] == (40, 30, 1), status(view)
 import triton

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.geometry.cameras import Camera
+from svv.core.view_checks.tangency_kernels import compare_tangents
 
 Array = NDArray[np.float64]
 
@@ -242,12 +244,18 @@ def disagreement_of(cameras: Sequence[Camera], silhouettes: Silhouettes, angles:
 def _pairs(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS) -> NDArray[np.intp]:
     """Return the pairs to compare, evenly spread if there are many. (pairs, 2)"""
     back, kind = views.matrices[:, :3, 2], views.parallel
-    i, j = np.triu_indices(len(back), 1)
+    i, j = _each_pair(len(back))
     # The same image from a camera that is turned over, such as ParaView's second half, is compared like any other.
     angle = np.degrees(np.arccos(np.clip(np.einsum("pk,pk->p", back[i], back[j]), -1.0, 1.0)))
     good = (angle > PAIR_ANGLES[0]) & (angle < PAIR_ANGLES[1]) & silhouettes.usable[i] & silhouettes.usable[j]
     pairs = np.stack([i, j], 1)[good & (kind[i] == kind[j])]
     return pairs[np.linspace(0, len(pairs) - 1, min(len(pairs), most)).astype(int)] if len(pairs) else pairs
+
+
+@lru_cache(maxsize=8)
+def _each_pair(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the indices of every pair of ``count`` views, the first before the second."""
+    return np.triu_indices(count, 1)
 
 
 def _differences(views: Views, silhouettes: Silhouettes, pairs: NDArray[np.intp]) -> Array:
@@ -268,29 +276,10 @@ def _differences(views: Views, silhouettes: Silhouettes, pairs: NDArray[np.intp]
 
 def _pinhole(matrices: Array, rays: Array, focal: Array, pairs: NDArray[np.intp]) -> Array:
     """Compare the outermost planes through both positions; the angle about the line between them names a plane."""
-    i, j = pairs.T
-    line = matrices[j, :3, 3] - matrices[i, :3, 3]
-    # Cameras at one point have no line between them, and planes through it say nothing.
-    length = np.linalg.norm(line, axis=1, keepdims=True)
-    line = line / np.where(length > 0.0, length, np.nan)
     units = rays / np.linalg.norm(rays, axis=2, keepdims=True)
-    ahead = units[i].mean(1) + units[j].mean(1)
-    ahead -= np.einsum("pk,pk->p", ahead, line)[:, None] * line
-    size = np.linalg.norm(ahead, axis=1, keepdims=True)
-    ahead /= np.where(size > 0.0, size, np.nan)  # 0 for two cameras that look at each other
-    side = np.cross(line, ahead)
-    ends, clear = [], np.ones(len(pairs), bool)
-    for view in (i, j):
-        forward, across, along = (np.einsum("ptk,pk->pt", units[view], axis) for axis in (ahead, side, line))
-        clear &= (forward > 0.05).all(axis=1)
-        angle = np.arctan2(across, forward)
-        scale = focal[view][:, None] * np.sqrt(np.maximum(1.0 - along**2, 1e-6))  # pixels a radian
-        for extreme in (angle.argmax(1), angle.argmin(1)):
-            of = np.arange(len(pairs)), extreme
-            ends.append((angle[of], scale[of]))
-    high_i, low_i, high_j, low_j = ends
-    both = [(a[0] - b[0]) * 0.5 * (a[1] + b[1]) for a, b in ((high_i, high_j), (low_i, low_j))]
-    return np.where(clear, np.stack(both), np.nan).T.ravel()
+    found = np.empty((len(pairs), 2))
+    compare_tangents(np.ascontiguousarray(matrices[:, :3, 3]), units, focal, pairs, found)
+    return found.ravel()
 
 
 def _parallel(matrices: Array, rays: Array, focal: Array, pairs: NDArray[np.intp]) -> Array:

@@ -43,6 +43,10 @@ SMALL = 5.0
 NO_BETTER = 0.7
 """Fraction of the difference in any order from which on cameras agree no better than in any order."""
 
+ALONE = 0.2
+"""Fraction of the levels that agree, if only as with cameras in any order, up to which others are noise: of a ball,
+a level of its empty middle may be all that depends on the order."""
+
 SCREENED = 14, 4, 3, 40
 """Views, levels, tangents (every so many-th) and pairs of views with which every mistake is tried at first."""
 
@@ -169,7 +173,7 @@ def _without_cause(
     """
     of_alpha = np.isfinite(found) & np.isfinite(mixed) & outlines.of_alpha & (outlines.reach >= SMALL)
     tells, agree = tells & of_alpha, of_alpha & (found <= GOOD) & (found <= NO_BETTER * mixed)
-    if tells.sum() <= agree.sum():
+    if tells.sum() <= max(agree.sum(), ALONE * (of_alpha & (found <= GOOD)).sum()):
         return _agree(found), None
     far = found > np.maximum(np.radians(FAR_OFF) * outlines.reach, 1.5)
     least = float(found[tells].min())

@@ -125,7 +125,7 @@ def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") 
     found: dict[int, Hand] = {}
     notes = list(order.notes)
     for number in sorted({style for region, style in order.pairs.items() if region not in order.inks}):
-        hand = _hand_of(np.asarray(order.styles[number], np.float32), order.masks[number])
+        hand = hand_of(np.asarray(order.styles[number], np.float32), order.masks[number])
         chosen, reason = manner_of(hand)
         technique, why = technique_of(hand) if named == "auto" else (named, "")
         shown = named == "auto" and technique != "oil" and "strokes" in (manner, chosen)
@@ -146,7 +146,7 @@ _hands: OrderedDict[str, Hand] = OrderedDict()
 """The last measured hands: whoever looks for the right stroke size paints with the same pictures again and again."""
 
 
-def _hand_of(picture: NDArray[np.float32], mask: NDArray[np.bool_] | None) -> Hand:
+def hand_of(picture: NDArray[np.float32], mask: NDArray[np.bool_] | None) -> Hand:
     """Return the hand of a picture, measured the first time it is needed."""
     key = digest(picture, mask)
     if key not in _hands:

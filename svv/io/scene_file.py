@@ -51,6 +51,11 @@ def checkpoint_of(scene: Path) -> Path:
     return scene.with_name(scene.name + ".checkpoint")
 
 
+def sketch_of(scene: Path) -> Path:
+    """Return the path of the sketch that is shown until a scene file is there."""
+    return scene.with_name(scene.name + ".sketch")
+
+
 def checkpoint_of_layer(checkpoint: Path, number: int) -> Path:
     """Return the path of the checkpoint of one of the scenes that a scene is joined from."""
     return checkpoint.with_name(f"{checkpoint.stem}.{number}{checkpoint.suffix}")

@@ -136,7 +136,7 @@ def may_be_late(proxy: Any) -> None:
     """Let the next image of a filter with Live come later than the update that asks for it."""
     if proxy.GetProperty("Late") is not None:
         proxy.GetProperty("Late").SetElement(0, 1)
-        proxy.UpdateProperty("Late")
+        proxy.UpdateProperty("Late", 1)  # every time, though it has the same value
 
 
 def _weak(thing: Any) -> Any:

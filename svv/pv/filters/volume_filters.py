@@ -33,15 +33,15 @@ from svv.pv.filters.vtk_data import (
 )
 from svv.pv.live.beside import Beside, DrawnBeside
 from svv.pv.live.ordered import SHARPENS, Ordered
+from svv.pv.panel.first_screen import stylized_view_properties
 from svv.pv.panel.groups import (
-    PICTURES,
+    TAKE,
     TAKE_HELP,
     cut_properties,
     device,
     image_properties,
     keep_input_visible,
     menu,
-    preview_file,
     takes_image,
     takes_scene,
     takes_volume,
@@ -53,7 +53,6 @@ from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
     button,
     file,
-    files,
     kept_as,
     panel,
     shown_view,
@@ -61,6 +60,7 @@ from svv.pv.panel.properties import (
     switch,
 )
 from svv.pv.results.cached import Keeping, views_in, write_views
+from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
@@ -77,7 +77,7 @@ __all__ = [
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
     *volume_properties(ViewOptions()),
-    button("TakeAsEdited", TAKE_HELP),
+    button("TakeAsEdited", TAKE_HELP, TAKE),
     file("Folder", "", "", "Folder to which the views are also written, as a set that `svv` and other programs read."),
     *shown_view(),
     *kept_as(),
@@ -140,7 +140,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 @panel(
     *live(),
     *training_properties("balanced"),
-    button("TakeAsEdited", TAKE_HELP),
+    button("TakeAsEdited", TAKE_HELP, TAKE),
     file("SceneFile", "svv", "Scenes",
          "File in which to keep the scene. If it holds a scene trained from the same input, that scene is read, so a "
          "saved state need not train again. Training that was stopped resumes.", save=True),
@@ -301,15 +301,7 @@ class StyleRFVolume(VolumeOutput):
 @menu
 @keep_input_visible
 @panel(
-    files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
-    *live(),
-    *training_properties("fast"),
-    button("TakeAsEdited", TAKE_HELP),
-    preview_file(),
-    *image_properties(400),
-    *volume_properties(ViewOptions(test=0)),
-    *kept_as(),
-    status(),
+    *stylized_view_properties(),
 )
 @takes_volume
 class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
@@ -320,6 +312,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
+        self._status = expected()
 
     def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.filters.engine import (

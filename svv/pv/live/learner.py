@@ -1,9 +1,9 @@
 """The process that learns beside ParaView's window: a filter of the same kind, in pvpython, at low priority.
 
 It does what the filter in ParaView would do (:mod:`svv.pv.live.beside` gives the orders), so its results are the same,
-and it keeps them in the cache under the names under which that filter looks for them. First it paints sketches, from
-few small views and with broad strokes, as :data:`SKETCHES` says; and when the scene is there, that in broad strokes.
-Orders that come meanwhile are obeyed from the callback of the progress.
+and it keeps them in the cache under the names under which that filter looks for them. First it paints sketches with
+broad strokes (:mod:`svv.train.run.sketches`); and when the scene is there, that with broad strokes. Orders that come
+meanwhile are obeyed from the callback of the progress.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import shutil
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
@@ -31,32 +31,10 @@ from svv.pv.filters.vtk_data import scene_of
 from svv.pv.live.handed import STATE, WARM, taken
 from svv.pv.panel.option_panel import options_in
 from svv.pv.results.time_steps import Moment
+from svv.train.run.sketches import SKETCHES, Sketch, sketches_for
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
-
-
-@dataclass(frozen=True)
-class Sketch:
-    """A scene that is learned in a hurry, to be shown until there is a better one."""
-
-    views: ViewOptions
-    """The views of which it is learned."""
-    seconds: float
-    """Time limit of its training."""
-    broader: float
-    """Size of its strokes relative to those that are asked for."""
-    broadest: float
-    """The largest size of its strokes, unless larger ones are asked for."""
-    told: str
-    """What the user is told of it."""
-
-
-SKETCHES = (
-    Sketch(ViewOptions(n=12, test=0, size=128, step=1.0), 1.5, 2.0, 4.0, "A sketch is shown."),
-    Sketch(ViewOptions(n=24, test=0, size=256, step=1.0), 6.0, 1.5, 2.0, "A finer sketch is shown."),
-)
-"""The sketches, one after another. Draft, which is fast itself, has only the first."""
 
 BROAD = "The scene is shown in broad strokes."
 """What the user is told of a trained scene before it is painted as asked."""
@@ -253,9 +231,9 @@ class Learner:
             self._known, begun = trained is not None, 0.0
             if trained is not None:
                 self._sketch, self._is = trained, BROAD
-            draft = options_in(TrainOptions, self.order["values"]).preset == "draft"
             again = self._sketch is not None
-            for sketch, until in zip(SKETCHES[: 1 if again or draft else None], SKETCHED, strict=False):
+            few = SKETCHES[:1] if again else sketches_for(options_in(TrainOptions, self.order["values"]).preset)
+            for sketch, until in zip(few, SKETCHED, strict=False):
                 told = part(self.heard, begun, until)
                 if not again:
                     self._broad, self._sketch = sketch, self._sketched(sketch, part(told, 0.0, 0.6))
@@ -305,15 +283,15 @@ class Learner:
         from svv.train.pipeline import train_scene
 
         values = self.order["values"]
-        asked, few = options_in(ViewOptions, values), sketch.views
+        asked = options_in(ViewOptions, values)
         views, _ = make_views(
             volume_shown(self._filter.given, values), transfer_function_of(values),
-            replace(few, n=min(few.n, asked.n), size=min(few.size, asked.size), mapper=asked.mapper),
+            ViewOptions(
+                n=min(sketch.views, asked.n), test=0, size=min(sketch.size, asked.size), step=1.0, mapper=asked.mapper
+            ),
             shading=shading_of(values), rescale=False, name="sketch", progress=part(progress, 0.0, 0.3),
         )  # fmt: skip
-        options = options_in(TrainOptions, values)
-        lighting = options.lighting or "phong"  # to try out which is better takes a quarter of the time
-        options = replace(options, preset="draft", time_limit=sketch.seconds, lighting=lighting, change=())
+        options = sketch.options(options_in(TrainOptions, values))
         return train_scene(views, options, part(progress, 0.3, 1.0))[0]
 
     def _paint_sketch(self, progress: Progress) -> None:

@@ -14,6 +14,7 @@ from svv.io.files.worker import Worker
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.drawer import MOVING_PATIENCE, PATIENCE, Drawer, Drawn, Shown
 from svv.pv.live.handed import STATE, WARM
+from svv.pv.results.expected import duration
 from svv.pv.results.stored import Stored
 
 ENDED = "The process that learned beside ParaView has ended ({why}): press Go On, and it resumes."
@@ -207,10 +208,3 @@ class Ordered:
         """Return what the process says about the last order; empty if nothing yet."""
         said = {} if self._worker is None else self._worker.said()
         return said if said.get("order") == self._number else {}
-
-
-def duration(seconds: float) -> str:
-    """Return a duration as people say it: ``about 40 s`` or ``about 3 min``."""
-    if seconds < 90:
-        return f"about {max(5 * round(seconds / 5), 5)} s"
-    return f"about {round(seconds / 60)} min"

@@ -56,6 +56,7 @@ def in_window(filter: Any, soon: bool = True) -> None:
         soon: Whether it will be applied for the first time, for which its process gets ready.
     """
     _tell(filter.SMProxy, "InWindow", 2 if soon else 1)
+    filter.SMProxy.UpdatePropertyInformation(filter.SMProxy.GetProperty("Status"))
 
 
 def _tell(proxy: Any, name: str, value: Any) -> None:

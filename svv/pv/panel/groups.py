@@ -43,10 +43,11 @@ from svv.pv.panel.properties import (
 from svv.styles.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
+TAKE = "Take What Is Shown Now"
+"""Label of the button ``TakeAsEdited``."""
 TAKE_HELP = (
-    "Update the result to the current transfer function and time step. Neither editing the transfer function nor "
-    "playing an animation starts minutes of work by itself. Nothing is done if nothing has changed. Results that a "
-    "saved state cannot find are made again."
+    "Take the volume as its transfer function and time step show it now, which editing and playing alone do not do, "
+    "and make again what a saved state cannot find."
 )
 PALETTE = 8
 """The most regions that a palette can have."""
@@ -161,7 +162,7 @@ def training_properties(preset: PresetName) -> list[Property]:
         *learning_properties(TrainOptions(preset=preset), skip=("device",)),
         switch("TrainEachTimeStep", False,
                "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
-               "until Take As Edited is pressed. The scenes of the most recent steps are kept."),
+               "until Take What Is Shown Now is pressed. The scenes of the most recent steps are kept."),
         device(),
     ]  # fmt: skip
 
@@ -188,9 +189,8 @@ def image_properties(size: int) -> list[Property]:
     """
     return [
         client_switch("FollowCamera",
-                      "Follow the camera of the view that shows the volume. While the mouse drags, the image is as "
-                      "large as time permits; on release, it is sharp. It is shown in a separate view to the right, in "
-                      "which the mouse turns the same camera, or in that view by StyleRF Place In View."),
+                      "Follow the camera of the view that shows the volume: the image is shown in a view of its own "
+                      "to the right, where the mouse turns the same camera, or in the same by StyleRF Place In View."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),

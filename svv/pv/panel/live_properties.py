@@ -27,10 +27,10 @@ def live() -> list[Property]:
          "1 if the client asks for the image until it is there, so that it need not be waited for."),
     )  # fmt: skip
     found = [
-        switch("Live", True, "In ParaView's window: learn in a process of its own and show what there is as it becomes "
-               "better. Scripts, and states that they load, wait until all is done."),
+        switch("Live", True, "In ParaView's window, learn in a process of its own and show what there is as it becomes "
+               "better; scripts, and states that they load, wait until all is done."),
         button("Pause", "Let the learning wait, until Go On is pressed."),
-        button("StopHere", "Stop learning, and keep what is shown. Go On resumes."),
+        button("StopHere", "Stop learning and keep what is shown, until Go On is pressed."),
         button("GoOn", "Go on after Pause or Stop Here."),
     ]  # fmt: skip
     for kind, name, default, setter, help in hidden:

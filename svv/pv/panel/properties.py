@@ -41,12 +41,13 @@ def _element(
     inside: str = "",
     advanced: bool = False,
     hints: str = "",
+    label: str = "",
 ) -> str:
     level = "advanced" if advanced else "default"
     hints = f"<Hints>{hints}</Hints>" if hints else ""
     return (
-        f"<{kind} name={quoteattr(name)} label={quoteattr(label_of(name))} panel_visibility={quoteattr(level)} "
-        f"{attributes}>"
+        f"<{kind} name={quoteattr(name)} label={quoteattr(label or label_of(name))} "
+        f"panel_visibility={quoteattr(level)} {attributes}>"
         f"{inside}<Documentation>{escape(help)}</Documentation>{hints}</{kind}>"
     )
 
@@ -190,9 +191,9 @@ def files(name: str, extensions: str, what: str, help: str) -> Property:
     return Property(name, xml, (), {f"Add{name}": add, f"Clear{name}": clear})
 
 
-def button(name: str, help: str) -> Property:
+def button(name: str, help: str, label: str = "") -> Property:
     """Return a button that calls the filter's method of the same name."""
-    xml = _element("Property", name, help, f'command="{name}" panel_widget="command_button"')
+    xml = _element("Property", name, help, f'command="{name}" panel_widget="command_button"', label=label)
     return Property(name, xml, None, {})
 
 
@@ -319,13 +320,13 @@ def display() -> Property:
 def kept_as() -> list[Property]:
     """Return the property with the names under which results are kept, so that a saved state finds them.
 
-    :mod:`svv.pv.panel.cached_names` fills it in. Setting it changes no result, and so starts no work.
+    :mod:`svv.pv.panel.cached_names` fills it in, and no panel shows it. Setting it starts no work.
     """
     xml = _element(
         "StringVectorProperty", "KeptAs", "Names under which the filter keeps its results, so that a saved state finds "
         "them; filled in by the filter. If this is empty, missing results are made without waiting for a button.",
-        'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"', "", True,
-    )  # fmt: skip
+        'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"',
+    ).replace('"default"', '"never"', 1)  # fmt: skip
 
     def setter(self: Any, value: str) -> None:
         self.values["KeptAs"] = value or ""

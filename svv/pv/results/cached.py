@@ -36,7 +36,7 @@ FOUND = " The result was found in the cache."
 class Keeping(Filter):
     """A filter that keeps the results of its long work for all later processes."""
 
-    button = "Take As Edited"
+    button = "Take What Is Shown Now"
     """Label of the button that starts the work if a saved state's result is missing."""
 
     def __init__(self, inputs: int, outputs: int, kind: str) -> None:

@@ -24,6 +24,7 @@ from svv.io.views.viewset import ViewSet
 from svv.job.compile_ahead import ball_views
 from svv.options.making import TrainOptions
 from svv.render.web.following import Follower
+from svv.train.config import preset
 from svv.train.run.learning import Learning
 from svv.train.run.sketches import SKETCHES
 from tests.cube import cube_scene
@@ -103,7 +104,7 @@ def test_errors_are_one_sentence(views: ViewSet, long: Learning) -> None:
     with pytest.raises(BadInput, match="are too few to train on"):
         svv.train_scene(views.take([0, 1]), "draft", background=True)
     with pytest.raises(BadInput, match="name of a preset"):
-        svv.train_scene(views, svv.train_scene.__globals__["Preset"], background=True)
+        svv.train_scene(views, preset("draft"), background=True)
     with pytest.raises(BadInput, match=r"needs the values of the volume"):
         svv.train_scene(views, "draft", encoding="values", background=True).wait()
     long._worker._process.send_signal(signal.SIGKILL)

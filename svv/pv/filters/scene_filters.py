@@ -282,6 +282,11 @@ class StyleRFStylize(SceneOutput, Beside):
         assert data is not None
         return values, lambda folder: hand_over_scene(data, folder)
 
+    def release(self) -> None:
+        super().release()
+        for slot in [slot for slot in self._kept if slot.startswith(PAINTING)]:
+            del self._kept[slot]
+
     def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
         if not self.put_newest(outputs[0]):
             self.before(outputs)

@@ -109,10 +109,10 @@ def scene_of(data: vtkDataObject | None) -> Scene:
         NotYetThere: There will be one.
         BadInput: There is none, or it is damaged.
     """
-    from svv.fields.scene.scene import Scene
-
     if is_unfinished(data) and data is not None and not data.GetFieldData().HasArray(SCENE):
         raise NotYetThere("The scene is being learned: this filter follows as soon as there is something to show.")
+    from svv.fields.scene.scene import Scene
+
     array = None if data is None else data.GetFieldData().GetArray(SCENE)
     if array is None:
         raise BadInput("The input is not a scene: connect StyleRF Train, Edit or Stylize, or open a .svv file.")

@@ -118,7 +118,7 @@ class Beside(Keeping):
                 said = self.result(inputs, outputs, out_info)
             except Gone:  # it is made again
                 self.release()
-                self._learner.forget()
+                self._learner.lose()
                 said = self.result(inputs, outputs, out_info)
         except NotYet:
             self.meanwhile(inputs, outputs, self._learner)

@@ -142,7 +142,7 @@ class Drawer:
             raise Gone
         if said.get("number") == self._number and "error" in said:
             raise BadInput(said["error"])
-        if self._number and not self.alive and not self._is_sharp(said) and self._died:
+        if self._wanted is not None and not self.alive and not self._is_sharp(said) and self._died:
             raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
         number = said.get("drawn")
         if number and number != self._read and self._worker is not None:
@@ -167,7 +167,11 @@ class Drawer:
         """Whether an image is being drawn that is better than the newest one."""
         said = self._said()
         failed = said.get("number") == self._number and "error" in said
-        return bool(self._number) and self.alive and not failed and not self._is_sharp(said)
+        return self._wanted is not None and self.alive and not failed and not self._is_sharp(said)
+
+    def forget(self) -> None:
+        """Forget what was asked for last; the newest image stays."""
+        self._number, self._wanted = self._number + 1, None
 
     def end(self) -> None:
         """End the process, and forget its images."""

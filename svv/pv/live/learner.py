@@ -211,6 +211,8 @@ class Learner:
         filter = self._filter
         filter.values.update(self.order["values"])
         filter.failed, filter.repaints, filter.trains = "", False, True
+        if not Cache.of_user().holds(self.order["scene"]):
+            filter.release()  # what it has may be no longer there for the filter in ParaView
         if self.order["anew"]:
             getattr(filter, "PaintAgain", filter.make_anew)()
         filter.Modified()

@@ -197,6 +197,12 @@ class Ordered:
         """Forget what was ordered, so that it is ordered again."""
         self._wanted, self._stopped = None, False
 
+    def lose(self) -> None:
+        """Forget the last result, which is no longer in the cache, so that it is ordered again."""
+        self.forget()
+        self._shown = None
+        self._drawer.forget()
+
     def end(self) -> None:
         """End the process, and forget what it has been given."""
         if self._worker is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 from svv.errors import BadInput
@@ -41,13 +42,13 @@ def _measured() -> Iterator[tuple[str, float]]:
         place = Cache.of_user()
     except BadInput:  # the first work says so
         return
-    names = [entry.path.name for entry in place.entries() if entry.path.name.startswith("painting-")]
-    for name in names[-LOOKED_AT:]:
-        found = place.read(name, Stored.read)
-        if found is not None:
-            seconds = _seconds(found.made)
+    files = [entry.path for entry in place.entries() if entry.path.name.startswith("painting-")]
+    for file in files[-LOOKED_AT:]:
+        with suppress(BadInput):  # another process has just removed it
+            made = Stored.read(file).made
+            seconds = _seconds(made)
             if seconds is not None:
-                yield str(found.made.get("preset")), seconds
+                yield str(made.get("preset")), seconds
 
 
 def _seconds(made: dict[str, Any]) -> float | None:

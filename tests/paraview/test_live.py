@@ -210,7 +210,6 @@ train = StyleRFTrain(Input=wavelet, Settings=FEW["Settings"], **few)
 in_window(train)
 render = StyleRFRender(Input=train, ImageSize=[64, 64])
 edit = StyleRFEdit(Input=train, Region0Opacity=0.5, SaveFile=f"{{folder}}/sketch.svv")
-stylize = StyleRFStylize(Input=edit, StyleFiles=[f"{{folder}}/brush.png"], Preset="draft", Device="cpu")
 render.UpdatePipeline()
 assert table(train) == (0, None, True) and status(train).startswith("Learning"), status(train)
 assert "as soon as there is something" in status(render), status(render)
@@ -218,6 +217,7 @@ until(train, sketched)
 rows, sketch, unfinished = table(train)
 assert rows > 0 and sketch and unfinished and loaded() == []
 assert image(render)[1]["RGBA"][:, 3].any() and "still being learned" in status(render), status(render)
+stylize = StyleRFStylize(Input=edit, StyleFiles=[f"{{folder}}/brush.png"], Preset="draft", Device="cpu")
 stylize.UpdatePipeline()
 assert "still being learned" in status(stylize) and "still being learned" in status(edit)
 press(edit, "SaveScene")
@@ -375,4 +375,59 @@ filter.UpdatePipeline()
 until(filter, sketched)
 until(filter, is_done)
 assert workers() == [], "the client learns"
+""")
+
+
+@pytest.mark.slow
+def test_fifty_starts_and_stops_leave_nothing(live: Callable) -> None:
+    live("""
+import tempfile
+from svv.io.files.worker import PREFIX
+from svv.pv.live.ordered import Ordered
+
+def handles():
+    return len(os.listdir("/proc/self/fd"))
+
+tempfile.tempdir = folder
+for number in range(50):
+    ordered = Ordered("StyleRFStylizedView", True)
+    ordered.start()
+    pids = workers() + workers("svv.pv.live.drawer")
+    assert len(pids) == 2, pids
+    if number % 10 == 1:  # some have loaded a part of what they take
+        time.sleep(2)
+    ordered.end()
+    left = [pid for pid in pids if os.path.exists(f"/proc/{pid}")]
+    assert not left and not glob.glob(f"{folder}/{PREFIX}*"), left
+    if number == 0:
+        before = handles()
+assert handles() == before
+""")
+
+
+def test_the_panel_begins_with_few_controls(pvpython: Callable) -> None:
+    pvpython("""
+from paraview.simple import *
+wavelet = Wavelet()
+filter = StyleRFStylizedView(Input=wavelet)
+filter.UpdatePropertyInformation()
+assert filter.Status.startswith("On this machine: draft (a sketch) about "), filter.Status
+assert "balanced (best) about" in filter.Status
+shown, buttons, iterator = [], [], filter.SMProxy.NewPropertyIterator()
+iterator.Begin()
+while not iterator.IsAtEnd():
+    found, name = iterator.GetProperty(), iterator.GetKey()
+    if found.GetPanelVisibility() == "default" and not found.GetInformationOnly() and name != "Input":
+        (buttons if found.GetPanelWidget() == "command_button" else shown).append(name)
+        help = found.GetDocumentation().GetDescription().strip()
+        assert help.endswith(".") and ". " not in help, (name, help)
+        assert len(found.GetXMLLabel()) <= 24, name
+    iterator.Next()
+assert sorted(shown) == ["FollowCamera", "Live", "Preset", "Shade", "StrokeSize", "StyleFiles"], shown
+assert sorted(buttons) == ["GoOn", "Pause", "StopHere", "TakeAsEdited"], buttons
+label = filter.SMProxy.GetProperty("TakeAsEdited").GetXMLLabel()
+assert label == "Take What Is Shown Now" and filter.KeptAs == ""
+filter.TimeLimit, filter.Camera, filter.Views = 3.0, [1.0] * 10, 12  # the others are there, for scripts and experts
+groups = [filter.SMProxy.GetPropertyGroup(k) for k in range(filter.SMProxy.GetNumberOfPropertyGroups())]
+assert {"Training", "Image", "Volume"} <= {group.GetXMLLabel() for group in groups}
 """)

@@ -104,7 +104,7 @@ def test_errors_are_one_sentence(views: ViewSet, long: Learning) -> None:
     with pytest.raises(BadInput, match="are too few to train on"):
         svv.train_scene(views.take([0, 1]), "draft", background=True)
     with pytest.raises(BadInput, match="name of a preset"):
-        svv.train_scene(views, preset("draft"), background=True)
+        svv.train_scene(views, preset("draft"), background=True)  # type: ignore[call-overload]
     with pytest.raises(BadInput, match=r"needs the values of the volume"):
         svv.train_scene(views, "draft", encoding="values", background=True).wait()
     long._worker._process.send_signal(signal.SIGKILL)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from xml.sax.saxutils import quoteattr
 
 from svv.options.making import PaintOptions, ViewOptions
 from svv.pv.panel.groups import (
@@ -20,6 +21,14 @@ from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, button, files, group, kept_as, status
 
+MEANINGS = {
+    "draft": "Sketch: a first look.",
+    "fast": "Good: takes minutes.",
+    "balanced": "Best: as fine as the views can resolve.",
+    "paper": "As in the paper: takes hours.",
+}
+"""What the panel says of each preset."""
+
 VISIBLE = re.compile(r'panel_visibility="default"')
 
 
@@ -28,7 +37,7 @@ def stylized_view_properties() -> list[Property]:
     training, image, volume = training_properties("fast"), image_properties(400), volume_properties(ViewOptions(test=0))
     return [
         files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
-        *picked(training, "Preset"),
+        *map(with_meanings, picked(training, "Preset")),
         *picked(properties_of(PaintOptions()), "StrokeSize"),
         *picked(volume, "Shade"),
         *picked(image, "FollowCamera"),
@@ -40,6 +49,12 @@ def stylized_view_properties() -> list[Property]:
         *titled("Volume", without(volume, "Shade")),
         *kept_as(),
     ]
+
+
+def with_meanings(preset: Property) -> Property:
+    """Return the property of the preset such that its entries, whose names scripts use, say what they mean."""
+    told = lambda found: f"{found[0]} info={quoteattr(MEANINGS[found[1]])}"  # noqa: E731
+    return replace(preset, xml=re.sub(r'<Entry value="\d+" text="(\w+)"', told, preset.xml))
 
 
 def advanced(properties: Sequence[Property]) -> list[Property]:

@@ -16,6 +16,7 @@ function render({ model, el }) {
     bar.value = model.get("fraction");
     bar.hidden = bar.value >= 1;
     told.textContent = bar.hidden && model.get("told") === "done" ? "" : model.get("told");
+    work.hidden = bar.hidden && told.textContent === "";
   }
   function replaced() {
     page = null;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -184,13 +185,13 @@ def test_a_training_in_the_background_sharpens_in_the_window(
 
 
 def test_a_picture_of_a_training_waits_for_the_first_scene(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    learning = StandIn(cube, cube)
-    monkeypatch.setattr("svv.render.show.time", SimpleNamespace(sleep=lambda seconds: learning.step()))
+    learning, clock = StandIn(cube, cube), {"perf_counter": time.perf_counter}
+    monkeypatch.setattr("svv.render.show.time", SimpleNamespace(sleep=lambda _: learning.step(), **clock))
     shown = svv.show(learning, camera=oblique(), size=SIZE, background=GREY, off_screen=True)
     assert_same_picture(np.asarray(shown), rendered(cube, oblique()))
     failing = StandIn(cube, error="The disk is full.")
     failing._scenes = (cube, cube, cube)
     monkeypatch.setattr(type(failing), "scene", property(lambda self: None))
-    monkeypatch.setattr("svv.render.show.time", SimpleNamespace(sleep=lambda seconds: failing.step()))
+    monkeypatch.setattr("svv.render.show.time", SimpleNamespace(sleep=lambda _: failing.step(), **clock))
     with pytest.raises(svv.BadInput, match="The disk is full"):
         svv.show(failing, size=SIZE, off_screen=True)

@@ -45,7 +45,7 @@ function render({ model, el }) {
   // A frame that is moved within the notebook loads again: what was set is kept.
   frame.addEventListener("load", async () => {
     page = null;
-    const opened = await frame.contentWindow.svv.catch(() => null); // a page that cannot draw the scene says so itself
+    const opened = await frame.contentWindow.svv?.catch(() => null); // a page that cannot draw the scene says so itself
     if (opened === null || opened === undefined) return;
     page = opened;
     known = "";

@@ -61,11 +61,12 @@ def beat(*_):
     now, used = time.perf_counter(), time.thread_time()
     blocks.append((round(used - cpu, 3), round(now - last, 3), round(now - applied, 1)))  # on a busy machine, the first
     last, cpu = now, used
-    told, drawn = filter.Status, not filter.SMProxy.GetProperty("LiveState").GetElement(0).endswith(" 0~*")
+    told, state = filter.Status, filter.SMProxy.GetProperty("LiveState").GetElement(0)
+    drawn = state and not state.endswith(" 0~*")
     for what in ("finer sketch", "broad strokes"):
         if what in told:
             seen.setdefault(what, now - applied)
-    if "sketch" in told and drawn and "sketch" not in seen:
+    if "sketch is shown" in told and drawn and "sketch" not in seen:
         seen["sketch"] = now - applied
         done("sketch")
     elif "regions" in told and "result" not in seen:

@@ -21,13 +21,8 @@ from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, button, files, group, kept_as, status
 
-MEANINGS = {
-    "draft": "Sketch: a first look.",
-    "fast": "Good: takes minutes.",
-    "balanced": "Best: as fine as the views can resolve.",
-    "paper": "As in the paper: takes hours.",
-}
-"""What the panel says of each preset."""
+MEANINGS = {"draft": "Sketch", "fast": "Good", "balanced": "Best", "paper": "hours"}
+"""What the panel says of each preset, behind its name; long words would widen the panel."""
 
 VISIBLE = re.compile(r'panel_visibility="default"')
 

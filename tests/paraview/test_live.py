@@ -423,9 +423,10 @@ while not iterator.IsAtEnd():
         assert len(found.GetXMLLabel()) <= 24, name
     iterator.Next()
 assert sorted(shown) == ["FollowCamera", "Live", "Preset", "Shade", "StrokeSize", "StyleFiles"], shown
-assert sorted(buttons) == ["GoOn", "Pause", "StopHere", "TakeAsEdited"], buttons
-label = filter.SMProxy.GetProperty("TakeAsEdited").GetXMLLabel()
+assert sorted(buttons) == ["GoOn", "Pause", "StopHere", "TakeWhatIsShownNow"], buttons
+label = filter.SMProxy.GetProperty("TakeWhatIsShownNow").GetXMLLabel()
 assert label == "Take What Is Shown Now" and filter.KeptAs == ""
+filter.TakeAsEdited(), filter.TakeWhatIsShownNow()  # scripts know the older name
 presets = filter.SMProxy.GetProperty("Preset").FindDomain("vtkSMEnumerationDomain")
 told = {presets.GetEntryText(k): presets.GetInfoText(k) for k in range(presets.GetNumberOfEntries())}
 assert told == {"draft": "Sketch", "fast": "Good", "balanced": "Best", "paper": "hours"}, told

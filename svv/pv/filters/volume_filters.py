@@ -35,13 +35,12 @@ from svv.pv.live.beside import Beside, DrawnBeside
 from svv.pv.live.ordered import SHARPENS, Ordered
 from svv.pv.panel.first_screen import stylized_view_properties
 from svv.pv.panel.groups import (
-    TAKE,
-    TAKE_HELP,
     cut_properties,
     device,
     image_properties,
     keep_input_visible,
     menu,
+    take_buttons,
     takes_image,
     takes_scene,
     takes_volume,
@@ -51,7 +50,6 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
-    button,
     file,
     kept_as,
     panel,
@@ -77,7 +75,7 @@ __all__ = [
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
     *volume_properties(ViewOptions()),
-    button("TakeAsEdited", TAKE_HELP, TAKE),
+    *take_buttons(),
     file("Folder", "", "", "Folder to which the views are also written, as a set that `svv` and other programs read."),
     *shown_view(),
     *kept_as(),
@@ -140,7 +138,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 @panel(
     *live(),
     *training_properties("balanced"),
-    button("TakeAsEdited", TAKE_HELP, TAKE),
+    *take_buttons(),
     file("SceneFile", "svv", "Scenes",
          "File in which to keep the scene. If it holds a scene trained from the same input, that scene is read, so a "
          "saved state need not train again. Training that was stopped resumes.", save=True),

@@ -10,16 +10,15 @@ from xml.sax.saxutils import quoteattr
 from svv.options.making import PaintOptions, ViewOptions
 from svv.pv.panel.groups import (
     PICTURES,
-    TAKE,
-    TAKE_HELP,
     image_properties,
     preview_file,
+    take_buttons,
     training_properties,
     volume_properties,
 )
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import properties_of
-from svv.pv.panel.properties import Property, button, files, group, kept_as, status
+from svv.pv.panel.properties import Property, files, group, kept_as, status
 
 MEANINGS = {"draft": "Sketch", "fast": "Good", "balanced": "Best", "paper": "hours"}
 """What the panel says of each preset, behind its name; long words would widen the panel."""
@@ -37,7 +36,7 @@ def stylized_view_properties() -> list[Property]:
         *picked(volume, "Shade"),
         *picked(image, "FollowCamera"),
         *live(),
-        button("TakeAsEdited", TAKE_HELP, TAKE),
+        *take_buttons(),
         status(),
         *titled("Training", [*without(training, "Preset"), preview_file()]),
         *titled("Image", without(image, "FollowCamera")),

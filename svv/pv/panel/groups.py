@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
@@ -43,8 +44,6 @@ from svv.pv.panel.properties import (
 from svv.styles.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
-TAKE = "Take What Is Shown Now"
-"""Label of the button ``TakeAsEdited``."""
 TAKE_HELP = (
     "Take the volume as its transfer function and time step show it now, which editing and playing alone do not do, "
     "and make again what a saved state cannot find."
@@ -165,6 +164,13 @@ def training_properties(preset: PresetName) -> list[Property]:
                "until Take What Is Shown Now is pressed. The scenes of the most recent steps are kept."),
         device(),
     ]  # fmt: skip
+
+
+def take_buttons() -> list[Property]:
+    """Return the button that takes the volume as it is shown now, and its older name for scripts."""
+    older = button("TakeAsEdited", TAKE_HELP)
+    hidden = replace(older, xml=older.xml.replace('"default"', '"never"', 1))
+    return [button("TakeWhatIsShownNow", TAKE_HELP, "TakeAsEdited"), hidden]
 
 
 def device() -> Property:

@@ -319,13 +319,13 @@ def display() -> Property:
 def kept_as() -> list[Property]:
     """Return the property with the names under which results are kept, so that a saved state finds them.
 
-    :mod:`svv.pv.panel.cached_names` fills it in, and no panel shows it. Setting it starts no work.
+    :mod:`svv.pv.panel.cached_names` fills it in. Setting it changes no result, and so starts no work.
     """
     xml = _element(
         "StringVectorProperty", "KeptAs", "Names under which the filter keeps its results, so that a saved state finds "
         "them; filled in by the filter. If this is empty, missing results are made without waiting for a button.",
-        'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"',
-    ).replace('"default"', '"never"', 1)  # fmt: skip
+        'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"', "", True,
+    )  # fmt: skip
 
     def setter(self: Any, value: str) -> None:
         self.values["KeptAs"] = value or ""

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
     from svv.train.pipeline import train_scene as train_scene
+    from svv.train.run.learning import Learning as Learning
 
 PUBLIC = {
     "BadInput": "svv.errors",
@@ -58,6 +59,7 @@ PUBLIC = {
     "Correction": "svv.core.colour.correction",
     "FigureOptions": "svv.options.figures",
     "Ink": "svv.train.paint.ink",
+    "Learning": "svv.train.run.learning",
     "Look": "svv.render.looks.look",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",

@@ -205,9 +205,9 @@ def test_a_picture_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plan, "_hands", OrderedDict())
     picture = np.random.default_rng(3).random((64, 48, 3), np.float32)
     mask = np.arange(64 * 48).reshape(64, 48) % 3 > 0
-    first, again, other = (plan._hand_of(p, m) for p, m in ((picture, None), (picture.copy(), None), (picture, mask)))
+    first, again, other = (plan.hand_of(p, m) for p, m in ((picture, None), (picture.copy(), None), (picture, mask)))
     assert again is first and other is not first and len(seen) == 2
     for _ in range(plan.HANDS):
         picture = picture + np.float32(1e-3)
-        plan._hand_of(picture.clip(0.0, 1.0), None)
+        plan.hand_of(picture.clip(0.0, 1.0), None)
     assert len(plan._hands) == plan.HANDS

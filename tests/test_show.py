@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from svv.core.geometry.cameras import Camera, look_at  # noqa: E402
 from svv.fields.scene.scene import Scene  # noqa: E402
 from svv.io.pictures.output import write_vti  # noqa: E402
 from svv.render.show import SceneFollower  # noqa: E402
+from tests.stand_in_learning import StandIn  # noqa: E402
 
 SIZE = (64, 48)
 GREY = (0.3, 0.3, 0.3)
@@ -157,3 +159,39 @@ def test_image_data_is_what_the_vti_file_holds(cube: Scene, tmp_path: Path) -> N
     for name in file.point_data.keys():
         assert image[name].dtype == file[name].dtype
         np.testing.assert_array_equal(image[name], file[name])
+
+
+def test_a_training_in_the_background_sharpens_in_the_window(
+    follower: SceneFollower, cube: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    green = cube.edited(0, colour=(0.0, 1.0, 0.0))
+    learning, looks = StandIn(cube, cube, green), []
+    learning.step()
+    monkeypatch.setattr(follower.plotter, "add_timer_event", lambda **given: looks.append(given["callback"]))
+    follower.sharpen(learning)
+    follower.plotter.show(auto_close=False)
+    looks[0](0)
+    assert "33%: scene 1" in follower.plotter.actors["progress"].GetText(2)
+    before = follower.picture
+    learning.step()
+    learning.step()
+    looks[0](1)
+    assert follower.scene is green and follower.plotter.actors["progress"].GetText(2) == ""
+    assert_same_picture(follower.picture, rendered(green, oblique()))
+    assert np.abs(follower.picture.astype(int) - before).max() > 20
+    looks.clear()
+    follower.sharpen(learning)
+    assert not looks, "there is nothing to look for"
+
+
+def test_a_picture_of_a_training_waits_for_the_first_scene(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    learning, clock = StandIn(cube, cube), {"perf_counter": time.perf_counter}
+    monkeypatch.setattr("svv.render.show.time", SimpleNamespace(sleep=lambda _: learning.step(), **clock))
+    shown = svv.show(learning, camera=oblique(), size=SIZE, background=GREY, off_screen=True)
+    assert_same_picture(np.asarray(shown), rendered(cube, oblique()))
+    failing = StandIn(cube, error="The disk is full.")
+    failing._scenes = (cube, cube, cube)
+    monkeypatch.setattr(type(failing), "scene", property(lambda self: None))
+    monkeypatch.setattr("svv.render.show.time", SimpleNamespace(sleep=lambda _: failing.step(), **clock))
+    with pytest.raises(svv.BadInput, match="The disk is full"):
+        svv.show(failing, size=SIZE, off_screen=True)

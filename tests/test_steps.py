@@ -36,7 +36,7 @@ def test_what_is_there_stays_while_time_passes() -> None:
     assert (set(seen), learner.made) == ({"data at 0.0 in red"}, 1)
     learner.see(at(1.5))
     assert learner.steps.told(at(1.5)) == (
-        " Trained at time 0; the data is now at 1.5: Take As Edited trains it again."
+        " Trained at time 0; the data is now at 1.5: Take What Is Shown Now trains it again."
     )
     assert learner.steps.told(at(0.0)) == ""
 
@@ -67,7 +67,9 @@ def test_an_upstream_change_at_another_time_is_no_wish() -> None:
     learner.see(at(1.0))
     learner.see(at(0.0, "changed while nobody looked"))
     assert learner.made == 1
-    assert learner.steps.told(at(0.0, "changed")) == " The data has changed since: Take As Edited trains it again."
+    assert (
+        learner.steps.told(at(0.0, "changed")) == " The data has changed since: Take What Is Shown Now trains it again."
+    )
 
 
 def test_an_edited_transfer_function_waits_until_it_is_taken() -> None:

@@ -25,6 +25,7 @@ from svv.render.dataset import dataset_of
 from svv.render.notebook import SceneWidget, _edited
 from tests.browser import Opened
 from tests.cube import cube_paint, cube_scene
+from tests.stand_in_learning import StandIn
 
 CLOSE = 38.0
 """Least PSNR of the page's picture against the renderer's, in dB."""
@@ -76,7 +77,7 @@ def shown(balls: Scene, _few_frames: Any) -> SceneWidget:
 
 def state(widget: SceneWidget) -> dict[str, Any]:
     """What a front end gets when the widget is displayed."""
-    return {name: value for name, value in widget.get_state().items() if isinstance(value, str | int | dict)}
+    return {name: value for name, value in widget.get_state().items() if isinstance(value, str | int | float | dict)}
 
 
 def told(notebook: Opened, number: int, after: int) -> dict[str, Any]:
@@ -205,3 +206,35 @@ def test_without_anywidget_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "anywidget", None)
     with pytest.raises(BadInput, match=r"pip install 'svv\[notebook\]'"):
         svv.widget(cube_scene())
+
+
+@pytest.mark.usefixtures("_few_frames")
+def test_a_training_in_the_background_sharpens_and_stays_turned(notebook: Opened, balls: Scene) -> None:
+    learning = StandIn(balls, balls, balls.edited(0, colour=(0.0, 1.0, 0.0)))
+    widget = svv.widget(learning, height=300)
+    with pytest.raises(BadInput, match="no scene yet"):
+        _ = widget.scene
+    notebook.page.evaluate("([program, states]) => show(program, states)", [widget._esm, [state(widget)]])
+
+    def hear() -> None:
+        learning.step()
+        told = {name: getattr(widget, name) for name in ("edits", "page", "fraction", "told")}
+        notebook.page.evaluate("(state) => models[0].receive(state)", told)
+
+    hear()
+    assert notebook.page.locator("progress").evaluate("bar => bar.value") == pytest.approx(1 / 3)
+    assert notebook.page.get_by_text("scene 1").is_visible() and widget.scene is balls
+    before = told(notebook, 0, 1)
+    notebook.page.frame_locator("iframe").get_by_role("application").press("ArrowLeft")
+    notebook.until(f"JSON.stringify(models[0].state.view) !== {json.dumps(json.dumps(before['view']))}")
+    turned = told(notebook, 0, 2)["view"]
+    saved = notebook.page.evaluate("models[0].saved")
+    hear()
+    hear()
+    assert told(notebook, 0, saved + 1)["view"] == turned
+    assert not notebook.page.locator("progress").is_visible()
+    assert widget.scene.regions[0].edited_colour == (0.0, 1.0, 0.0) and widget.fraction == 1.0
+
+    failed = svv.widget(failing := StandIn(balls, balls, error="The disk is full."))
+    failing.step()
+    assert (failed.fraction, failed.told) == (1.0, "The disk is full.")

@@ -51,6 +51,11 @@ def checkpoint_of(scene: Path) -> Path:
     return scene.with_name(scene.name + ".checkpoint")
 
 
+def sketch_of(scene: Path) -> Path:
+    """Return the path of the sketch that is shown until a scene file is there."""
+    return scene.with_name(scene.name + ".sketch")
+
+
 def checkpoint_of_layer(checkpoint: Path, number: int) -> Path:
     """Return the path of the checkpoint of one of the scenes that a scene is joined from."""
     return checkpoint.with_name(f"{checkpoint.stem}.{number}{checkpoint.suffix}")
@@ -98,18 +103,53 @@ def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndar
         BadInput: The file is missing, unreadable, truncated, not a scene, or of another format version.
     """
     file = Path(path)
+    content = _content_of(file)
+    return parse_scene(content, str(file))
+
+
+def read_scene_header(path: str | Path) -> dict[str, Any]:
+    """Read the header of a scene alone, which takes no time however large its arrays are.
+
+    Raises:
+        BadInput: As :func:`read_scene_file`, but arrays are not looked at.
+    """
+    return header_in(_content_of(Path(path), whole=False), str(path))
+
+
+def header_in(content: bytes, name: str) -> dict[str, Any]:
+    """Return the header of a scene from the content of its file, or from the beginning of that.
+
+    Raises:
+        BadInput: As :func:`parse_scene`.
+    """
+    return _checked_header(name, content[8 : _length(content, name) + 8])[0]
+
+
+def _content_of(file: Path, whole: bool = True) -> bytes:
+    """Return the content of a scene file, or only the part before its arrays; raises BadInput if it cannot be read."""
     try:
         with file.open("rb") as stream:
             content = stream.read(_START)
             if content[8:] == _OUR_START:  # a foreign file, which may be huge, is not read
-                content += stream.read()
+                length = int.from_bytes(content[:8], "little")
+                content += stream.read() if whole else stream.read(min(length, MOST_HEADER) + 8 - _START)
     except FileNotFoundError as error:
         raise BadInput(f"There is no scene file {file}; check the path.") from error
     except IsADirectoryError as error:
         raise BadInput(f"{file} is a folder; give the scene file (.svv) inside it.") from error
     except OSError as error:
         raise BadInput(f"The scene file {file} cannot be read: {error.strerror}.") from error
-    return parse_scene(content, str(file))
+    return content
+
+
+def _length(content: bytes, name: str) -> int:
+    """Return the length of the header; raises BadInput if this is no scene, or it is not a length of a header."""
+    if content[8:_START] != _OUR_START:
+        raise BadInput(f"{name} is not a scene file of svv; make one with `svv train`.")
+    length = int.from_bytes(content[:8], "little")
+    if length > MOST_HEADER or content.count(b'"dtype"', 8, 8 + length) > MOST_ARRAYS:
+        raise BadInput(f"The header of the scene file {name} is damaged; {_REMEDY}.")
+    return length
 
 
 def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -122,11 +162,7 @@ def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np
     Raises:
         BadInput: The content is truncated, not a scene, or of another format version.
     """
-    if content[8:_START] != _OUR_START:
-        raise BadInput(f"{name} is not a scene file of svv; make one with `svv train`.")
-    length = int.from_bytes(content[:8], "little")
-    if length > MOST_HEADER or content.count(b'"dtype"', 8, 8 + length) > MOST_ARRAYS:
-        raise BadInput(f"The header of the scene file {name} is damaged; {_REMEDY}.")
+    length = _length(content, name)
     try:
         tensors = load(content)
     except (SafetensorError, KeyError, TypeError, ValueError, OverflowError) as error:  # all for types of numbers

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from html import escape
 from importlib.resources import files
 from typing import Any, ClassVar
@@ -17,9 +18,10 @@ from IPython.display import display
 from svv.core.colour.colour import WHITE
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
-from svv.errors import BadInput, Progress, silent
+from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.scene import Scene
 from svv.render.web.page import html_of, numbers_of, paintings_of
+from svv.train.run.learning import Learning
 
 FRAME = (
     '<div data-svv="{name}"><iframe title="Scene" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0">'
@@ -34,7 +36,7 @@ class SceneWidget(anywidget.AnyWidget):
 
     ``view`` (how the scene is turned) and ``edits`` (what is set beside the picture) are traits, which change with the
     page, and change it: ``traitlets.link((one, "view"), (other, "view"))`` turns two scenes together. ``height`` is
-    that of the frame in pixels.
+    that of the frame in pixels. While a scene is trained in the background, ``fraction`` and ``told`` are its progress.
     """
 
     _esm: ClassVar[str] = files("svv.render.web").joinpath("viewer", "notebook.js").read_text(encoding="utf-8")
@@ -42,21 +44,52 @@ class SceneWidget(anywidget.AnyWidget):
     height = traitlets.Int(600, min=100).tag(sync=True)
     view = traitlets.Dict().tag(sync=True)
     edits = traitlets.Dict().tag(sync=True)
+    fraction = traitlets.Float(1.0).tag(sync=True)
+    told = traitlets.Unicode().tag(sync=True)
     _camera = traitlets.Dict().tag(sync=True)
     _name = traitlets.Unicode().tag(sync=True)
 
     def __init__(
         self,
-        scene: Scene,
+        scene: Scene | Learning,
         title: str = "scene",
         height: int = 600,
         background: Sequence[float] = WHITE,
         progress: Progress = silent,
     ) -> None:
         """Write the page of a scene; see :func:`svv.widget`."""
+        if isinstance(scene, Learning) and scene.done:
+            scene = scene.wait()[0]
+        if isinstance(scene, Learning):
+            super().__init__(page="", height=height, fraction=0.0, _name=uuid4().hex)
+            self._scene: Scene | None = None
+            self._number = 0
+            scene.watch(partial(self._sharpen, title=title, background=background))
+            return
         page = html_of(scene, title, title, background, progress).decode()
         super().__init__(page=page, height=height, _name=uuid4().hex)
         self._scene = scene
+
+    def _sharpen(self, learning: Learning, title: str, background: Sequence[float]) -> None:
+        """Show what a training in the background has; called by a thread, which draws nothing."""
+        found = learning.page(title, background)
+        if found is not None and found[0] != self._number:
+            self._number, self._scene = found[0], learning.scene
+            with self.hold_sync():
+                self.edits = {}  # they were of another scene
+                self.page = found[1]
+        self.fraction, self.told = learning.progress
+        if learning.done:
+            self.fraction = 1.0
+            try:
+                scene, _ = learning.wait()
+                if self._number != learning.number:  # it was done before its process heard that pages are wanted
+                    self._scene, self._number = scene, learning.number
+                    self.page = html_of(scene, title, title, background).decode()
+            except BadInput as error:
+                self.told = str(error)
+            except Cancelled:
+                self.told = "Stopped."
 
     @property
     def camera(self) -> Camera | None:
@@ -73,8 +106,10 @@ class SceneWidget(anywidget.AnyWidget):
         Where the page shows no painting, the styles' strength is 0. The background is not part of a scene.
 
         Raises:
-            BadInput: The trait ``edits`` was given something that does not fit the scene.
+            BadInput: The trait ``edits`` was given something that does not fit the scene, or there is no scene yet.
         """
+        if self._scene is None:
+            raise BadInput("There is no scene yet: it is still being learned.")
         try:
             return _edited(self._scene, self.edits) if self.edits else self._scene
         except (KeyError, TypeError, ValueError, IndexError) as error:

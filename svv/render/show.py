@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -19,17 +20,21 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput, Progress, silent
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
+from svv.train.run.learning import Learning
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Rendering, Scene
     from svv.render.notebook import SceneWidget
+
+LOOK_EVERY = 250
+"""Milliseconds between two looks at a training in the background."""
 
 MOVING = 1.0
 """Lowest frame rate that VTK's interactors request while they move, in 1/s; at rest they request a ten-thousandth."""
 
 
 def show(
-    scene: Scene,
+    scene: Scene | Learning,
     *,
     camera: Camera | None = None,
     network: str | None = None,
@@ -40,10 +45,12 @@ def show(
 ) -> Image.Image | None:
     """Show a scene in a window and turn it with the mouse; its picture is coarser while the mouse moves.
 
-    In a notebook, the picture is shown below the cell instead.
+    In a notebook, the picture is shown below the cell instead. A training in the background
+    (``train_scene(..., background=True)``) is shown as it sharpens, with a bar of its progress: in a window that can be
+    closed at any time, in a notebook until it is done. Interrupting either lets it go on.
 
     Args:
-        scene: Scene to show.
+        scene: Scene to show, or a training in the background.
         camera: Initial camera; by default in front, at the distance of the training views.
         network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
         background: RGB in [0, 1].
@@ -55,22 +62,29 @@ def show(
         The picture, RGB, off-screen and in a notebook; otherwise None, once the window has been closed.
 
     Raises:
-        BadInput: PyVista is missing, this is ParaView, there is no display, the scene does not have that network, or
-            the file cannot be written.
+        BadInput: PyVista is missing, this is ParaView, there is no display, the scene does not have that network, the
+            file cannot be written, or the training failed.
+        Cancelled: The training was stopped before there was anything to show.
 
     >>> picture = svv.show(scene, size=(64, 48), off_screen=True)
     >>> picture.size
     (64, 48)
     """
+    learning = scene if isinstance(scene, Learning) else None
+    scene = first_scene_of(scene) if isinstance(scene, Learning) else scene
     first = camera.resized(*size) if camera is not None else orbit(scene, 181, *size)[90]
     if not off_screen and _in_notebook():
         picture = _picture(scene, first, network, background)
+        if learning is not None:
+            picture = _sharpened_below(learning, picture, lambda newer: _picture(newer, first, network, background))
     else:
         pyvista = _pyvista()
         if not off_screen and not pyvista.system_supports_plotting():
             raise BadInput("There is no display for a window; give off_screen=True to get only the picture.")
         plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size))
         follower = SceneFollower(plotter, scene, first, network, background)
+        if learning is not None:
+            follower.sharpen(learning)
         plotter.show(title=f"svv {network or scene.networks[-1]}")
         picture = follower.picture
     if screenshot is not None:
@@ -79,7 +93,7 @@ def show(
 
 
 def widget(
-    scene: Scene,
+    scene: Scene | Learning,
     *,
     title: str = "scene",
     height: int = 600,
@@ -89,10 +103,11 @@ def widget(
     """Return a notebook's widget that shows a scene from all sides and edits it: the page for browsers.
 
     The widget's ``scene`` and ``camera`` are what the page shows. In a notebook that is exported, or opened where
-    widgets are not shown, the page works all the same, but without Python.
+    widgets are not shown, the page works all the same, but without Python. A training in the background is shown as it
+    sharpens, below a bar of its progress; how it is turned stays.
 
     Args:
-        scene: Scene to show, with its edits and paintings.
+        scene: Scene to show, with its edits and paintings, or a training in the background.
         title: Heading of the page.
         height: Height in pixels, >= 100.
         background: RGB in [0, 1] behind the scene; can be changed in the page.
@@ -187,6 +202,21 @@ class SceneFollower:
         renderer.SetBackgroundTexture(self._texture)
         renderer.TexturedBackgroundOn()
 
+    def sharpen(self, learning: Learning) -> None:
+        """Show the scenes of a training in the background as they come, and its progress."""
+        shown = learning.number
+
+        def look(_: int) -> None:
+            nonlocal shown
+            said = "" if learning.done else "{:.0%}: {}".format(*learning.progress)
+            self.plotter.add_text(said, font_size=9, name="progress", render=False)
+            if learning.number != shown and learning.scene is not None:
+                shown, self.scene, self.seen = learning.number, learning.scene, None
+            self.plotter.render()
+
+        if not learning.done:
+            self.plotter.add_timer_event(max_steps=10**9, duration=LOOK_EVERY, callback=look)
+
     def camera(self, part: float = 1.0) -> Camera:
         """Convert the plotter's camera, with an image ``part`` times the size of the window."""
         seen = self.plotter.camera
@@ -210,6 +240,50 @@ class SceneFollower:
         else:
             seen.view_angle = np.degrees(2.0 * np.arctan(0.5 * camera.height / camera.focal))
         seen.is_set = True
+
+
+def first_scene_of(learning: Learning) -> Scene:
+    """Return the first scene of a training in the background, and show its progress until there is one.
+
+    Raises:
+        BadInput: The training failed.
+        Cancelled: It was stopped.
+    """
+    with _bar(learning) as look:
+        while learning.scene is None and not learning.done:
+            look()
+    return learning.wait()[0] if learning.scene is None else learning.scene
+
+
+def _sharpened_below(learning: Learning, picture: Any, drawn: Callable[[Scene], Any]) -> Any:
+    """Show a picture below a notebook's cell, and newer ones in its place until the training is done."""
+    from IPython.display import display
+
+    place, shown = display(Image.fromarray(picture), display_id=True), learning.number
+    with _bar(learning) as look:
+        while not learning.done or learning.number != shown:
+            look()
+            if learning.number != shown and learning.scene is not None:
+                shown, picture = learning.number, drawn(learning.scene)
+                place.update(Image.fromarray(picture))
+    return picture
+
+
+@contextmanager
+def _bar(learning: Learning) -> Iterator[Callable[[], None]]:
+    """Show a bar of a training's progress; what it gives waits a little, and updates it."""
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    label = TextColumn("{task.description}", markup=False)
+    with Progress(BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), label) as bars:
+        task = bars.add_task("", total=1.0)
+
+        def look() -> None:
+            fraction, label = learning.progress
+            bars.update(task, completed=fraction, description=label)
+            time.sleep(0.001 * LOOK_EVERY)
+
+        yield look
 
 
 def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 import torch
@@ -34,10 +34,35 @@ from svv.train.report import report_on
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.kept import with_styles_kept
+from svv.train.run.learning import Learning
 from svv.train.run.previews import Show
 from svv.train.training import Training
 
 LEAST_VIEWS = 3
+
+
+@overload
+def train_scene(
+    views: ViewSet,
+    options: TrainOptions | Preset | str = ...,
+    progress: Progress = ...,
+    checkpoint: Path | None = ...,
+    *,
+    background: Literal[False] = ...,
+    **changes: Any,
+) -> tuple[Scene, dict[str, Any]]: ...
+
+
+@overload
+def train_scene(
+    views: ViewSet,
+    options: TrainOptions | str = ...,
+    progress: Progress = ...,
+    checkpoint: Path | None = ...,
+    *,
+    background: Literal[True],
+    **changes: Any,
+) -> Learning: ...
 
 
 def train_scene(
@@ -45,8 +70,10 @@ def train_scene(
     options: TrainOptions | Preset | str = TrainOptions(),
     progress: Progress = silent,
     checkpoint: Path | None = None,
+    *,
+    background: bool = False,
     **changes: Any,
-) -> tuple[Scene, dict[str, Any]]:
+) -> tuple[Scene, dict[str, Any]] | Learning:
     """Train a scene: base field, palette and palette colour network (stages 1 and 2).
 
     Args:
@@ -57,6 +84,9 @@ def train_scene(
         progress: Called several times a second; stops the training when it raises.
         checkpoint: File to save to regularly, and to resume from if it exists. The caller removes it once the scene
             is saved.
+        background: Whether to return at once, and train in a process of its own. The result is then a
+            :class:`svv.Learning`, which gives sketches while they are better than nothing, and the scene; it calls no
+            ``progress``, and removes the ``checkpoint`` itself.
         changes: Fields of the options to change, by name, such as ``time_limit=60``.
 
     Returns:
@@ -75,12 +105,16 @@ def train_scene(
     (('base', 'pcn'), ['base', 'extinction', 'hull', 'palette', 'pcn', 'sampling', 'total'])
     """
     asked, chosen = given(TrainOptions, options, changes)
+    if len(views.cameras) < LEAST_VIEWS:
+        raise BadInput(f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (usually 92).")
+    if background:
+        if isinstance(options, Preset):
+            raise BadInput("In the background, training takes the name of a preset, with change=... for its settings.")
+        return Learning(views, asked, checkpoint)
     device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed
     if asked.views_only:
         views = replace(views, classified=None)
     views, left_out = ranks.once(lambda: ignoring_fixed(views)) if asked.ignore_fixed else (views, None)
-    if len(views.cameras) < LEAST_VIEWS:
-        raise BadInput(f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (usually 92).")
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
     saved = None

@@ -16,6 +16,7 @@ import glob, time
 import numpy as np
 from svv.pv.live import sharpening
 from svv.pv.live.sharpening import in_window
+from svv.pv.client import linked_camera
 wavelet, display = shown()
 last = {{}}
 FEW = dict(Preset="draft", Views=8, ViewSize=64, Device="cpu",
@@ -51,17 +52,23 @@ def until(filter, test, within=250):
         assert time.monotonic() < end, told
         time.sleep(0.1)
 
+def sharp(told):
+    return is_done(told) and "sharper" not in told
+
+def loaded():
+    return [name for name in ("torch", "numba") if name in sys.modules]
+
 def press(filter, button):
     filter.SMProxy.InvokeCommand(button)
 
-def workers():
+def workers(kind="svv.pv.live.learner"):
     found = []
     for file in glob.glob("/proc/[0-9]*/cmdline"):
         try:
             text, stat = open(file).read(), open(file.replace("cmdline", "stat")).read()
         except OSError:
             continue
-        if "svv.pv.live.learner" in text and int(stat.rsplit(")", 1)[1].split()[1]) == os.getpid():
+        if kind in text and int(stat.rsplit(")", 1)[1].split()[1]) == os.getpid():
             found.append(int(file.split("/")[2]))
     return found
 
@@ -92,9 +99,10 @@ size, first = image(filter)
 assert size == (64, 64, 1) and first["RGBA"][:, 3].any() and (first["Region"] == -1).all()
 assert len(workers()) == 1
 until(filter, sketched)
-told = until(filter, is_done)
+told = until(filter, sharp)
 assert "cache" not in told, told
 result = image(filter)[1]
+assert loaded() == [], loaded()
 names = filter.KeptAs or filter.SMProxy.GetProperty("Kept").GetElement(0)
 SaveState(f"{folder}/state.pvsm")
 last.clear()
@@ -116,6 +124,167 @@ for window, on in ((0, 1), (1, 0)):  # a script's filter, and one in the window 
 
 
 @pytest.mark.slow
+def test_a_finished_scene_is_drawn_beside_the_window(live: Callable) -> None:
+    live("""
+import signal
+filter = make(**FEW)
+filter.UpdatePipeline()
+until(filter, sharp)
+first = image(filter)[1]
+
+# Another frame is waited for, as an animation needs it, unless the client says that it asks again.
+filter.Frame = 30
+turned = image(filter)[1]
+assert sharp(status(filter)) and (turned["RGBA"] != first["RGBA"]).any()
+filter.Frame, filter.ImageSize = 60, [1600, 1600]  # larger than can be drawn while it is looked for
+linked_camera.may_be_late(filter.SMProxy)
+filter.UpdatePipeline()
+assert "sharper" in status(filter), status(filter)
+until(filter, sharp)
+assert image(filter)[0] == (1600, 1600, 1)
+filter.Moving, filter.ImageSize = 1, [32, 32]
+filter.UpdatePipeline()
+assert image(filter)[0] == (32, 32, 1)
+filter.Moving, filter.ImageSize, filter.Frame = 0, [64, 64], 0
+for name, values in image(filter)[1].items():
+    assert np.array_equal(values, first[name], equal_nan=name == "Depth"), name
+filter.SeenWith = "grey print"
+grey = image(filter)[1]["RGBA"]
+assert (grey[..., 0] == grey[..., 1]).all()
+filter.SeenWith = "normal"
+
+# What cannot be drawn is said, and can be mended.
+filter.Variant = "nothing"
+filter.UpdatePipeline()
+assert "nothing" in status(filter) and not sharp(status(filter)), status(filter)
+filter.Variant = ""
+filter.UpdatePipeline()
+assert sharp(status(filter)), status(filter)
+
+# The process that draws is started again; a scene that has left the cache is made again.
+def drawers():
+    return workers("svv.pv.live.drawer")
+(drawer,) = drawers()
+os.kill(drawer, signal.SIGKILL)
+filter.Frame = 10
+filter.UpdatePipeline()
+until(filter, sharp)
+assert drawers() != [drawer] and len(drawers()) == 1
+(drawer,) = drawers()
+os.kill(drawer, signal.SIGKILL)
+for entry in os.scandir(os.environ["SVV_CACHE"]):
+    os.remove(entry)
+filter.Frame = 20
+filter.UpdatePipeline()
+until(filter, sharp)
+assert loaded() == []
+
+# With Live off, ParaView draws itself what it has; and on again.
+filter.Live, filter.Frame = 0, 0
+for name, values in image(filter)[1].items():
+    assert np.array_equal(values, first[name], equal_nan=name == "Depth"), name
+assert loaded() == ["torch", "numba"] and drawers() == workers() == []
+filter.Live = 1
+filter.UpdatePipeline()
+until(filter, sharp)
+assert np.array_equal(image(filter)[1]["RGBA"], first["RGBA"])
+""")
+
+
+TRAIN = """
+def table(filter):
+    data = sm.Fetch(filter)
+    fields = data.GetFieldData()
+    return data.GetNumberOfRows(), scene(filter), bool(fields.HasArray("StyleRF Unfinished"))
+
+def settled(filter):
+    return until(filter, lambda told: told.endswith("s.") and "learned from" in told)
+"""
+
+
+@pytest.mark.slow
+def test_train_gives_what_there_is_to_the_filters_behind_it(live: Callable, tmp_path: Path) -> None:
+    live(f"""{TRAIN}
+few = {{name: value for name, value in FEW.items() if name != "Settings"}}
+train = StyleRFTrain(Input=wavelet, Settings=FEW["Settings"], **few)
+in_window(train)
+render = StyleRFRender(Input=train, ImageSize=[64, 64])
+render.UpdatePipeline()
+assert table(train) == (0, None, True) and status(train).startswith("Learning"), status(train)
+assert "as soon as there is something" in status(render), status(render)
+until(train, sketched)
+rows, sketch, unfinished = table(train)
+assert rows > 0 and sketch and unfinished and loaded() == []
+assert image(render)[1]["RGBA"][:, 3].any() and "still being learned" in status(render), status(render)
+edit = StyleRFEdit(Input=train, Region0Opacity=0.5, SaveFile=f"{{folder}}/sketch.svv")
+stylize = StyleRFStylize(Input=edit, StyleFiles=[f"{{folder}}/brush.png"], Preset="draft", Device="cpu")
+stylize.UpdatePipeline()
+assert "still being learned" in status(stylize) and "still being learned" in status(edit)
+press(edit, "SaveScene")
+assert "save it when it is there" in status(edit) and not os.path.exists(f"{{folder}}/sketch.svv")
+SaveState(f"{{folder}}/training.pvsm")
+settled(train)
+rows, trained, unfinished = table(train)
+assert rows > 0 and trained != sketch and not unfinished
+render.UpdatePipeline()
+assert "still" not in status(render), status(render)
+drawn = image(render)[1]["RGBA"].copy()
+stylize.UpdatePipeline()  # it has not been made by the window, so it is done when this returns
+assert "Painted" in status(stylize), status(stylize)
+open(f"{{folder}}/drawn.npy", "wb").write(drawn.tobytes())
+""")
+    # A script that loads the state saved meanwhile has finished filters; there is nothing in its cache.
+    live("""
+LoadState(f"{folder}/training.pvsm")
+render, train = (next(s for s in GetSources().values() if s.SMProxy.GetXMLName() == kind)
+                 for kind in ("StyleRFRender", "StyleRFTrain"))
+render.UpdatePipeline()
+assert workers() == [] and "learned from" in status(train) and "still" not in status(render), status(train)
+assert open(f"{folder}/drawn.npy", "rb").read() == image(render)[1]["RGBA"].tobytes()
+""")
+
+
+@pytest.mark.slow
+def test_stylize_paints_beside_the_window(live: Callable) -> None:
+    live(f"""{TRAIN}
+train = small(StyleRFTrain(Input=wavelet, Preset="draft", TimeLimit=2.0, Device="cpu"))
+train.UpdatePipeline()
+values = dict(Input=train, StyleFiles=[f"{{folder}}/brush.png"], Preset="draft", Device="cpu")
+stylize = StyleRFStylize(**values)
+in_window(stylize)
+render = StyleRFRender(Input=stylize, ImageSize=[64, 64])
+render.UpdatePipeline()
+assert "shown as it was" in status(stylize) and table(stylize)[2], status(stylize)
+plain = image(render)[1]["RGBA"].copy()
+until(stylize, lambda told: "broad strokes" in told)
+assert table(stylize)[2] and (image(render)[1]["RGBA"] != plain).any()
+told = until(stylize, lambda told: told.startswith("Painted"))
+assert "cache" not in told and not table(stylize)[2], told
+painted = image(render)[1]["RGBA"].copy()
+
+press(stylize, "PaintAgain")
+stylize.UpdatePipeline()
+assert status(stylize).startswith("Learning"), status(stylize)
+until(stylize, lambda told: told.startswith("Painted"))
+assert (image(render)[1]["RGBA"] == painted).all()
+stylize.Variant, stylize.StyleFiles = "second", [f"{{folder}}/other.png"]
+stylize.UpdatePipeline()
+until(stylize, lambda told: told.startswith("Painted"))
+assert (image(render)[1]["RGBA"] != painted).any()
+assert len(workers()) == 1
+stylize.StyleFiles = [f"{{folder}}/nothing.png"]
+stylize.UpdatePipeline()
+assert "There is no style picture" in status(stylize)
+
+os.environ["SVV_CACHE"] = f"{{folder}}/alone"
+waits = StyleRFStylize(**values)
+waits.UpdatePipeline()
+assert status(waits).startswith("Painted"), status(waits)
+assert (image(StyleRFRender(Input=waits, ImageSize=[64, 64]))[1]["RGBA"] == painted).all()
+""")
+
+
+@pytest.mark.slow
 def test_learning_pauses_stops_goes_on_and_survives_a_kill(live: Callable) -> None:
     live("""
 import signal
@@ -131,8 +300,7 @@ assert status(filter) == before, (before, status(filter))
 press(filter, "GoOn")
 until(filter, lambda told: told.startswith("Learning") and told.split(":")[0] != before)
 press(filter, "StopHere")
-told = until(filter, lambda told: told.startswith("Stopped"))
-assert not news(filter).endswith("*")
+until(filter, lambda told: told.startswith("Stopped") and not news(filter).endswith("*"))
 filter.Frame = 30  # another camera, and still no work
 filter.UpdatePipeline()
 assert status(filter).startswith("Stopped")
@@ -206,4 +374,63 @@ filter.UpdatePipeline()
 until(filter, sketched)
 until(filter, is_done)
 assert workers() == [], "the client learns"
+""")
+
+
+@pytest.mark.slow
+def test_fifty_starts_and_stops_leave_nothing(live: Callable) -> None:
+    live("""
+import tempfile
+from svv.io.files.worker import PREFIX
+from svv.pv.live.ordered import Ordered
+
+def handles():
+    return len(os.listdir("/proc/self/fd"))
+
+tempfile.tempdir = folder
+for number in range(50):
+    ordered = Ordered("StyleRFStylizedView", True)
+    ordered.start()
+    pids = workers() + workers("svv.pv.live.drawer")
+    assert len(pids) == 2, pids
+    if number % 10 == 1:  # some have loaded a part of what they take
+        time.sleep(2)
+    ordered.end()
+    left = [pid for pid in pids if os.path.exists(f"/proc/{pid}")]
+    assert not left and not glob.glob(f"{folder}/{PREFIX}*"), left
+    if number == 0:
+        before = handles()
+assert handles() == before
+""")
+
+
+def test_the_panel_begins_with_few_controls(pvpython: Callable) -> None:
+    pvpython("""
+from paraview.simple import *
+wavelet = Wavelet()
+filter = StyleRFStylizedView(Input=wavelet)
+filter.UpdatePropertyInformation()
+assert filter.Status.startswith("On this machine: draft (a sketch) about "), filter.Status
+assert "balanced (best) about" in filter.Status
+shown, buttons, iterator = [], [], filter.SMProxy.NewPropertyIterator()
+iterator.Begin()
+while not iterator.IsAtEnd():
+    found, name = iterator.GetProperty(), iterator.GetKey()
+    if found.GetPanelVisibility() == "default" and not found.GetInformationOnly() and name != "Input":
+        (buttons if found.GetPanelWidget() == "command_button" else shown).append(name)
+        help = found.GetDocumentation().GetDescription().strip()
+        assert help.endswith(".") and ". " not in help, (name, help)
+        assert len(found.GetXMLLabel()) <= 24, name
+    iterator.Next()
+assert sorted(shown) == ["FollowCamera", "Live", "Preset", "Shade", "StrokeSize", "StyleFiles"], shown
+assert sorted(buttons) == ["GoOn", "Pause", "StopHere", "TakeWhatIsShownNow"], buttons
+label = filter.SMProxy.GetProperty("TakeWhatIsShownNow").GetXMLLabel()
+assert label == "Take What Is Shown Now" and filter.KeptAs == ""
+filter.TakeAsEdited(), filter.TakeWhatIsShownNow()  # scripts know the older name
+presets = filter.SMProxy.GetProperty("Preset").FindDomain("vtkSMEnumerationDomain")
+told = {presets.GetEntryText(k): presets.GetInfoText(k) for k in range(presets.GetNumberOfEntries())}
+assert told == {"draft": "Sketch", "fast": "Good", "balanced": "Best", "paper": "hours"}, told
+filter.TimeLimit, filter.Camera, filter.Views = 3.0, [1.0] * 10, 12  # the others are there, for scripts and experts
+groups = [filter.SMProxy.GetPropertyGroup(k) for k in range(filter.SMProxy.GetNumberOfPropertyGroups())]
+assert {"Training", "Image", "Volume"} <= {group.GetXMLLabel() for group in groups}
 """)

@@ -136,7 +136,9 @@ def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, 
     )  # fmt: skip
     gone = run(LOAD + f"\n{button}\ntold('anew')\n", "state.pvsm", "state.pvsm")
     assert gone["worked"] == [] and gone["arrays"] == {}, gone["status"]
-    sentence = f"The scene that this state was saved with is missing from {tmp_path / 'cache'}: press Take As Edited"
+    sentence = (
+        f"The scene that this state was saved with is missing from {tmp_path / 'cache'}: press Take What Is Shown Now"
+    )
     assert gone["status"]["Train" if pipeline == STEPS else "StylizedView"].startswith(sentence)
     assert sentence in gone["said"] and "Traceback" not in gone["said"], gone["said"]
     anew = json.loads((tmp_path / "anew.json").read_text())

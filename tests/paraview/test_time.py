@@ -283,7 +283,8 @@ for files, expected in (
     animation.Play()
     SaveAnimation("series.png", view)
     assert counted == ["draw_views"], counted
-    words = f"Drawn at time {expected[0]:g}; the data is now at {expected[2]:g}: Take As Edited draws them again."
+    words = f"Drawn at time {expected[0]:g}; the data is now at {expected[2]:g}: Take What Is Shown Now draws "
+    words += "them again."
     assert status(views).endswith(words), status(views)
     views.ShownView = 3
     other = image(views, time=expected[2])[1]["RGBA"]

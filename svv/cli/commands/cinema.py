@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
+import time
 import webbrowser
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -42,7 +44,10 @@ EXPORT = (
 """Examples in the help."""
 
 
-VIEW = ("svv view scene.svv",)
+POLITE = 10
+"""Added to the niceness of `svv view --follow`."""
+
+VIEW = ("svv view scene.svv", "svv view --follow scene.svv")
 """Examples in the help."""
 
 
@@ -156,12 +161,23 @@ WRITERS = {
 """Suffix of what to write -> its writer."""
 
 
-def view(scene: SceneFile) -> None:
+def view(
+    scene: SceneFile,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Show newer scenes in the file as they come, until Ctrl-C is pressed.")
+    ] = False,
+) -> None:
     """Show a scene in the browser: from all sides, with its palette, opacities, paintings and light to edit.
 
-    The page is one file in the system's folder for temporary files; `svv export` writes it elsewhere, to be kept.
+    The page is one file in the system's folder for temporary files; `svv export` writes it elsewhere, to be kept. With
+    --follow, the scene need not be there yet: while `svv train --sketch` trains it in another terminal, its sketches
+    are shown, and then the scene, turned as they were.
     """
     from svv.render.web.page import write_html
+
+    if follow:
+        _follow(scene)
+        return
 
     loaded = load(scene)
     out = Path(tempfile.mkdtemp(prefix="svv-")) / f"{scene.stem}.html"
@@ -169,3 +185,22 @@ def view(scene: SceneFile) -> None:
         write_html(out, loaded, scene.stem, progress=progress)
     opened = webbrowser.open(out.as_uri())
     print(out if opened else f"{out}: no browser could be started; open this file in one.")
+
+
+def _follow(scene: Path) -> None:
+    """Serve the page of the newest scene in a file until Ctrl-C is pressed; whoever trains it comes first."""
+    from svv.render.web.following import Follower
+
+    if hasattr(os, "nice"):
+        os.nice(POLITE)
+    follower = Follower(scene)
+    opened = webbrowser.open(follower.address)
+    print(follower.address if opened else f"{follower.address}: no browser could be started; open this address in one.")
+    try:
+        while True:
+            follower.look()
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        return
+    finally:
+        follower.close()

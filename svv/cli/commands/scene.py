@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,12 +13,17 @@ from svv.cli.files import check_targets, finish, load
 from svv.cli.option_group import spread
 from svv.cli.options import Json, Out, SceneFile
 from svv.cli.table import print_table
+from svv.errors import BadInput, Progress, part
 from svv.options.making import DeviceName, NetworkName, TrainOptions
 from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.io.views.viewset import ViewSet
 
 TRAIN = (
     "svv train views --out scene.svv",
     "svv train views -o scene.svv --preset fast --json f.json",
+    "svv train views -o scene.svv --sketch",
     "torchrun --nproc-per-node 4 -m svv train views -o scene.svv",
 )
 """Examples in the help."""
@@ -42,6 +47,9 @@ def train(
     ],
     out: Out,
     options: TrainOptions = TrainOptions(),
+    sketch: Annotated[
+        bool, typer.Option("--sketch", help="First write sketches to OUT.sketch, which svv view --follow OUT shows.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """Train a scene on views.
@@ -53,9 +61,8 @@ def train(
     """
     from svv.fields.scene.joined import joined
     from svv.io.cinema.views import read_views
-    from svv.io.scene_file import checkpoint_of
+    from svv.io.scene_file import checkpoint_of, sketch_of
     from svv.io.views.equal_views import equal_views
-    from svv.io.views.viewset import ViewSet
     from svv.kernels.dispatch import device_named
     from svv.train.config import settings_of
     from svv.train.pipeline import train_scene
@@ -79,6 +86,8 @@ def train(
         for folder, file in files.items():
             view_set = ranks.once(lambda folder=folder: read(folder))  # type: ignore[misc]
             with shown("Training", quiet=not ranks.is_first()) as progress:
+                if sketch and len(files) == 1 and ranks.is_first() and not checkpoint_of(file).exists():
+                    _sketch(view_set, options, file, progress)
                 made.append(train_scene(view_set, options, progress, checkpoint_of(file)))
             if ranks.is_first():
                 for said in set(made[-1][1]["warnings"]) - {equal_views(view_set)}:
@@ -87,9 +96,24 @@ def train(
             for (scene, report), file in zip(made, files.values(), strict=True):
                 told = json if json is None or file == out else json.with_name(f"{json.stem}.{file.stem}{json.suffix}")
                 finish(scene, report, file, told, checkpoint_of(file))
+                sketch_of(file).unlink(missing_ok=True)
             if len(made) > 1:
                 joined([scene for scene, _ in made]).save(out)
                 print(f"{out}: the scenes of {len(made)} transfer functions")
+
+
+def _sketch(views: ViewSet, options: TrainOptions, file: Path, progress: Progress) -> None:
+    """Write sketches of a scene beside its file; if one cannot be trained, the training itself says why."""
+    from svv.io.scene_file import sketch_of
+    from svv.train.pipeline import train_scene
+    from svv.train.run.sketches import sketches_for
+
+    for one in sketches_for(options.preset):
+        try:
+            scene, _ = train_scene(one.few(views), one.options(options), part(progress, 0.0, 0.02))
+        except BadInput:
+            return
+        scene.save(sketch_of(file))
 
 
 def _folders(views: Path) -> list[Path]:

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.bricks.caster import BrickCaster, Look
 from svv.bricks.formats.axes import Choice
 from svv.bricks.opened import open_bricks
-from svv.bricks.pyramid import PyramidSource, with_pyramid
 from svv.bricks.source import ArraySource, Level, Source
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
@@ -28,6 +26,11 @@ from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput, Progress, silent
 from svv.io.files.memory import memory_there
 from svv.measure import usable_cpus
+
+# What draws by bricks loads numba, which would hold up ParaView's window, where nothing may be large: it is imported
+# where it is needed.
+if TYPE_CHECKING:
+    from svv.bricks.caster import BrickCaster
 
 VTK_BYTES = 5
 """Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""
@@ -96,6 +99,8 @@ class LargeVolume:
     @cached_property
     def range(self) -> tuple[float, float]:
         """Smallest and largest value; of the overview's if the file has its own levels and no record of the range."""
+        from svv.bricks.pyramid import PyramidSource
+
         if isinstance(self.source, PyramidSource):
             return self.source.range
         values = to_array(self.overview)
@@ -128,6 +133,8 @@ class BrickMapper:
     name = "bricks"
 
     def __init__(self, volume: LargeVolume, tf: TransferFunction, stage: Stage, shading: Shading, step: float) -> None:
+        from svv.bricks.caster import Look
+
         assert tf.unit_distance is not None
         self._volume, self._stage = volume, stage
         low, high = volume.range
@@ -144,6 +151,8 @@ class BrickMapper:
 
     def render(self, camera: Camera) -> Pixels:
         """Render a view with straight alpha; its colour is 0 where alpha is 0. (height, width, 4) uint8"""
+        from svv.bricks.caster import BrickCaster
+
         number = self._volume.level_for(camera, self._stage)
         if self._caster is None or self._caster.number != number:
             self._caster = BrickCaster(self._volume.source, number, self._look, self._volume.memory, usable_cpus())
@@ -214,6 +223,8 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
     if mapper == "auto" and needed > allowed:
         progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
     if len(source.levels) == 1:
+        from svv.bricks.pyramid import with_pyramid
+
         source = with_pyramid(source, file, progress, (array, choice.channel, choice.time))
     return LargeVolume(source, allowed // 2, file.name)
 

@@ -148,6 +148,11 @@ class Cache:
         self.trim(path)
         return ""
 
+    def remove(self, name: str) -> None:
+        """Remove the result of this name, if there is one."""
+        if self.holds(name):
+            _remove(self.folder / name)
+
     def clear(self) -> int:
         """Remove all results and return the number of bytes freed."""
         freed = sum(entry.bytes for entry in self.entries())

@@ -110,6 +110,7 @@ class CameraFollower:
             return
         self._last = wanted
         look_through(filter, view, moving)
+        may_be_late(filter.SMProxy)
         timed(filter, filter.UpdatePipeline)
         fit(target, *filter.ImageSize)
         simple.Render(target)
@@ -129,6 +130,13 @@ def busy() -> bool:
 
     connection = servermanager.ActiveConnection
     return connection is not None and bool(connection.Session.GetProgressHandler().GetEnableProgress())
+
+
+def may_be_late(proxy: Any) -> None:
+    """Let the next image of a filter with Live come later than the update that asks for it."""
+    if proxy.GetProperty("Late") is not None:
+        proxy.GetProperty("Late").SetElement(0, 1)
+        proxy.UpdateProperty("Late", 1)  # every time, though it has the same value
 
 
 def _weak(thing: Any) -> Any:

@@ -22,6 +22,7 @@ from svv.ending import is_lack_of_memory, said_of
 from svv.errors import BadInput, Cancelled, Progress
 from svv.measure import give_memory_back
 from svv.pv.client.connection import client_gone
+from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
 from svv.pv.results.time_steps import Steps
 
@@ -41,6 +42,8 @@ NOT_INSTALLED = (
     "{name} is missing in ParaView's Python, and StyleRF needs it: start ParaView with `svv paraview` (a server with "
     "`svv pvserver`), which provides it."
 )
+
+UNFINISHED = "The scene before this filter is still being learned."
 
 WHOLE = ("vtkTable", "vtkImageData", "vtkPolyData")
 """Types of the outputs of StyleRF filters."""
@@ -64,6 +67,8 @@ class Filter(VTKPythonAlgorithmBase):
         super().__init__(nInputPorts=inputs, nOutputPorts=outputs, outputType=kind)
         self.values = dict(self.defaults)
         self._status = ""
+        self.unfinished = False
+        """Whether the input is made from a scene that is still being learned."""
         self._kept: dict[str, tuple[Any, Any]] = {}
         self.steps: Steps[Any] = Steps()
         self.AddObserver("DeleteEvent", _forgetter(self._kept, self.steps.results))
@@ -112,7 +117,13 @@ class Filter(VTKPythonAlgorithmBase):
         outputs = [vtkDataObject.GetData(out_info, port) for port in range(self.GetNumberOfOutputPorts())]
         try:
             said = self.work(inputs, outputs, out_info) or "Done."
-            self._status = " ".join(filter(None, [said, self.values.get("Notice")]))
+            self.unfinished = any(map(is_unfinished, inputs))
+            for output in outputs if self.unfinished else ():
+                mark_unfinished(output)
+            self._status = " ".join(filter(None, [said, self.values.get("Notice"), UNFINISHED * self.unfinished]))
+        except NotYetThere as reason:
+            self._status = str(reason)
+            self.before(outputs)
         except Cancelled:
             self.say("Stopped; the previous result is kept. Press Apply again to resume.", error=False)
             self.before(outputs)

@@ -12,7 +12,7 @@ from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
 from svv.options.editing import PaintEdit
-from svv.pv.filters.vtk_data import key_of_scene, put_scene, scene_of
+from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
 from svv.pv.panel.groups import (
     REGIONS,
     light_properties,
@@ -52,6 +52,9 @@ class SceneOutput(Keeping):
         scene, name = self.last("given"), self.values["SaveFile"]
         if scene is None or not name:
             self.say("There is nothing to save yet: choose a file under Save File, and press Apply.")
+            return
+        if self.unfinished:
+            self.say("The scene is still being learned: save it when it is there.")
             return
         try:
             scene.save(name)
@@ -148,7 +151,7 @@ class StyleRFJoin(SceneOutput):
         from svv.pv.filters.editing import told
 
         given = [self.GetInputDataObject(0, number) for number in range(self.GetNumberOfInputConnections(0))]
-        scenes = [scene_of(data) for data in given]
+        scenes = [finished_scene_of(data) for data in given]
         scene = self.kept("joined", tuple(map(key_of_scene, given)), lambda: joined(scenes))
         self.give(scene, outputs[0])
         counts = " + ".join(str(len(member.regions)) for member in members(scene))

@@ -11,7 +11,7 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 from svv.errors import BadInput, Cancelled
 from svv.options.figures import FigureOptions
 from svv.pv.filters.base import Filter, set_image_information
-from svv.pv.filters.vtk_data import key_of_scene, put_image, scene_of
+from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_image
 from svv.pv.panel.groups import keep_input_visible, menu, seen_with, takes_scene
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import button, file, number, numbers, panel, status, switch
@@ -83,7 +83,7 @@ class StyleRFFigure(Filter):
         """Return the figure as straight RGBA, drawn once for each scene and panel. (height, width, 4)"""
         from svv.pv.panel.figures import pixels_of
 
-        scene = scene_of(data)
+        scene = finished_scene_of(data)
         self.kept("scene", object(), lambda: scene)
         looks = {name: value for name, value in self.values.items() if name not in ("SeenWith", "FigureFile")}
         return self.kept(

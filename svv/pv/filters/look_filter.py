@@ -11,7 +11,7 @@ from svv.errors import BadInput
 from svv.io.files.keyed_results import digest_of_file
 from svv.options.making import PREFIX, DeviceOptions, PaintOptions
 from svv.pv.filters.edit_filters import SceneOutput, save_properties
-from svv.pv.filters.vtk_data import key_of_scene, scene_of
+from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene
 from svv.pv.panel.groups import device, menu, takes_scene
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import button, choice, file, panel, status, text
@@ -51,7 +51,7 @@ class StyleRFLook(SceneOutput):
         from svv.pv.filters.editing import told
         from svv.render.looks.look import Look
 
-        scene, values = scene_of(inputs[0]), self.values
+        scene, values = finished_scene_of(inputs[0]), self.values
         self.kept("input", object(), lambda: scene)
         shipped = values["Look"] != FILE
         if not shipped and not values["LookFile"]:

@@ -10,7 +10,7 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput
 from svv.pv.filters.base import Filter, ViewsOutput, set_image_information
-from svv.pv.filters.vtk_data import put_scene, scene_of
+from svv.pv.filters.vtk_data import finished_scene_of, put_scene
 from svv.pv.panel.groups import takes_scene
 from svv.pv.panel.properties import file, panel, shown_view, status
 
@@ -27,7 +27,7 @@ class StyleRFSceneWriter(Filter):
         super().__init__(1, 0, "vtkTable")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
-        scene_of(inputs[0]).save(self.values["FileName"])
+        finished_scene_of(inputs[0]).save(self.values["FileName"])
 
     def Write(self) -> None:
         """Write the file; called by Save Data."""

@@ -7,6 +7,7 @@ docstring as help.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,11 @@ from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
 from svv.pv.filters.edit_filters import SceneOutput, save_properties
-from svv.pv.filters.vtk_data import key_of_views, put_image, scene_of, views_of
+from svv.pv.filters.unfinished import mark_unfinished
+from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
+from svv.pv.live.beside import Beside
+from svv.pv.live.handed import hand_over_scene
+from svv.pv.live.ordered import Ordered
 from svv.pv.panel.groups import (
     ADDED,
     NO_GALLERY,
@@ -38,6 +43,7 @@ from svv.pv.panel.groups import (
     style_properties,
     takes_scene,
 )
+from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
     Property,
@@ -111,7 +117,7 @@ class StyleRFPalette(SceneOutput):
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.filters.editing import correct, correction_in
 
-        scene, correction = scene_of(inputs[0]), correction_in(self.values)
+        scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
         if not correction:
             self.give(scene, outputs[0])
             return "The palette is unchanged: set, add, merge, remove or split a colour."
@@ -159,6 +165,7 @@ class StyleRFPalette(SceneOutput):
 @smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
+    *live(),
     choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
            "One more style: a picture from the built-in gallery, or a drawing in ink, which needs no picture."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
@@ -187,12 +194,14 @@ class StyleRFPalette(SceneOutput):
     status(),
 )  # fmt: skip
 @takes_scene
-class StyleRFStylize(SceneOutput):
+class StyleRFStylize(SceneOutput, Beside):
     """Paint the regions of a scene in the style of pictures, consistently from all directions. The second output shows
     a picture and the part of it that a region learns from.
     """
 
     button = "Paint Again"
+    headers = False  # paintings of several names are put together here
+    nothing = "The scene is shown as it was."
 
     def __init__(self) -> None:
         super().__init__(1, 2, "vtkTable")
@@ -222,12 +231,12 @@ class StyleRFStylize(SceneOutput):
         self._reset = True
         self.Modified()
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.filters.engine import style_key
         from svv.pv.filters.style_masks import write_masks
         from svv.pv.filters.styling import Painting, goes_on, painted, paintings_on
 
-        scene, values = scene_of(inputs[0]), self.values
+        scene, values = finished_scene_of(inputs[0]), self.values
         base = digest_of_scene(scene)  # edits before this filter do not change what is painted, only how it is shown
         if self._reset:
             self.give(scene, outputs[0])
@@ -244,7 +253,7 @@ class StyleRFStylize(SceneOutput):
         said = f"{taken.astype(bool).mean():.0%} of the picture is used; nothing was painted."
         self._begin_with_paintings(scene, base)
         if not values["PreviewOnly"]:
-            slot = f"{PAINTING}{name}"
+            slot, given = f"{PAINTING}{name}", digest(base, digest_of_edits(scene))
             before = self.last(slot)
 
             def paint() -> Any:
@@ -252,17 +261,38 @@ class StyleRFStylize(SceneOutput):
                     return painted(scene, before, values, progress)
 
             def make() -> Any:
-                now = Moment(style, digest(*goes_on(scene, before, values)), digest(base, digest_of_edits(scene)))
+                self.wants(Moment(digest(), "", given), digest(style, name))
+                now = Moment(style, digest(*goes_on(scene, before, values)), given)
                 result, kept = self.found_or_made(slot, "painting", now, paint)
                 return Painting(base, result.on(scene.device), kept)
 
             painting = self.kept(slot, (base, style, self._round), make)
             self.gives(**{slot: painting.name})
             said = painting.told() + self.note
+        if not self.shows:
+            return said
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
         self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
         return said
+
+    def handed(self, values: dict[str, Any]) -> tuple[dict[str, Any], Callable[[Path], None]]:
+        """Return the values for the process that paints, and what writes the scene to a new folder."""
+        data = self._data
+        assert data is not None
+        return values, lambda folder: hand_over_scene(data, folder)
+
+    def release(self) -> None:
+        super().release()
+        for slot in [slot for slot in self._kept if slot.startswith(PAINTING)]:
+            del self._kept[slot]
+
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+        if not self.put_newest(outputs[0]):
+            self.before(outputs)
+            if not outputs[0].GetNumberOfRows():
+                outputs[0].ShallowCopy(inputs[0])
+            mark_unfinished(outputs[0])
 
     def _begin_with_paintings(self, scene: Any, base: str) -> None:
         """Restore the paintings that a saved state refers to."""

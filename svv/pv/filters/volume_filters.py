@@ -19,6 +19,7 @@ from svv.options.making import ViewOptions
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.filters.parallel import DividedInput
 from svv.pv.filters.resampled import told as told_of
+from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.filters.vtk_data import (
     drawn_in,
     key_of_scene,
@@ -27,18 +28,19 @@ from svv.pv.filters.vtk_data import (
     put_mesh,
     put_no_views,
     put_scene,
+    put_stored,
     scene_of,
 )
-from svv.pv.live.beside import Beside, Ordered
+from svv.pv.live.beside import Beside, DrawnBeside
+from svv.pv.live.ordered import SHARPENS, Ordered
+from svv.pv.panel.first_screen import stylized_view_properties
 from svv.pv.panel.groups import (
-    PICTURES,
-    TAKE_HELP,
     cut_properties,
     device,
     image_properties,
     keep_input_visible,
     menu,
-    preview_file,
+    take_buttons,
     takes_image,
     takes_scene,
     takes_volume,
@@ -48,9 +50,7 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
-    button,
     file,
-    files,
     kept_as,
     panel,
     shown_view,
@@ -58,7 +58,9 @@ from svv.pv.panel.properties import (
     switch,
 )
 from svv.pv.results.cached import Keeping, views_in, write_views
+from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
+from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
 
 __all__ = [
@@ -73,7 +75,7 @@ __all__ = [
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
     *volume_properties(ViewOptions()),
-    button("TakeAsEdited", TAKE_HELP),
+    *take_buttons(),
     file("Folder", "", "", "Folder to which the views are also written, as a set that `svv` and other programs read."),
     *shown_view(),
     *kept_as(),
@@ -134,8 +136,9 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 @menu
 @keep_input_visible
 @panel(
+    *live(),
     *training_properties("balanced"),
-    button("TakeAsEdited", TAKE_HELP),
+    *take_buttons(),
     file("SceneFile", "svv", "Scenes",
          "File in which to keep the scene. If it holds a scene trained from the same input, that scene is read, so a "
          "saved state need not train again. Training that was stopped resumes.", save=True),
@@ -144,7 +147,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     status(),
 )  # fmt: skip
 @takes_volume
-class StyleRFTrain(DividedInput, Keeping):
+class StyleRFTrain(DividedInput, Beside):
     """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
     with a row for each region found, and carries the scene. It is trained again only if something that it depends on
     has changed.
@@ -153,17 +156,19 @@ class StyleRFTrain(DividedInput, Keeping):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.filters.engine import followed, follows, regions_said, scene_in, train, training_moment
+    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.filters.engine import followed, follows, regions_said, train, training_moment
 
-        now, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
+        present, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
+        now = self.settled(present)
+        self.wants(now, file)
 
         def make() -> Any:
             with self.training() as progress:
-                return train(inputs[0], self.values, progress)
+                return train(inputs[0], self.values, progress, self.checkpoint)
 
         def own() -> Any:
-            return scene_in(Path(file), now, self.values) if file else None
+            return self.found_in(Path(file), now) if file else None
 
         def get() -> Any:
             found = self.found_or_made("scene", "scene", now, make, own)
@@ -174,18 +179,30 @@ class StyleRFTrain(DividedInput, Keeping):
         self.begin_with("scene", "scene", now)
         scene, name = self.steps.get(now, get, self.values["TrainEachTimeStep"])
         self.gives(scene=name)
-        told = self.steps.told(now)
-        if follows(scene, inputs[0], self.steps.made, now):
-            whole, told = scene, f" Followed to time {now.time:g}."
-            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], self.values, now))
-        put_scene(scene, outputs[0])
+        if not self.shows:
+            return regions_said(scene)
+        told = self.steps.told(present)
+        if isinstance(scene, Stored):
+            put_stored(*Stored.and_content(scene.path), outputs[0])
+        else:
+            if follows(scene, inputs[0], self.steps.made, present):
+                whole, told = scene, f" Followed to time {present.time:g}."
+                key = name, present.data
+                scene = self.kept("followed", key, lambda: followed(whole, inputs[0], self.values, present))
+            put_scene(scene, outputs[0])
+        self.kept("table", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
         said = " ".join([said, *scene.made.get("warnings", [])])
         return said + told_of(inputs[0], self.values) + self.note + told
 
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+        if not self.put_newest(outputs[0]):
+            self.before(outputs)
+            mark_unfinished(outputs[0])
+
     def before(self, outputs: list[Any]) -> None:
-        if self.steps.result is not None:
-            put_scene(self.steps.result[0], outputs[0])
+        if self.last("table") is not None:
+            outputs[0].ShallowCopy(self.last("table"))
 
 
 @smproxy.filter(label="StyleRF Render", support_reload=False)
@@ -282,18 +299,10 @@ class StyleRFVolume(VolumeOutput):
 @menu
 @keep_input_visible
 @panel(
-    files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
-    *live(),
-    *training_properties("fast"),
-    button("TakeAsEdited", TAKE_HELP),
-    preview_file(),
-    *image_properties(400),
-    *volume_properties(ViewOptions(test=0)),
-    *kept_as(),
-    status(),
+    *stylized_view_properties(),
 )
 @takes_volume
-class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
+class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
     is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
     this step by step, with edits in between.
@@ -301,6 +310,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
+        self._status = expected()
 
     def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.filters.engine import (
@@ -345,6 +355,12 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
             scene = painted
         if not self.shows:
             return regions_said(scene)
+        hint = "" if styles else "; choose a picture under Style Files to paint them"
+        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}"
+        if isinstance(scene, Stored):
+            drawn, sharp = self._learner.result(scene, values, values["Late"])
+            self.drawn_beside(inputs[0], outputs[0], drawn)
+            return said + self.steps.told(present) + ("" if sharp else SHARPENS)
         told, whole = self.steps.told(present), scene
         camera = camera_for(whole.rig, values)
         made = self.steps.made
@@ -357,20 +373,12 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Beside):
             told = f" Followed to time {present.time:g}."
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
-        self.kept("shown", object(), lambda: scene)
         self.kept("glance", None, lambda: None)  # no longer needed
-        hint = "" if styles else "; choose a picture under Style Files to paint them"
-        return f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}{told}"
+        return said + told
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
-        from svv.pv.live.glimpse import drawn_small, enlarged, glanced
-
-        drawn, shown = learner.picture(self.values), self.last("shown")
-        if drawn is None:
-            drawn = glanced(self, inputs[0]) if shown is None else drawn_small(shown, self.values, self.progress)
-        arrays, camera = drawn
-        put_drawn(outputs[0], enlarged(arrays, camera), camera)
-        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+    def release(self) -> None:
+        super().release()
+        self._kept.pop("paintings", None)
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

@@ -22,11 +22,14 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageD
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
 from svv.errors import BadInput
+from svv.pv.filters.unfinished import NotYetThere, is_unfinished
 from svv.pv.results.keys import digest_of_views
 
 if TYPE_CHECKING:
+    from svv.fields.scene.region import Region
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
+    from svv.pv.results.stored import Stored
     from svv.render.baking.baked_volume import BakedVolume
 
 SCENE = "StyleRF Scene"
@@ -53,8 +56,20 @@ _views: weakref.WeakValueDictionary[str, ViewSet] = weakref.WeakValueDictionary(
 
 def put_scene(scene: Scene, table: vtkTable) -> None:
     """Fill a table with one row per region, and with the scene itself as field data."""
+    _put_regions(scene.regions, table)
+    content = scene.to_bytes()
+    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+    _keep(_digest(content), scene)
+
+
+def put_stored(stored: Stored, content: bytes, table: vtkTable) -> None:
+    """Fill a table as :func:`put_scene` does, with the scene in a file, which is not read for it."""
+    _put_regions(stored.regions, table)
+    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+
+
+def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
     table.Initialize()
-    regions = scene.regions
     colours = np.array([r.edited_colour or r.colour for r in regions], np.float64).reshape(-1, 3)
     columns: list[tuple[str, Any]] = [
         ("Region", np.arange(len(regions), dtype=np.int32)),
@@ -73,17 +88,29 @@ def put_scene(scene: Scene, table: vtkTable) -> None:
         for word in words:
             column.InsertNextValue(word or "")
         table.AddColumn(column)
-    content = scene.to_bytes()
-    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
-    _keep(_digest(content), scene)
+
+
+def finished_scene_of(data: vtkDataObject | None) -> Scene:
+    """Return the scene that a table carries, for work that is not worth while on a sketch.
+
+    Raises:
+        NotYetThere: It is still being learned.
+        BadInput: As :func:`scene_of`.
+    """
+    if is_unfinished(data):
+        raise NotYetThere("The scene is still being learned: this is done when it is there.")
+    return scene_of(data)
 
 
 def scene_of(data: vtkDataObject | None) -> Scene:
     """Return the scene that a table carries.
 
     Raises:
+        NotYetThere: There will be one.
         BadInput: There is none, or it is damaged.
     """
+    if is_unfinished(data) and data is not None and not data.GetFieldData().HasArray(SCENE):
+        raise NotYetThere("The scene is being learned: this filter follows as soon as there is something to show.")
     from svv.fields.scene.scene import Scene
 
     array = None if data is None else data.GetFieldData().GetArray(SCENE)
@@ -94,6 +121,11 @@ def scene_of(data: vtkDataObject | None) -> Scene:
         _keep(key, Scene.from_bytes(vtk_to_numpy(array).tobytes(), "The scene in the input"))
     _scenes.move_to_end(key)
     return _scenes[key]
+
+
+def content_of(data: vtkDataObject) -> bytes:
+    """Return the content of the scene file that a table carries."""
+    return vtk_to_numpy(data.GetFieldData().GetArray(SCENE)).tobytes()
 
 
 def key_of_scene(data: vtkDataObject) -> str:

@@ -7,42 +7,31 @@ is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.dvr.parallel.ranks import ranks_here
 from svv.errors import BadInput
 from svv.io.files.cache import Cache
-from svv.io.files.worker import Worker
 from svv.pv.filters.parallel import crew_of
-from svv.pv.filters.vtk_data import key_of_views, time_of
-from svv.pv.launch.programs import pvpython_here
-from svv.pv.live.drawer import PATIENCE, Arrays, Drawer
-from svv.pv.live.handed import STATE, WARM, hand_over
+from svv.pv.filters.unfinished import mark_unfinished
+from svv.pv.filters.vtk_data import key_of_views, put_drawn, put_stored, time_of
+from svv.pv.live.drawer import Drawn, Gone
+from svv.pv.live.ordered import Ordered
 from svv.pv.results.cached import FOUND, Keeping
-from svv.pv.results.keys import name_of, source_of
+from svv.pv.results.keys import key_of, name_of, source_of
+from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
 
-if TYPE_CHECKING:
-    from svv.core.geometry.cameras import Camera
-
 ONLY_SHOWN = (
-    "Live", "InWindow", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera", "ParallelScale",
-    "Frame", "Show", "Background", "BackgroundColour",
+    "Live", "InWindow", "Late", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera",
+    "ParallelScale", "Frame", "Show", "SeenWith", "Background", "BackgroundColour", "MaskFolder",
 )  # fmt: skip
 """Properties that do not go to the process, as it shows nothing."""
-
-ENDED = "The process that learned beside ParaView has ended ({why}): press Go On, and it resumes."
-NOT_KEPT = (
-    "The result could not be kept, and so not be shown: raise SVV_CACHE_SIZE, or make room on the disk, or turn Live "
-    "off."
-)
-STOPPED = "Stopped; press Go On to resume. {shown}"
-SHOWN = {0: "The volume is shown as it is.", 1: "A sketch is shown."}
 
 _deleters: list[Any] = []
 """Deletion observers; if only the filters held them, Python would collect them too early."""
@@ -61,13 +50,24 @@ class Beside(Keeping):
     shows = True
     """Whether the results are to be shown, which they are not in that process."""
 
+    draws = False
+    """Whether another process draws what there is."""
+
+    headers = True
+    """Whether the headers of results are enough in this process."""
+
+    nothing = "There is no scene yet."
+    """What is shown before there is anything."""
+
     def __init__(self, inputs: int, outputs: int, kind: str) -> None:
         super().__init__(inputs, outputs, kind)
-        self._learner = Ordered(type(self).__name__)
+        self._learner = Ordered(type(self).__name__, self.draws)
         self._wanted: tuple[str, str] = ("", "")
         self._data: vtkDataObject | None = None
         self._moment: Moment | None = None
         self._take = False
+        self._lived: bool | None = None
+        self._again = False
         self.AddObserver("DeleteEvent", _stopper(self._learner))
 
     # --- for subclasses ---------------------------------------------------------------------------------------------
@@ -81,7 +81,7 @@ class Beside(Keeping):
         raise NotImplementedError
 
     def wants(self, now: Moment, painting: str) -> None:
-        """Say what the result depends on: the scene's training, and how it is painted."""
+        """Say what the result depends on: the scene's training, or the scene itself, and how it is painted."""
         self._wanted = name_of("scene", source_of(now), now.settings), painting
 
     def settled(self, now: Moment) -> Moment:
@@ -107,16 +107,63 @@ class Beside(Keeping):
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         """Output the result, or what there is of it."""
         self._data = inputs[0]
-        if not self._lives():
+        lives = self._lives()
+        if not lives:
             self._learner.end()
+        if self._lived not in (None, lives):
+            self.release()
+        self._lived = lives
         try:
-            said = self.result(inputs, outputs, out_info)
+            try:
+                said = self.result(inputs, outputs, out_info)
+            except Gone:  # it is made again
+                self.release()
+                self._learner.lose()
+                said = self.result(inputs, outputs, out_info)
         except NotYet:
             self.meanwhile(inputs, outputs, self._learner)
-            return self._learner.told()
+            return self._learner.told(self.nothing)
+        finally:
+            self.values["Late"] = False
         self._moment = None
-        self._learner.rest()
         return said
+
+    def put_newest(self, table: Any) -> bool:
+        """Fill a table with the newest state of the scene, marked as unfinished; return whether there is one."""
+        file = self._learner.state()
+        if file is not None:
+            with suppress(BadInput):  # its process has just ended
+                put_stored(*Stored.and_content(file), table)
+                mark_unfinished(table)
+                return True
+        return False
+
+    def release(self) -> None:
+        """Forget the results in memory: in this process they are scenes, beside it no more than their headers."""
+        self.steps.results.clear()
+
+    def kept_as(self, name: str, kind: str) -> Any:
+        """Return the result that is kept under a name, or None; only its header, if another process draws it."""
+        if not (self.shows and self.headers and self._lives()):
+            return super().kept_as(name, kind)
+        found = Cache.of_user().read(name, Stored.read)
+        return super().kept_as(name, kind) if found is not None and self._follows(found) else found
+
+    def found_in(self, file: Path, now: Moment) -> Any:
+        """Return the scene in the user's file, as :meth:`kept_as` does; None if it is something else."""
+        from svv.pv.filters.engine import scene_in
+
+        if self.shows and self.headers and self._lives():
+            found = Stored.read(file) if file.exists() else None
+            if found is None or found.made.get("key") != key_of(now):
+                return None
+            if not self._follows(found):
+                return found
+        return scene_in(file, now, self.values)
+
+    def _follows(self, stored: Stored) -> bool:
+        """Whether a scene is to follow its volume in time, for which it has to be in this process."""
+        return stored.follows_time and time_of(self._data) is not None
 
     def found_or_made(
         self, slot: str, kind: str, now: Moment, make: Callable[[], Any], own: Callable[[], Any] | None = None
@@ -127,7 +174,11 @@ class Beside(Keeping):
             NotYet: It has been ordered.
             BadInput: It could not be made.
         """
-        found, name = super().found_or_made(slot, kind, now, self._order if self._lives() else make, own)
+        lives = self._lives()
+        if lives and self._anew:
+            Cache.of_user().remove(name_of(kind, source_of(now), now.settings))
+            self._anew, self._again = False, True
+        found, name = super().found_or_made(slot, kind, now, self._order if lives else make, own)
         if self._learner.made(self._wanted) and self.note == FOUND:
             self.note = ""
         return found, name
@@ -135,7 +186,8 @@ class Beside(Keeping):
     def _lives(self) -> bool:
         """Whether results are made in another process."""
         return (
-            bool(self.values["Live"] and self.values["InWindow"] and not self.values["TrainEachTimeStep"])
+            bool(self.values["Live"] and self.values["InWindow"] and not self.values.get("TrainEachTimeStep"))
+            and not self.values.get("Continue")  # from a painting that only this process has
             and key_of_views(self._data) is None
             and crew_of(self._data) is None
             and ranks_here() is None
@@ -143,14 +195,20 @@ class Beside(Keeping):
         )
 
     def _order(self) -> Any:
-        from svv.pv.filters.engine import transfer_function_of, volume_of
-
-        if not self._learner.asks_for(self._wanted):
+        if self._again or not self._learner.asks_for(self._wanted):
             values = {k: v for k, v in self.values.items() if k not in ONLY_SHOWN}
-            values["TransferFunction"] = transfer_function_of(self.values).to_dict()
-            image = volume_of(self._data, self.values)
-            self._learner.order(self._wanted, values, image, time_of(self._data))
+            self._learner.order(self._wanted, *self.handed(values), self._again)
+            self._again = False
         raise NotYet
+
+    def handed(self, values: dict[str, Any]) -> tuple[dict[str, Any], Callable[[Path], None]]:
+        """Return the values for the process, and what writes the input to a new folder: a volume."""
+        from svv.pv.filters.engine import transfer_function_of, volume_of
+        from svv.pv.live.handed import hand_over
+
+        values = {**values, "TransferFunction": transfer_function_of(self.values).to_dict()}
+        image, time = volume_of(self._data, self.values), time_of(self._data)
+        return values, lambda folder: hand_over(image, values, time, folder)
 
     # --- what the client asks and the panel's buttons ---------------------------------------------------------------
 
@@ -163,7 +221,7 @@ class Beside(Keeping):
     def GetLearned(self) -> str:
         """Return a text that changes whenever there is something new to show; it ends in * while more is to come."""
         if self._learner.busy:
-            self._status = self._learner.told()
+            self._status = self._learner.told(self.nothing)
         return self._learner.news(self.values)
 
     def Pause(self) -> None:
@@ -179,162 +237,29 @@ class Beside(Keeping):
     def StopHere(self) -> None:
         """Stop learning; what is shown stays."""
         self._learner.stop_here()
-        self._status = self._learner.told()
+        self._status = self._learner.told(self.nothing)
 
 
-class Ordered:
-    """What one filter has ordered, and the process that makes it; the process is started when it is needed.
+class DrawnBeside(Beside):
+    """Such a filter whose output is an image, which another process draws."""
 
-    Args:
-        kind: Name of the filter's class.
-    """
+    draws = True
+    nothing = "The volume is shown as it is."
 
-    def __init__(self, kind: str) -> None:
-        self._kind = kind
-        self._worker: Worker | None = None
-        self._wanted: tuple[str, str] | None = None
-        self._number = 0
-        self._stopped = self._paused = False
-        self._drawer = Drawer()
-        self._state: tuple[int, int] | None = None
-        """Number of an order and of its newest state; None if nothing was learned yet."""
-        self._sent = ""
+    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+        self.drawn_beside(inputs[0], outputs[0], learner.picture(self.values))
 
-    def start(self) -> None:
-        """Start the process, unless it is running."""
-        if self._worker is not None and self._worker.alive:
-            return
-        self.end()
-        self._worker = Worker([*pvpython_here(), "from svv.pv.live.learner import main; main()"])
-        self._drawer.load(self._worker.folder / WARM)
+    def drawn_beside(self, data: Any, image: Any, drawn: Drawn | None) -> None:
+        """Output an image that another process has drawn, or at first the volume as ParaView shows it."""
+        from svv.pv.filters.engine import size_of
+        from svv.pv.live.glimpse import enlarged, glanced
 
-    def asks_for(self, wanted: tuple[str, str]) -> bool:
-        """Return whether this is being made, or has been stopped by the user.
-
-        Raises:
-            BadInput: It could not be made.
-        """
-        if self._wanted != wanted:
-            return False
-        if self._stopped:
-            return True
-        said = self._answer()
-        if "error" in said:
-            raise BadInput(said["error"])
-        if said.get("done"):
-            raise BadInput(NOT_KEPT)
-        if self._worker is None or not self._worker.alive:
-            raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
-        return True
-
-    def order(self, wanted: tuple[str, str], values: dict[str, Any], image: Any, time: float | None) -> None:
-        """Order a result, instead of the last one."""
-        self.start()
-        assert self._worker is not None
-        self._number += 1
-        order = {"number": self._number, "kind": self._kind, "scene": wanted[0], "values": values}
-        if self._sent != wanted[0]:
-            folder = self._worker.folder / f"volume-{self._number}"
-            hand_over(image, values, time, folder)
-            order["volume"] = str(folder)
-            self._sent = wanted[0]
-        self._worker.send(order)
-        self._wanted, self._stopped, self._paused = wanted, False, False
-
-    def picture(self, values: Mapping[str, Any]) -> tuple[Arrays, Camera] | None:
-        """Return a small image of the newest state, and the camera that it is meant for; None if there is none yet."""
-        asked = self._ask(values)
-        return None if asked is None else self._drawer.image(PATIENCE if asked else 0.0)
-
-    def _ask(self, values: Mapping[str, Any]) -> bool | None:
-        """Ask for an image of the newest state; return whether that is news, and None if there is no state."""
-        state = self._newest()
-        if state is None or self._worker is None:
-            return None
-        return self._drawer.ask(self._worker.folder / STATE, state, values)
-
-    def _newest(self) -> tuple[int, int] | None:
-        number = int(self._answer().get("state", 0))
-        if number:
-            self._state = self._number, number
-        return self._state
-
-    @property
-    def busy(self) -> bool:
-        """Whether something has been ordered that is not there yet."""
-        said = self._answer()
-        return bool(
-            self._wanted and not self._stopped and self._worker is not None and self._worker.alive
-            and not said.get("done") and "error" not in said
-        )  # fmt: skip
-
-    def news(self, values: Mapping[str, Any]) -> str:
-        """Return a text that changes with every image of a state, and at the end; it ends in * before that."""
-        if self._wanted is None:
-            return f"{self._number} none"
-        if not self.busy:
-            return f"{self._number} ended"
-        self._ask(values)
-        return f"{self._number} {self._drawer.drawn}*"
-
-    def told(self) -> str:
-        """Return one line about the work."""
-        said = self._answer()
-        shown = SHOWN[min(said.get("state", 0), 1)]
-        if self._stopped:
-            return STOPPED.format(shown=shown)
-        if not said:
-            return f"Learning begins. {shown}"
-        if said["paused"] or self._paused:
-            return f"Paused at {said['fraction']:.0%}; press Go On. {shown}"
-        left = "" if said["left"] is None else f", {duration(said['left'])} left"
-        return f"Learning, {said['fraction']:.0%}{left}: {said['label']}. {shown}"
-
-    def made(self, wanted: tuple[str, str]) -> bool:
-        """Return whether the process has made this."""
-        return self._wanted == wanted
-
-    def rest(self) -> None:
-        """Take note that all that was ordered is there."""
-        if self._answer().get("done"):
-            self._state, self._paused = None, False
-
-    def pause(self, paused: bool) -> bool:
-        """Let the process wait or go on; return whether it is at work."""
-        if not self.busy or self._worker is None:
-            return False
-        self._paused = paused
-        self._worker.send({"pause": paused})
-        return True
-
-    def stop_here(self) -> None:
-        """Stop the work for now; what there is can still be drawn."""
-        if self.busy and self._worker is not None:
-            self._worker.send({"stop": True})
-            self._stopped = True
-
-    def forget(self) -> None:
-        """Forget what was ordered, so that it is ordered again."""
-        self._wanted, self._stopped = None, False
-
-    def end(self) -> None:
-        """End the process, and forget what it has been given."""
-        if self._worker is not None:
-            self._worker.stop()
-        self._worker, self._sent = None, ""
-        self._drawer.end()
-
-    def _answer(self) -> dict[str, Any]:
-        """Return what the process says about the last order; empty if nothing yet."""
-        said = {} if self._worker is None else self._worker.said()
-        return said if said.get("order") == self._number else {}
-
-
-def duration(seconds: float) -> str:
-    """Return a duration as people say it: ``about 40 s`` or ``about 3 min``."""
-    if seconds < 90:
-        return f"about {max(5 * round(seconds / 5), 5)} s"
-    return f"about {round(seconds / 60)} min"
+        arrays, camera = glanced(self, data) if drawn is None else (drawn.arrays, drawn.camera)
+        if drawn is not None:
+            self.kept("glance", None, lambda: None)  # no longer needed
+        camera = camera.resized(*size_of(self.values))
+        put_drawn(image, enlarged(arrays, camera), camera)
+        self.kept("image", None, lambda: image.NewInstance()).ShallowCopy(image)
 
 
 def _stopper(learner: Ordered) -> Callable[[Any, str], None]:

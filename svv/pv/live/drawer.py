@@ -1,7 +1,8 @@
-"""The process that draws the scenes that are shown while better ones are learned.
+"""The process that draws scenes for ParaView's window with Live on: those that are being learned, and finished ones.
 
-Loading what draws a scene holds up a process for seconds, and so would hold up ParaView's window. The process waits for
-orders, obeys the newest one, and gives small images, which :mod:`svv.pv.live.glimpse` enlarges.
+Loading what draws a scene holds up a process for seconds, and a sharp image takes a second; both would hold up
+ParaView's window. The process waits for orders and obeys the newest one: it gives a small image, which
+:mod:`svv.pv.live.glimpse` enlarges, and then the sharp one, unless the camera moves on.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.geometry.cameras import Camera
-from svv.errors import BadInput, silent
+from svv.errors import BadInput, Cancelled, silent
 from svv.io.files.worker import Orders, Worker, be_worker, say
+from svv.pv.filters.base import sentence_on
 from svv.pv.launch.programs import pvpython_here
 
 if TYPE_CHECKING:
@@ -29,17 +32,45 @@ Arrays = dict[str, NDArray[Any]]
 IMAGE = "image.npz"
 """File in the process's folder with the image that was drawn last."""
 
-PATIENCE = 0.12
-"""Seconds that the window waits for an image from another camera, before it shows the last one."""
+PATIENCE, MOVING_PATIENCE = 0.12, 0.2
+"""Seconds that the window waits for an image, before it shows the last one: from another camera, from a moving one."""
 
-IDLE = 180.0
+IDLE = 900.0
 """Seconds without orders after which the process ends."""
 
 NAMES = (
-    "Camera", "ParallelScale", "Frame", "ImageSize", "Show", "Background", "BackgroundColour", "Network", "Device",
-    "Variant",
+    "Camera", "ParallelScale", "Frame", "ImageSize", "Moving", "Show", "SeenWith", "Background", "BackgroundColour",
+    "Network", "Device", "Variant",
 )  # fmt: skip
 """Properties on which an image depends."""
+
+ENDED = "The process that draws beside ParaView has ended ({why}): turn Live off, and ParaView draws itself."
+
+
+class Gone(Exception):
+    """The file of a finished scene is no longer in the cache."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A scene that is to be drawn."""
+
+    file: Path
+    """Its file."""
+    state: tuple[int, int] = (0, 0)
+    """What tells it from others that were in the same file."""
+    finished: bool = False
+    """Whether it is a finished one, and not a sketch."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An image."""
+
+    arrays: Arrays
+    """RGBA, depth and regions, (height, width, ...) each."""
+    camera: Camera
+    """The camera that it is meant for; it may have more pixels."""
 
 
 class Drawer:
@@ -47,66 +78,120 @@ class Drawer:
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
-        self._asked: tuple[int, Any] = (0, None)
-        self._drawn: tuple[int, Arrays, Camera] | None = None
+        self._number, self._wanted = 0, None
+        self._died = False
+        self._drawn: Drawn | None = None
+        self._read: tuple[int, bool] | None = None
+
+    _wanted: tuple[Shown, dict[str, Any]] | None
 
     def start(self) -> Worker:
         """Start the process, unless it is running, and return it."""
-        if self._worker is None or not self._worker.alive:
-            self.end()
+        if self._worker is None or not self.alive:
+            self._stop()
             self._worker = Worker([*pvpython_here(), "from svv.pv.live.drawer import main; main()"], polite=False)
+            self._read = None
         return self._worker
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process is running."""
+        return self._worker is not None and self._worker.alive
 
     def load(self, file: Path) -> None:
         """Let the process load what it takes, by drawing any scene, as soon as its file is there."""
         self.start().send({"warm": str(file)})
 
-    def ask(self, file: Path, state: tuple[int, int], values: Mapping[str, Any]) -> bool:
+    def ask(self, shown: Shown, values: Mapping[str, Any]) -> bool:
         """Ask for an image, unless it was asked for last; return whether it was not.
 
         Args:
-            file: A scene's file.
-            state: What tells this scene from others in the same file.
+            shown: What is to be drawn.
             values: The panel's values, as which it is to be drawn.
         """
-        wanted = (state, {name: values[name] for name in NAMES if name in values})
-        if wanted == self._asked[1]:
+        wanted = (shown, {name: values[name] for name in NAMES if name in values})
+        again = wanted == self._wanted
+        if again and (self.alive or self._died):
             return False
+        self._died = again  # it is tried once more
         worker = self.start()
-        self._asked = self._asked[0] + 1, wanted
-        worker.send({"number": self._asked[0], "file": str(file), "state": state, "values": wanted[1]})
+        self._number, self._wanted = self._number + 1, wanted
+        worker.send(
+            {
+                "number": self._number, "file": str(shown.file), "state": shown.state, "finished": shown.finished,
+                "values": wanted[1],
+            }
+        )  # fmt: skip
         return True
 
-    def image(self, patience: float = 0.0) -> tuple[Arrays, Camera] | None:
-        """Return the newest small image, and the camera that it is meant for; None before the first.
+    def image(self, patience: float = 0.0) -> Drawn | None:
+        """Return the newest image; None before the first.
 
         Args:
-            patience: Seconds to wait for the image that was asked for last, if it is not there.
+            patience: Seconds to wait for the sharp image that was asked for last, if it is not there.
+
+        Raises:
+            BadInput: It cannot be drawn.
+            Gone: The file is no longer there.
         """
         until = time.monotonic() + patience
-        while self.drawn < self._asked[0] and time.monotonic() < until:
+        while self.pending and time.monotonic() < until:
             time.sleep(0.004)
-        number = self.drawn
-        if number and (self._drawn is None or self._drawn[0] != number) and self._worker is not None:
+        said = self._said()
+        if said.get("number") == self._number and said.get("gone"):
+            raise Gone
+        if said.get("number") == self._number and "error" in said:
+            raise BadInput(said["error"])
+        if self._wanted is not None and not self.alive and not self._is_sharp(said) and self._died:
+            raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
+        number = said.get("drawn")
+        if number and number != self._read and self._worker is not None:
             try:
                 with np.load(self._worker.folder / IMAGE) as stored:
                     arrays = dict(stored)
             except OSError:  # the process has just ended
-                return None
+                return self._drawn
             matrix, (width, height, fov, span) = arrays.pop("matrix"), arrays.pop("lens").tolist()
-            self._drawn = number, arrays, Camera(matrix, fov, int(width), int(height), span or None)
-        return None if self._drawn is None else self._drawn[1:]
+            self._read = number
+            self._drawn = Drawn(arrays, Camera(matrix, fov, int(width), int(height), span or None))
+        return self._drawn
 
     @property
-    def drawn(self) -> int:
-        """Number of the image that was drawn last; 0 if none was."""
-        return 0 if self._worker is None else int(self._worker.said().get("number", 0))
+    def drawn(self) -> str:
+        """A text that changes with every image and error."""
+        said = self._said()
+        return f"{said.get('number', 0)}{'' if self._is_sharp(said) else '~'}{'' if self.alive else ' ended'}"
+
+    @property
+    def pending(self) -> bool:
+        """Whether an image is being drawn that is better than the newest one."""
+        said = self._said()
+        failed = said.get("number") == self._number and "error" in said
+        return self._wanted is not None and self.alive and not failed and not self._is_sharp(said)
+
+    def forget(self) -> None:
+        """Forget what was asked for last; the newest image stays."""
+        self._number, self._wanted = self._number + 1, None
 
     def end(self) -> None:
-        """End the process."""
+        """End the process, and forget its images."""
+        self._stop()
+        self._wanted, self._drawn, self._died = None, None, False
+
+    def _stop(self) -> None:
         if self._worker is not None:
             self._worker.stop()
-        self._worker, self._asked, self._drawn = None, (0, None), None
+        self._worker = None
+
+    def _said(self) -> dict[str, Any]:
+        return {} if self._worker is None else self._worker.said()
+
+    def _is_sharp(self, said: Mapping[str, Any]) -> bool:
+        """Whether the newest image is the sharp one that was asked for last."""
+        return said.get("drawn") == [self._number, True]
+
+
+# --- the process itself ---------------------------------------------------------------------------------------------
 
 
 def main() -> None:
@@ -114,54 +199,100 @@ def main() -> None:
     orders, folder = be_worker(), Path(sys.argv[-1])
     import svv.fields.scene.scene  # noqa: F401  (while nothing is asked yet)
 
-    scene: Scene | None = None
-    shown: object = None
-    while (order := _newest(orders)) is not None:
-        if "warm" in order:
-            _warm(Path(order["warm"]), orders)
-            continue
-        try:
-            if scene is None or shown != order["state"]:
-                scene, shown = _scene(Path(order["file"]), order["values"]), order["state"]
-            _draw(scene, order["values"], folder)
-        except BadInput:  # the filter itself says it, or the file is no longer there
-            continue
-        say(folder, {"number": order["number"]})
+    Drawing(orders, folder).run()
 
 
-def _newest(orders: Orders) -> dict[str, Any] | None:
-    """Return the last of the orders that wait."""
-    order = orders.next(IDLE)
-    while not orders.empty:
-        order = orders.next(0.0)
-    return order
+class Drawing:
+    """Obeys orders, always the newest one.
 
+    Args:
+        orders: Where they come from.
+        folder: Where images go.
+    """
 
-def _warm(file: Path, orders: Orders) -> None:
-    """Draw a scene in a file as soon as it is there; stop waiting for it when there is an order."""
-    from svv.fields.scene.scene import Scene
+    def __init__(self, orders: Orders, folder: Path) -> None:
+        self._orders, self._folder = orders, folder
+        self._scene: Scene | None = None
+        self._is: object = None
+        self._drawn: tuple[int, bool] | None = None
 
-    while orders.empty and file.parent.exists():
-        if file.exists():
-            scene = Scene.load(file)
-            scene.while_moving().render(scene.rig.orbit(2, 64, [0])[0])
-            return
-        time.sleep(0.1)
+    def run(self) -> None:
+        """Obey orders until none has come for a while."""
+        while (order := self._newest()) is not None:
+            if "warm" in order:
+                self._warm(Path(order["warm"]))
+                continue
+            try:
+                self._draw(self._scene_for(order), order)
+            except Cancelled:  # another order has come
+                continue
+            except Gone:
+                self._say(order["number"], gone=True, error="")
+            except Exception as error:
+                self._say(order["number"], error=sentence_on(error))
 
+    def _newest(self) -> dict[str, Any] | None:
+        """Return the last of the orders that wait; to load comes after to draw, which does it."""
+        order = self._orders.next(IDLE)
+        while not self._orders.empty:
+            later = self._orders.next(0.0)
+            if later is not None and (order is None or "warm" in order or "warm" not in later):
+                order = later
+        return order
 
-def _scene(file: Path, values: Mapping[str, Any]) -> Scene:
-    from svv.fields.scene.scene import Scene
-    from svv.kernels.dispatch import device_named
+    def _warm(self, file: Path) -> None:
+        """Draw a scene in a file as soon as it is there; stop waiting for it when there is an order."""
+        from svv.fields.scene.scene import Scene
 
-    return Scene.load(file).on(device_named(values["Device"]))
+        while self._orders.empty and file.parent.exists():
+            if file.exists():
+                scene = Scene.load(file)
+                (camera,) = scene.rig.orbit(2, 64, [0])
+                for still in (scene.while_moving(), scene):
+                    still.render(camera)
+                return
+            time.sleep(0.1)
 
+    def _scene_for(self, order: Mapping[str, Any]) -> Scene:
+        """Return the scene that an order is about; it is read once."""
+        from svv.fields.scene.scene import Scene
+        from svv.io.files.cache import Cache
+        from svv.kernels.dispatch import device_named
 
-def _draw(scene: Scene, values: Mapping[str, Any], folder: Path) -> None:
-    from svv.pv.live.glimpse import drawn_small
+        this = order["file"], order["state"], order["values"]["Device"]
+        if self._scene is None or self._is != this:
+            file = Path(order["file"])
+            scene = Cache(file.parent, 0).read(file.name, Scene.load) if order["finished"] else Scene.load(file)
+            if scene is None:
+                raise Gone
+            self._scene, self._is = scene.on(device_named(order["values"]["Device"])), this
+        return self._scene
 
-    arrays, camera = drawn_small(scene, values, silent)
-    lens = np.array([camera.width, camera.height, camera.fov_x, camera.span_x or 0.0])
-    partial = folder / f".{IMAGE}"
-    with partial.open("wb") as file:
-        np.savez(file, matrix=camera.camera_to_world, lens=lens, **arrays)  # type: ignore[arg-type]
-    os.replace(partial, folder / IMAGE)
+    def _draw(self, scene: Scene, order: Mapping[str, Any]) -> None:
+        """Draw a small image, and then the sharp one; only one of them while the camera moves."""
+        from svv.pv.filters.engine import camera_for, draw
+        from svv.pv.live.glimpse import drawn_small
+
+        values, number, moving = order["values"], order["number"], bool(order["values"]["Moving"])
+        if not moving or not order["finished"]:
+            self._give(*drawn_small(scene, values, silent), number, sharp=moving)
+        if not moving or order["finished"]:
+            camera = camera_for(scene.rig, values)
+            self._give(draw(scene, camera, values, self._unless_ordered), camera, number, sharp=True)
+
+    def _unless_ordered(self, fraction: float, label: str) -> None:
+        if not self._orders.empty:
+            raise Cancelled
+
+    def _give(self, arrays: Arrays, camera: Camera, number: int, sharp: bool) -> None:
+        """Replace the image in the folder."""
+        lens = np.array([camera.width, camera.height, camera.fov_x, camera.span_x or 0.0])
+        partial = self._folder / f".{IMAGE}"
+        with partial.open("wb") as file:
+            np.savez(file, matrix=camera.camera_to_world, lens=lens, **arrays)  # type: ignore[arg-type]
+        os.replace(partial, self._folder / IMAGE)
+        self._drawn = number, sharp
+        self._say(number)
+
+    def _say(self, number: int, **more: Any) -> None:
+        say(self._folder, {"number": number, "drawn": self._drawn, **more})

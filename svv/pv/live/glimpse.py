@@ -59,6 +59,8 @@ def small(camera: Camera) -> Camera:
 
 def enlarged(arrays: Arrays, camera: Camera) -> Arrays:
     """Return the arrays of an image at a camera's size: colours smoothly, others by their nearest pixel."""
+    if arrays["RGBA"].shape[:2] == (camera.height, camera.width):
+        return arrays
     from PIL import Image
 
     picture = Image.fromarray(arrays["RGBA"]).convert("RGBa")

@@ -1,4 +1,4 @@
-"""Volumes handed from one process to another: as arrays in files, which the other one maps into its memory."""
+"""Scenes and volumes handed from one process to another in files; volumes' arrays are mapped into its memory."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from typing import Any
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 
 from svv.dvr.draw.appearance import GHOSTS
 from svv.io.files.atomic import cannot_write
-from svv.pv.filters.vtk_data import time_of
+from svv.pv.filters.vtk_data import content_of, put_scene, time_of
 
 STATE = "state.svv"
 """File in a learner's folder with the newest scene to be shown meanwhile."""
 
 WARM = "warm.svv"
 """File there with a small scene, drawing which loads all that it takes."""
+
+SCENE_FILE = "scene.svv"
+"""File with the scene, if that is the input."""
 
 ABOUT = "about.json"
 """File with the grid, the time and the names of the arrays."""
@@ -58,8 +61,26 @@ def hand_over(image: vtkImageData, values: Mapping[str, Any], time: float | None
         raise cannot_write(folder, error) from error
 
 
-def taken(folder: Path) -> vtkImageData:
-    """Return the volume in a folder; its arrays stay on the disk, and are read as they are needed."""
+def hand_over_scene(table: vtkDataObject, folder: Path) -> None:
+    """Write the scene of a table to a new folder; raises BadInput if it cannot be written."""
+    try:
+        folder.mkdir()
+        (folder / SCENE_FILE).write_bytes(content_of(table))
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def taken(folder: Path) -> vtkImageData | vtkTable:
+    """Return the scene's table, or the volume, in a folder.
+
+    The volume's arrays stay on the disk, and are read as they are needed.
+    """
+    if (folder / SCENE_FILE).exists():
+        from svv.fields.scene.scene import Scene
+
+        table = vtkTable()
+        put_scene(Scene.load(folder / SCENE_FILE), table)
+        return table
     about = json.loads((folder / ABOUT).read_text())
     image = vtkImageData()
     image.SetExtent(about["extent"])

@@ -1,8 +1,9 @@
 """The process that learns beside ParaView's window: a filter of the same kind, in pvpython, at low priority.
 
 It does what the filter in ParaView would do (:mod:`svv.pv.live.beside` gives the orders), so its results are the same,
-and it keeps them in the cache under the names under which that filter looks for them. First it paints a sketch, from
-few small views, with broad strokes. Orders that come meanwhile are obeyed from the callback of the progress.
+and it keeps them in the cache under the names under which that filter looks for them. First it paints sketches with
+broad strokes (:mod:`svv.train.run.sketches`); and when the scene is there, that with broad strokes. Orders that come
+meanwhile are obeyed from the callback of the progress.
 """
 
 from __future__ import annotations
@@ -13,36 +14,36 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from vtkmodules.vtkCommonDataModel import vtkTable
 
 from svv.errors import BadInput, Cancelled, Progress, part
 from svv.io.files.atomic import make_folder
 from svv.io.files.cache import Cache
 from svv.io.files.worker import Orders, be_worker, say
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
-from svv.pv.filters import volume_filters
+from svv.pv.filters import scene_filters, volume_filters
 from svv.pv.filters.base import sentence_on
+from svv.pv.filters.vtk_data import scene_of
 from svv.pv.live.handed import STATE, WARM, taken
 from svv.pv.panel.option_panel import options_in
 from svv.pv.results.time_steps import Moment
+from svv.train.run.sketches import SKETCHES, Sketch, sketches_for
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-SKETCH_VIEWS = ViewOptions(n=16, test=0, size=160, step=1.0)
-"""The views of a sketch."""
-
-SKETCH_SECONDS = 3.0
-"""Time limit of a sketch's training."""
+BROAD = "The scene is shown in broad strokes."
+"""What the user is told of a trained scene before it is painted as asked."""
 
 SKETCH_PAINT = {"Preset": "draft", "Settings": "stylize.style_views=8; stylize.style_size=100", "PreviewFile": ""}
 """Properties of a sketch's painting."""
 
-BROADER, BROADEST = 2.0, 4.0
-"""Size of a sketch's strokes relative to those that are asked for, and the largest one."""
-
-SKETCHED = 0.15
-"""Fraction of the work that the sketch is counted as."""
+SKETCHED = (0.06, 0.15)
+"""Fractions of the work when the first sketch is done, and when the last one is."""
 
 IDLE = 120.0
 """Seconds without work after which the process ends; the next order starts another one."""
@@ -82,7 +83,7 @@ def warm(orders: Orders, file: Path) -> None:
     views = ball_views()
     scene, _ = train_scene(views, few, hurry)
     picture = views.images[0, ..., :3].astype("float32") / 255.0
-    stylize_scene(scene, [picture], few, hurry, manner="strokes")[0].save(file)
+    stylize_scene(scene, [picture], few, hurry, manner="strokes", stroke_size=4.0)[0].save(file)
 
 
 class Learner:
@@ -102,7 +103,10 @@ class Learner:
         self._began = self._told = 0.0
         self._filter: Any = None
         self._sketch: Scene | None = None
-        self._repainting = False
+        self._broad = SKETCHES[0]
+        """The sketch that is shown, or whose strokes paint the scene when it is trained."""
+        self._is = SKETCHES[0].told
+        self._repainting = self._known = False
 
     def run(self) -> None:
         """Obey orders until none has come for a while."""
@@ -175,7 +179,7 @@ class Learner:
         self.order, self._said, self._stopped = order, {"state": 0}, False
         try:
             self._open(order, same)
-            self._show_sketch()
+            self._show_sketches()
             while True:
                 self._finish()
                 if not self._filter.repaints:  # its painting is no longer the one that is asked for
@@ -194,19 +198,23 @@ class Learner:
         self._sketch = self._filter = None
         from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
 
-        image = taken(Path(order["volume"]))
-        shutil.rmtree(order["volume"], ignore_errors=True)  # they stay as long as they are mapped
+        given = taken(Path(order["input"]))
+        shutil.rmtree(order["input"], ignore_errors=True)  # they stay as long as they are mapped
         producer = vtkTrivialProducer()
-        producer.SetOutput(image)
+        producer.SetOutput(given)
         self._filter = learning(order["kind"], self)
         self._filter.SetInputConnection(producer.GetOutputPort())
-        self._filter.image = image
+        self._filter.given = given
 
     def _finish(self) -> None:
         """Do all of the work, as the filter in ParaView would."""
         filter = self._filter
         filter.values.update(self.order["values"])
         filter.failed, filter.repaints, filter.trains = "", False, True
+        if not Cache.of_user().holds(self.order["scene"]):
+            filter.release()  # what it has may be no longer there for the filter in ParaView
+        if self.order["anew"]:
+            getattr(filter, "PaintAgain", filter.make_anew)()
         filter.Modified()
         filter.Update()
         if self._pending is not None or self._stopped:
@@ -215,24 +223,61 @@ class Learner:
             raise BadInput(filter.failed)
         filter.checkpoint.unlink(missing_ok=True)
 
-    def _show_sketch(self) -> None:
-        """Make the first scene that can be shown. If that cannot be done, the work itself will say why."""
-        told = part(self.heard, 0.0, SKETCHED)
+    def _show_sketches(self) -> None:
+        """Make the scenes that are shown first. If that cannot be done, the work itself will say why."""
         self._filter.trains = False
+        measuring = Thread(target=self._measure_pictures, daemon=True)
+        measuring.start()
         try:
-            self._sketch = self._trained_before() or self._sketch or self._sketched(part(told, 0.0, 0.6))
-            self._paint_sketch(part(told, 0.6, 1.0))
+            trained = self._trained_before()
+            self._known, begun = trained is not None, 0.0
+            if trained is not None:
+                self._sketch, self._is = trained, BROAD
+            again = self._sketch is not None
+            few = SKETCHES[:1] if again else sketches_for(options_in(TrainOptions, self.order["values"]).preset)
+            for sketch, until in zip(few, SKETCHED, strict=False):
+                told = part(self.heard, begun, until)
+                if not again:
+                    self._broad, self._sketch = sketch, self._sketched(sketch, part(told, 0.0, 0.6))
+                    self._is = sketch.told
+                measuring.join()
+                self._paint_sketch(part(told, 0.6, 1.0))
+                begun = until
         except BadInput:
             return
 
+    def trained(self, scene: Scene) -> None:
+        """Show the trained scene in broad strokes, while it is painted as asked; draft does that soon itself."""
+        values, known = self.order["values"], self._known
+        if known or not self._paints or options_in(TrainOptions, values).preset == "draft":
+            return
+        self._sketch, self._broad, self._is = scene, SKETCHES[-1], BROAD
+        with suppress(BadInput):  # the painting itself will say why
+            self._paint_sketch(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
+
+    def _measure_pictures(self) -> None:
+        """Measure how the style pictures are painted, while views are drawn."""
+        from svv.train.paint.ink import Ink, style_named
+        from svv.train.paint.plan import hand_of
+
+        with suppress(BadInput):  # the painting itself will say why
+            for source in self.order["values"].get("StyleFiles", ()):
+                style = style_named(source)[1]
+                if not isinstance(style, Ink):
+                    hand_of(np.asarray(style, np.float32), None)
+
     def _trained_before(self) -> Scene | None:
+        """Return the trained scene if there is one: the filter's input, or what is in the cache."""
         from svv.fields.scene.scene import Scene
         from svv.kernels.dispatch import device_named
 
-        found = Cache.of_user().read(self.order["scene"], Scene.load)
+        if isinstance(self._filter.given, vtkTable):
+            found: Scene | None = scene_of(self._filter.given)
+        else:
+            found = Cache.of_user().read(self.order["scene"], Scene.load)
         return None if found is None else found.on(device_named(self.order["values"]["Device"]))
 
-    def _sketched(self, progress: Progress) -> Scene:
+    def _sketched(self, sketch: Sketch, progress: Progress) -> Scene:
         """Return a scene learned from few small views."""
         from svv.dvr.draw.views import make_views
         from svv.pv.display.shown import volume_shown
@@ -240,30 +285,38 @@ class Learner:
         from svv.train.pipeline import train_scene
 
         values = self.order["values"]
-        asked, few = options_in(ViewOptions, values), SKETCH_VIEWS
+        asked = options_in(ViewOptions, values)
         views, _ = make_views(
-            volume_shown(self._filter.image, values), transfer_function_of(values),
-            replace(few, n=min(few.n, asked.n), size=min(few.size, asked.size), mapper=asked.mapper),
+            volume_shown(self._filter.given, values), transfer_function_of(values),
+            ViewOptions(
+                n=min(sketch.views, asked.n), test=0, size=min(sketch.size, asked.size), step=1.0, mapper=asked.mapper
+            ),
             shading=shading_of(values), rescale=False, name="sketch", progress=part(progress, 0.0, 0.3),
         )  # fmt: skip
-        options = replace(options_in(TrainOptions, values), preset="draft", time_limit=SKETCH_SECONDS, change=())
+        options = sketch.options(options_in(TrainOptions, values))
         return train_scene(views, options, part(progress, 0.3, 1.0))[0]
 
     def _paint_sketch(self, progress: Progress) -> None:
-        """Paint the sketch with broad strokes, and show it."""
+        """Paint the sketch, or the trained scene, with broad strokes, and show it."""
         from svv.pv.filters.styling import stylize
 
         assert self._sketch is not None
-        values, scene = self.order["values"], self._sketch
-        if values["StyleFiles"]:
+        values, scene, broad = self.order["values"], self._sketch, self._broad
+        if self._paints:
             asked = options_in(PaintOptions, values).stroke_size
-            strokes = min(BROADER * asked, max(BROADEST, asked))
+            strokes = min(broad.broader * asked, max(broad.broadest, asked))
             scene = stylize(scene, {**values, **SKETCH_PAINT, "StrokeSize": strokes}, progress)
-        self.show(scene)
+        self.show(scene, self._is)
 
-    def show(self, scene: Scene) -> None:
-        """Give a scene away, to be shown until there is a better one."""
+    @property
+    def _paints(self) -> bool:
+        """Whether the order is about a painting, and not only about the scene below it."""
+        return self.order["kind"] == "StyleRFStylize" or bool(self.order["values"].get("StyleFiles"))
+
+    def show(self, scene: Scene, said: str) -> None:
+        """Give a scene away, to be shown until there is a better one; ``said`` tells the user what it is."""
         scene.save(self.folder / STATE)
+        self._said["shown"] = said
         self._said["state"] = self._said["state"] + 1
         self._tell(self._said.get("fraction", 0.0), self._said.get("label", ""))
 
@@ -278,7 +331,7 @@ class Learner:
 
 def learning(kind: str, learner: Learner) -> Any:
     """Return a filter of a kind that reports to a learner instead of ParaView's window."""
-    decorated = getattr(volume_filters, kind)
+    decorated = getattr(scene_filters if hasattr(scene_filters, kind) else volume_filters, kind)
     plain: Any = getattr(decorated, "_pv_original_func", decorated)
 
     class Learning(plain):
@@ -295,11 +348,13 @@ def learning(kind: str, learner: Learner) -> Any:
         def progress(self, fraction: float, label: str) -> None:
             if self.repaints and not self.trains:
                 raise Cancelled
-            learner.heard(SKETCHED + (1.0 - SKETCHED) * fraction, label)
+            learner.heard(SKETCHED[-1] + (1.0 - SKETCHED[-1]) * fraction, label)
 
         def gives(self, **names: str) -> None:
-            self.trains = self.trains and "scene" not in names
             super().gives(**names)
+            if self.trains and "scene" in names:
+                self.trains = False
+                learner.trained(self.steps.result[0])
 
         def say(self, sentence: str, error: bool = True) -> None:
             self.failed = sentence

@@ -11,11 +11,11 @@ import sys
 from typing import Any
 
 from svv.pv.client.connection import server_gone
-from svv.pv.client.linked_camera import busy, follower_of, shows, upstream
+from svv.pv.client.linked_camera import busy, follower_of, may_be_late, shows, upstream
 from svv.pv.client.observers import Watched
 from svv.pv.client.timers import Timer, window
 
-BESIDE = ("StyleRFStylizedView",)
+BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize")
 """Filters that learn beside the window (:class:`svv.pv.live.beside.Beside`)."""
 
 LOOK_EVERY = 250
@@ -56,6 +56,7 @@ def in_window(filter: Any, soon: bool = True) -> None:
         soon: Whether it will be applied for the first time, for which its process gets ready.
     """
     _tell(filter.SMProxy, "InWindow", 2 if soon else 1)
+    filter.SMProxy.UpdatePropertyInformation(filter.SMProxy.GetProperty("Status"))
 
 
 def _tell(proxy: Any, name: str, value: Any) -> None:
@@ -129,14 +130,15 @@ def _show(proxy: Any, news: str) -> None:
 
     filter = servermanager._getPyProxy(proxy)
     _tell(proxy, "LiveState", news)
-    if filter.GetDataInformation().GetNumberOfPoints() == 0:
+    may_be_late(proxy)
+    if news.endswith(" none"):
         return  # it has not been applied
     filter.UpdatePipeline()
     proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
     follower = follower_of(filter)
     if follower is not None:
         follower.update(False)
-    for view in simple.GetRenderViews():
-        behind = [source for source in simple.GetSources().values() if filter in list(upstream(source))]
-        if shows(view, [filter, *behind]):
+    behind = [source for source in simple.GetSources().values() if filter in list(upstream(source))]
+    for view in simple.GetViews():
+        if hasattr(view, "Representations") and shows(view, [filter, *behind]):
             simple.Render(view)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
@@ -44,9 +45,8 @@ from svv.styles.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
 TAKE_HELP = (
-    "Update the result to the current transfer function and time step. Neither editing the transfer function nor "
-    "playing an animation starts minutes of work by itself. Nothing is done if nothing has changed. Results that a "
-    "saved state cannot find are made again."
+    "Take the volume as its transfer function and time step show it now, which editing and playing alone do not do, "
+    "and make again what a saved state cannot find."
 )
 PALETTE = 8
 """The most regions that a palette can have."""
@@ -161,9 +161,16 @@ def training_properties(preset: PresetName) -> list[Property]:
         *learning_properties(TrainOptions(preset=preset), skip=("device",)),
         switch("TrainEachTimeStep", False,
                "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
-               "until Take As Edited is pressed. The scenes of the most recent steps are kept."),
+               "until Take What Is Shown Now is pressed. The scenes of the most recent steps are kept."),
         device(),
     ]  # fmt: skip
+
+
+def take_buttons() -> list[Property]:
+    """Return the button that takes the volume as it is shown now, and its older name for scripts."""
+    older = button("TakeAsEdited", TAKE_HELP)
+    hidden = replace(older, xml=older.xml.replace('"default"', '"never"', 1))
+    return [button("TakeWhatIsShownNow", TAKE_HELP, "TakeAsEdited"), hidden]
 
 
 def device() -> Property:
@@ -188,9 +195,8 @@ def image_properties(size: int) -> list[Property]:
     """
     return [
         client_switch("FollowCamera",
-                      "Follow the camera of the view that shows the volume. While the mouse drags, the image is as "
-                      "large as time permits; on release, it is sharp. It is shown in a separate view to the right, in "
-                      "which the mouse turns the same camera, or in that view by StyleRF Place In View."),
+                      "Follow the camera of the view that shows the volume: the image is shown in a view of its own "
+                      "to the right, where the mouse turns the same camera, or in the same by StyleRF Place In View."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),

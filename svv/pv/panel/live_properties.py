@@ -15,17 +15,22 @@ def live() -> list[Property]:
         if value > 1:
             self.prepare()
 
+    def late(self: Any, value: int) -> None:
+        self.values["Late"] = bool(value)
+
     hidden = (
         ("IntVectorProperty", "InWindow", "0", in_window,
          "1 if the window has made the filter, so that Live counts; 2 if it is soon to be applied, too."),
         ("StringVectorProperty", "LiveState", "", stored("LiveState", lambda value: value or ""),
          "What the filter had to show when the client last asked."),
+        ("IntVectorProperty", "Late", "0", late,
+         "1 if the client asks for the image until it is there, so that it need not be waited for."),
     )  # fmt: skip
     found = [
-        switch("Live", True, "In ParaView's window: learn in a process of its own and show what there is as it becomes "
-               "better. Scripts, and states that they load, wait until all is done."),
+        switch("Live", True, "In ParaView's window, learn in a process of its own and show what there is as it becomes "
+               "better; scripts, and states that they load, wait until all is done."),
         button("Pause", "Let the learning wait, until Go On is pressed."),
-        button("StopHere", "Stop learning, and keep what is shown. Go On resumes."),
+        button("StopHere", "Stop learning and keep what is shown, until Go On is pressed."),
         button("GoOn", "Go on after Pause or Stop Here."),
     ]  # fmt: skip
     for kind, name, default, setter, help in hidden:

@@ -45,8 +45,8 @@ def _element(
     level = "advanced" if advanced else "default"
     hints = f"<Hints>{hints}</Hints>" if hints else ""
     return (
-        f"<{kind} name={quoteattr(name)} label={quoteattr(label_of(name))} panel_visibility={quoteattr(level)} "
-        f"{attributes}>"
+        f"<{kind} name={quoteattr(name)} label={quoteattr(label_of(name))} "
+        f"panel_visibility={quoteattr(level)} {attributes}>"
         f"{inside}<Documentation>{escape(help)}</Documentation>{hints}</{kind}>"
     )
 
@@ -190,9 +190,9 @@ def files(name: str, extensions: str, what: str, help: str) -> Property:
     return Property(name, xml, (), {f"Add{name}": add, f"Clear{name}": clear})
 
 
-def button(name: str, help: str) -> Property:
-    """Return a button that calls the filter's method of the same name."""
-    xml = _element("Property", name, help, f'command="{name}" panel_widget="command_button"')
+def button(name: str, help: str, command: str = "") -> Property:
+    """Return a button that calls the filter's method ``command``, by default that of the same name."""
+    xml = _element("Property", name, help, f'command="{command or name}" panel_widget="command_button"')
     return Property(name, xml, None, {})
 
 

@@ -18,6 +18,7 @@ from svv.errors import BadInput, part, silent
 from svv.io.files.cache import Cache
 from svv.pv.filters.base import Filter
 from svv.pv.results.keys import key_in, name_of, settings_in, source_of
+from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ FOUND = " The result was found in the cache."
 class Keeping(Filter):
     """A filter that keeps the results of its long work for all later processes."""
 
-    button = "Take As Edited"
+    button = "Take What Is Shown Now"
     """Label of the button that starts the work if a saved state's result is missing."""
 
     def __init__(self, inputs: int, outputs: int, kind: str) -> None:
@@ -65,7 +66,8 @@ class Keeping(Filter):
         found = self.kept_as(name, "painting")
         if found is not None and _told(found):
             below = name_of("scene", *found.made["key"].split("-"))
-            self.steps.put(_moment_of(found, now), (found.without_variant(found.variant), below))
+            scene = found if isinstance(found, Stored) else found.without_variant(found.variant)
+            self.steps.put(_moment_of(found, now), (scene, below))
             paintings.put(Moment(settings, "", key_in(below)), (found, name))
             self.gives(scene=below, painted=name)
             self.note = FOUND
@@ -185,13 +187,13 @@ def write_views(views: Views, folder: Path, progress: Any = silent) -> None:
         test.write(folder, "test", part(progress, 0.8, 1.0))
 
 
-def _told(result: Views | Scene) -> dict[str, Any]:
+def _told(result: Views | Scene | Stored) -> dict[str, Any]:
     """Return a result's record of what it was made from; empty if no filter made it."""
     told = result[0].meta.to_json() if isinstance(result, tuple) else result.made
     return told if all(name in told for name in ("key", "look", "data", "time")) else {}
 
 
-def _moment_of(result: Views | Scene, now: Moment) -> Moment:
+def _moment_of(result: Views | Scene | Stored, now: Moment) -> Moment:
     """Return what a kept result was made from, with the current settings."""
     told = _told(result)
     return replace(now, look=told["look"], data=told["data"], time=told["time"], asked=None)

@@ -100,7 +100,7 @@ class Steps(Generic[Result]):
         if made is None or (made.data, made.look) == (now.data, now.look):
             return ""
         if made.data == now.data:
-            return f" The transfer function has been edited since: Take As Edited {again}."
+            return f" The transfer function has been edited since: Take What Is Shown Now {again}."
         if made.time is None or now.time is None or made.time == now.time:
-            return f" The data has changed since: Take As Edited {again}."
-        return f" {done} at time {made.time:g}; the data is now at {now.time:g}: Take As Edited {again}."
+            return f" The data has changed since: Take What Is Shown Now {again}."
+        return f" {done} at time {made.time:g}; the data is now at {now.time:g}: Take What Is Shown Now {again}."

@@ -129,7 +129,7 @@ def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") 
     numbers = sorted({style for region, style in order.pairs.items() if region not in order.inks})
     pictures = [np.asarray(order.styles[number], np.float32) for number in numbers]
     with ThreadPoolExecutor(usable_cpus()) as pool:
-        hands = list(pool.map(_hand_of, pictures, [order.masks[number] for number in numbers]))
+        hands = list(pool.map(hand_of, pictures, [order.masks[number] for number in numbers]))
     for number, hand in zip(numbers, hands, strict=True):
         chosen, reason = manner_of(hand)
         technique, why = technique_of(hand) if named == "auto" else (named, "")
@@ -151,7 +151,7 @@ _hands: OrderedDict[str, Hand] = OrderedDict()
 """The last measured hands: whoever looks for the right stroke size paints with the same pictures again and again."""
 
 
-def _hand_of(picture: NDArray[np.float32], mask: NDArray[np.bool_] | None) -> Hand:
+def hand_of(picture: NDArray[np.float32], mask: NDArray[np.bool_] | None) -> Hand:
     """Return the hand of a picture, measured the first time it is needed."""
     key = digest(picture, mask)
     found = _hands.get(key)

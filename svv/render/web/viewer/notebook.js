@@ -10,6 +10,19 @@ function render({ model, el }) {
   frame.style.cssText = "width: 100%; border: 0; display: block";
   let page = null, timer = null, known = "";
 
+  const bar = document.createElement("progress"), told = document.createElement("span"), work = document.createElement("div");
+  work.append(bar, " ", told);
+  function progressed() {
+    bar.value = model.get("fraction");
+    bar.hidden = bar.value >= 1;
+    told.textContent = bar.hidden && model.get("told") === "done" ? "" : model.get("told");
+    work.hidden = bar.hidden && told.textContent === "";
+  }
+  function replaced() {
+    page = null;
+    frame.srcdoc = model.get("page");
+  }
+
   const sized = () => (frame.style.height = `${model.get("height")}px`);
   const written = ({ view, edits }) => JSON.stringify([view, edits]);
 
@@ -22,7 +35,9 @@ function render({ model, el }) {
 
   function hear() {
     const set = structuredClone({ view: model.get("view"), edits: model.get("edits") });
-    if (page === null || !set.view.axes || !set.edits.regions || written(set) === known) return;
+    if (page === null || !set.view.axes) return;
+    if (!set.edits.regions) set.edits = JSON.parse(JSON.stringify(page.told().edits)); // of a scene that has just come
+    if (written(set) === known) return;
     known = written(set);
     page.take(set);
   }
@@ -30,7 +45,7 @@ function render({ model, el }) {
   // A frame that is moved within the notebook loads again: what was set is kept.
   frame.addEventListener("load", async () => {
     page = null;
-    const opened = await frame.contentWindow.svv.catch(() => null); // a page that cannot draw the scene says so itself
+    const opened = await frame.contentWindow.svv?.catch(() => null); // a page that cannot draw the scene says so itself
     if (opened === null || opened === undefined) return;
     page = opened;
     known = "";
@@ -44,15 +59,22 @@ function render({ model, el }) {
   model.on("change:view", hear);
   model.on("change:edits", hear);
   model.on("change:height", sized);
+  model.on("change:page", replaced);
+  model.on("change:fraction", progressed);
+  model.on("change:told", progressed);
   sized();
+  progressed();
   for (const page of document.querySelectorAll(`[data-svv="${model.get("_name")}"]`)) page.remove();
   frame.srcdoc = model.get("page");
-  el.append(frame);
+  el.append(work, frame);
   return () => {
     clearTimeout(timer);
     model.off("change:view", hear);
     model.off("change:edits", hear);
     model.off("change:height", sized);
+    model.off("change:page", replaced);
+    model.off("change:fraction", progressed);
+    model.off("change:told", progressed);
   };
 }
 

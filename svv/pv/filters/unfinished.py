@@ -1,0 +1,28 @@
+"""Marks on data that are made from a scene which another process is still learning (:mod:`svv.pv.live`)."""
+
+from __future__ import annotations
+
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+
+from svv.errors import BadInput
+
+MARK = "StyleRF Unfinished"
+"""Field data of what is made from a scene that is still being learned."""
+
+
+class NotYetThere(BadInput):
+    """The input is still being made; the filter is executed again when it is there."""
+
+
+def mark_unfinished(data: vtkDataObject) -> None:
+    """Mark data as made from a scene that is still being learned."""
+    mark = numpy_to_vtk(np.ones(1, np.uint8), deep=1)
+    mark.SetName(MARK)
+    data.GetFieldData().AddArray(mark)
+
+
+def is_unfinished(data: vtkDataObject | None) -> bool:
+    """Return whether data are made from a scene that is still being learned."""
+    return data is not None and data.GetFieldData() is not None and bool(data.GetFieldData().HasArray(MARK))

@@ -1,0 +1,216 @@
+"""What a filter has ordered from the processes beside ParaView's window: one learns, and one draws.
+
+:mod:`svv.pv.live.learner` and :mod:`svv.pv.live.drawer` are the processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from svv.errors import BadInput
+from svv.io.files.worker import Worker
+from svv.pv.launch.programs import pvpython_here
+from svv.pv.live.drawer import MOVING_PATIENCE, PATIENCE, Drawer, Drawn, Shown
+from svv.pv.live.handed import STATE, WARM
+from svv.pv.results.expected import duration
+from svv.pv.results.stored import Stored
+
+ENDED = "The process that learned beside ParaView has ended ({why}): press Go On, and it resumes."
+NOT_KEPT = (
+    "The result could not be kept, and so not be shown: raise SVV_CACHE_SIZE, or make room on the disk, or turn Live "
+    "off."
+)
+STOPPED = "Stopped; press Go On to resume. {shown}"
+SHARPENS = " A sharper image is being drawn."
+
+
+class Ordered:
+    """What one filter has ordered, and the process that makes it; the process is started when it is needed.
+
+    Args:
+        kind: Name of the filter's class.
+        draws: Whether images of what there is are wanted, for which there is another process.
+    """
+
+    def __init__(self, kind: str, draws: bool) -> None:
+        self._kind, self._draws = kind, draws
+        self._worker: Worker | None = None
+        self._wanted: tuple[str, str] | None = None
+        self._number = 0
+        self._stopped = self._paused = False
+        self._drawer = Drawer()
+        self._shown: Shown | None = None
+        """What is drawn: the newest state, or the last result."""
+        self._sent = ""
+
+    def start(self) -> None:
+        """Start the process, unless it is running."""
+        if self._worker is not None and self._worker.alive:
+            return
+        if self._worker is not None:
+            self._worker.stop()
+        self._sent = ""
+        self._worker = Worker([*pvpython_here(), "from svv.pv.live.learner import main; main()"])
+        if self._draws:
+            self._drawer.load(self._worker.folder / WARM)
+
+    def asks_for(self, wanted: tuple[str, str]) -> bool:
+        """Return whether this is being made, or has been stopped by the user.
+
+        Raises:
+            BadInput: It could not be made.
+        """
+        if self._wanted != wanted:
+            return False
+        if self._stopped:
+            return True
+        said = self._answer()
+        if "error" in said:
+            raise BadInput(said["error"])
+        if said.get("done"):
+            raise BadInput(NOT_KEPT)
+        if self._worker is None or not self._worker.alive:
+            raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
+        return True
+
+    def order(
+        self, wanted: tuple[str, str], values: dict[str, Any], hand: Callable[[Path], None], anew: bool = False
+    ) -> None:
+        """Order a result, instead of the last one.
+
+        Args:
+            wanted: What it depends on: its input with the training, and the rest.
+            values: The panel's values.
+            hand: Writes the input to a new folder, for a process that does not have it.
+            anew: Whether it is to be made even if it is there.
+        """
+        self.start()
+        assert self._worker is not None
+        self._number += 1
+        order = {"number": self._number, "kind": self._kind, "scene": wanted[0], "values": values, "anew": anew}
+        if self._sent != wanted[0]:
+            folder = self._worker.folder / f"input-{self._number}"
+            hand(folder)
+            order["input"] = str(folder)
+            self._sent = wanted[0]
+        self._worker.send(order)
+        self._wanted, self._stopped, self._paused = wanted, False, False
+
+    def picture(self, values: Mapping[str, Any]) -> Drawn | None:
+        """Return the newest image of the newest state, or of the last result; None if there is none yet.
+
+        Raises:
+            BadInput: It cannot be drawn.
+        """
+        return self._drawer.image(self._patience(values) if self._ask(values) else 0.0)
+
+    def state(self) -> Path | None:
+        """Return the file with the newest state of what was ordered; None if there is none yet."""
+        there = self._worker is not None and self._answer().get("state", 0)
+        return self._worker.folder / STATE if there and self._worker is not None else None
+
+    def result(self, stored: Stored, values: Mapping[str, Any], late: bool) -> tuple[Drawn | None, bool]:
+        """Return the newest image of a result, and whether it is the one that was asked for.
+
+        Args:
+            stored: The result.
+            values: The panel's values, as which it is to be drawn.
+            late: Whether the image may come later, as news, instead of being waited for.
+
+        Raises:
+            BadInput: It cannot be drawn.
+            Gone: It is no longer in the cache.
+        """
+        shown = Shown(stored.path, finished=True)
+        new, self._shown = shown != self._shown, shown
+        asked = self._drawer.ask(shown, values)
+        if not (late or new or values["Moving"]):
+            patience = float("inf")
+        else:
+            patience = self._patience(values) if asked and not new else 0.0
+        drawn = self._drawer.image(patience)
+        return drawn, not self._drawer.pending
+
+    def _patience(self, values: Mapping[str, Any]) -> float:
+        return MOVING_PATIENCE if values["Moving"] else PATIENCE
+
+    def _ask(self, values: Mapping[str, Any]) -> bool:
+        """Ask for an image of the newest state, or of the last result; return whether that is news."""
+        number = int(self._answer().get("state", 0))
+        if number and self._worker is not None:
+            self._shown = Shown(self._worker.folder / STATE, (self._number, number))
+        return self._shown is not None and self._drawer.ask(self._shown, values)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something has been ordered that is not there yet."""
+        said = self._answer()
+        return bool(
+            self._wanted and not self._stopped and self._worker is not None and self._worker.alive
+            and not said.get("done") and "error" not in said
+        )  # fmt: skip
+
+    def news(self, values: Mapping[str, Any]) -> str:
+        """Return a text that changes with every image, and at the end; it ends in * while more is to come."""
+        if self._wanted is None and self._shown is None:
+            return f"{self._number} none"
+        if self.busy and self._draws:
+            self._ask(values)
+        learning = "learning" if self.busy else "ended"
+        there = self._drawer.drawn if self._draws else self._answer().get("state", 0)
+        return f"{self._number} {learning} {there}{'*' if self.busy or self._drawer.pending else ''}"
+
+    def told(self, nothing: str) -> str:
+        """Return one line about the work; ``nothing`` says what is shown before the first state."""
+        said = self._answer()
+        shown = said.get("shown") or nothing
+        if self._stopped:
+            return STOPPED.format(shown=shown)
+        if not said:
+            return f"Learning begins. {shown}"
+        if said["paused"] or self._paused:
+            return f"Paused at {said['fraction']:.0%}; press Go On. {shown}"
+        left = "" if said["left"] is None else f", {duration(said['left'])} left"
+        return f"Learning, {said['fraction']:.0%}{left}: {said['label']}. {shown}"
+
+    def made(self, wanted: tuple[str, str]) -> bool:
+        """Return whether the process has made this."""
+        return self._wanted == wanted
+
+    def pause(self, paused: bool) -> bool:
+        """Let the process wait or go on; return whether it is at work."""
+        if not self.busy or self._worker is None:
+            return False
+        self._paused = paused
+        self._worker.send({"pause": paused})
+        return True
+
+    def stop_here(self) -> None:
+        """Stop the work for now; what there is can still be drawn."""
+        if self.busy and self._worker is not None:
+            self._worker.send({"stop": True})
+            self._stopped = True
+
+    def forget(self) -> None:
+        """Forget what was ordered, so that it is ordered again."""
+        self._wanted, self._stopped = None, False
+
+    def lose(self) -> None:
+        """Forget the last result, which is no longer in the cache, so that it is ordered again."""
+        self.forget()
+        self._shown = None
+        self._drawer.forget()
+
+    def end(self) -> None:
+        """End the process, and forget what it has been given."""
+        if self._worker is not None:
+            self._worker.stop()
+        self._worker, self._sent, self._shown = None, "", None
+        self._drawer.end()
+
+    def _answer(self) -> dict[str, Any]:
+        """Return what the process says about the last order; empty if nothing yet."""
+        said = {} if self._worker is None else self._worker.said()
+        return said if said.get("order") == self._number else {}

@@ -1,0 +1,207 @@
+"""Training in the background: a process of its own, as a script or a notebook sees it.
+
+The process runs :mod:`svv.job.learning_process`. It has a low priority, ends with the process that started it, and
+gives its results in files.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from svv.errors import BadInput, Cancelled, Progress, silent
+from svv.fields.scene.scene import Scene
+from svv.io.files.worker import Worker
+from svv.io.views.viewset import ViewSet
+from svv.options.making import TrainOptions
+
+COMMAND = "from svv.job.learning_process import main; main()"
+"""What the process runs."""
+
+STATE, RESULT, PAGE, VIEWS = "state.svv", "scene.svv", "page.html", "views"
+"""Files in the process's folder with the newest sketch, the result and their page for browsers, and the folder there
+with the views."""
+
+LOOK_EVERY = 0.2
+"""Seconds between two looks at what the process says."""
+
+ENDED = "The process that trains has ended ({why}): call train_scene again; with a checkpoint, it resumes."
+
+
+class Learning:
+    """A training in the background; :func:`svv.train_scene` starts it with ``background=True``.
+
+    Sketches come first, after some ten seconds, and then the scene. The training ends with this process, or if this
+    object is deleted.
+
+    Args:
+        views: Training views.
+        options: How to train.
+        checkpoint: File to save to regularly, and to resume from if it exists; it is removed when the scene is there.
+
+    >>> learning = svv.train_scene(views, "fast", background=True)  # doctest: +SKIP
+    >>> learning.progress  # doctest: +SKIP
+    (0.41, 'training the base NeRF')
+    >>> learning.scene.render(camera)  # the newest sketch  # doctest: +SKIP
+    >>> scene, report = learning.wait()  # doctest: +SKIP
+    """
+
+    def __init__(self, views: ViewSet, options: TrainOptions, checkpoint: Path | None = None) -> None:
+        self._worker = Worker([sys.executable, "-c", COMMAND])
+        self._end = weakref.finalize(self, self._worker.stop)
+        self._failed, self._stopped, self._asked = "", False, False
+        self._read: tuple[int, Scene] | None = None
+        self._result: tuple[Scene, dict[str, Any]] | None = None
+        self._page: tuple[int, str] | None = None
+        self._looking = threading.RLock()
+        order = {"options": asdict(options), "checkpoint": None if checkpoint is None else str(checkpoint.absolute())}
+        self._sending = threading.Thread(target=self._send, args=(views, order), daemon=True)
+        self._sending.start()
+
+    def _send(self, views: ViewSet, order: dict[str, Any]) -> None:
+        try:
+            views.write(self._worker.folder / VIEWS)
+            self._worker.send(order)
+        except (BadInput, OSError, ValueError) as error:  # ValueError: it was stopped
+            self._failed = str(error)
+
+    @property
+    def progress(self) -> tuple[float, str]:
+        """The finished fraction in [0, 1], and what is being done."""
+        if self._result is not None:
+            return 1.0, "done"
+        said = self._worker.said()
+        return float(said.get("fraction", 0.0)), str(said.get("label", "starting"))
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that are left; None if that is not known."""
+        left = self._worker.said().get("left")
+        return None if left is None else float(left)
+
+    @property
+    def number(self) -> int:
+        """Number of scenes that there have been, which tells a newer one from those before; 0 if there is none yet."""
+        self._collect()
+        return 0 if self._read is None else self._read[0]
+
+    @property
+    def scene(self) -> Scene | None:
+        """The newest scene: a sketch, or at the end the result; None if there is none yet."""
+        self._collect()
+        return None if self._read is None else self._read[1]
+
+    @property
+    def done(self) -> bool:
+        """Whether the scene is there, or will not come because the training was stopped or has failed."""
+        return self._collect() or self._stopped or bool(self._error())
+
+    def pause(self) -> None:
+        """Let the training wait; that does not count towards its time limit."""
+        self._worker.send({"pause": True})
+
+    def go_on(self) -> None:
+        """Let the training go on after a pause."""
+        self._worker.send({"pause": False})
+
+    def stop(self) -> None:
+        """Stop the training for good; ``scene`` stays what it is."""
+        if not self.done:
+            self._stopped = True
+        self._end()
+
+    def wait(self, timeout: float | None = None, progress: Progress = silent) -> tuple[Scene, dict[str, Any]]:
+        """Wait for the scene, and return it with its report, as :func:`svv.train_scene` returns them.
+
+        Args:
+            timeout: Most seconds to wait.
+            progress: Called several times a second; the training goes on if it raises.
+
+        Raises:
+            BadInput: The training has failed; one sentence says why.
+            Cancelled: It was stopped.
+            TimeoutError: The scene is not there yet.
+        """
+        until = None if timeout is None else time.monotonic() + timeout
+        while not self.done:
+            if until is not None and time.monotonic() > until:
+                raise TimeoutError(f"The scene is not there after {timeout:g} seconds; the training goes on.")
+            progress(*self.progress)
+            time.sleep(LOOK_EVERY)
+        if self._result is not None:
+            progress(1.0, "done")
+            return self._result
+        if self._stopped:
+            raise Cancelled
+        raise BadInput(self._error())
+
+    def watch(self, call: Callable[[Learning], None]) -> threading.Thread:
+        """Call a function, in a thread of its own, whenever there is something new, and at the end."""
+
+        def look() -> None:
+            last: object = None
+            while True:
+                done = self.done
+                now = self.number, self.progress, done
+                if now != last:
+                    call(self)
+                    last = now
+                if done:
+                    return
+                time.sleep(LOOK_EVERY)
+
+        thread = threading.Thread(target=look, daemon=True)
+        thread.start()
+        return thread
+
+    def _error(self) -> str:
+        """Return why the training has failed; '' if it has not."""
+        if self._failed or self._result is not None:
+            return self._failed
+        alive, said = self._worker.alive, self._worker.said()  # in this order: what it said last counts
+        if "error" in said:
+            return str(said["error"])
+        return "" if alive or "report" in said else ENDED.format(why=self._worker.last_line() or "it was killed")
+
+    def page(self, title: str, background: Sequence[float]) -> tuple[int, str] | None:
+        """Return the page of the newest scene that has one, and the scene's number; None if there is none yet.
+
+        The process makes pages, which takes seconds, from the first call on.
+
+        Args:
+            title: Heading of the page.
+            background: RGB in [0, 1] behind the scene.
+        """
+        if not self._asked and self._result is None:
+            self._asked = True
+            self._worker.send({"page": {"title": title, "background": list(background)}})
+        self._collect()
+        return self._page
+
+    def _collect(self) -> bool:
+        """Read what is new; return whether the result is there."""
+        with self._looking:
+            return self._look()
+
+    def _look(self) -> bool:
+        if self._result is not None or not self._end.alive:
+            return self._result is not None
+        said = self._worker.said()
+        if said.get("page", 0) and (self._page is None or self._page[0] != said["page"]):
+            self._page = said["page"], (self._worker.folder / PAGE).read_text(encoding="utf-8")
+        if "report" in said:
+            scene = Scene.load(self._worker.folder / RESULT)
+            self._read = int(said["state"]), scene
+            self._result = scene, said["report"]
+            self._end()
+        elif said.get("state", 0) and (self._read is None or self._read[0] != said["state"]):
+            with suppress(BadInput):  # the process has just been stopped
+                self._read = int(said["state"]), Scene.load(self._worker.folder / STATE)
+        return self._result is not None

@@ -1,0 +1,116 @@
+"""Scenes of which only the headers are read, and what is said from them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from svv.errors import BadInput
+from svv.fields.scene.scene import Scene
+from svv.io.files.keyed_results import digest
+from svv.io.scene_file import read_scene_file, read_scene_header
+from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
+from svv.pv.filters.vtk_data import finished_scene_of, put_scene, put_stored, scene_of
+from svv.pv.results import expected
+from svv.pv.results.keys import digest_of_scene, name_of
+from svv.pv.results.stored import Stored
+from tests.cube import cube_paint, cube_scene
+
+LIGHT = """
+import sys
+import svv.dvr.draw.glance, svv.pv.filters.vtk_data, svv.pv.results.stored
+from pathlib import Path
+stored, content = svv.pv.results.stored.Stored.and_content(Path(sys.argv[1]))
+from vtkmodules.vtkCommonDataModel import vtkTable
+svv.pv.filters.vtk_data.put_stored(stored, content, vtkTable())
+print([name for name in ("torch", "numba") if name in sys.modules])
+"""
+
+
+@pytest.fixture
+def painted(tmp_path: Path) -> Path:
+    """A painted scene's file."""
+    cube = cube_scene()
+    cube.painted(cube_paint(cube, 1), {0: "brush"}, {}, "ink").edited(1, opacity=0.5).save(tmp_path / "cube.svv")
+    return tmp_path / "cube.svv"
+
+
+def test_headers_are_those_of_the_whole_file(painted: Path, tmp_path: Path) -> None:
+    assert read_scene_header(painted) == read_scene_file(painted)[0]
+    stored, scene = Stored.read(painted), Scene.load(painted)
+    assert stored.made == scene.made and [r.opacity for r in stored.regions] == [r.opacity for r in scene.regions]
+    assert not stored.follows_time
+    stored.save(tmp_path / "copy.svv")
+    assert (tmp_path / "copy.svv").read_bytes() == painted.read_bytes()
+    for name, content in (("short", painted.read_bytes()[:40]), ("foreign", b"something else")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(BadInput, match=name):
+            read_scene_header(tmp_path / name)
+    with pytest.raises(BadInput, match="There is no scene file"):
+        Stored.read(tmp_path / "none.svv")
+    with pytest.raises(BadInput, match="cannot be read"):
+        Stored.and_content(tmp_path / "none.svv")
+
+
+def test_a_table_is_filled_without_what_draws(painted: Path) -> None:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkTable
+
+    said = subprocess.run([sys.executable, "-c", LIGHT, painted], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
+    one, other = vtkTable(), vtkTable()
+    put_stored(*Stored.and_content(painted), one)
+    put_scene(Scene.load(painted), other)
+    assert one.GetNumberOfColumns() == other.GetNumberOfColumns() and one.GetNumberOfRows() == 3
+    for name in ("Region", "Colour", "Share", "Part Of", "Values", "Opacity", "Lighting"):
+        values = [vtk_to_numpy(table.GetColumnByName(name)) for table in (one, other)]
+        assert np.array_equal(*values, equal_nan=True), name
+    assert digest_of_scene(scene_of(one)) == digest_of_scene(scene_of(other))
+
+
+def test_what_is_still_being_learned_is_marked(painted: Path) -> None:
+    from vtkmodules.vtkCommonDataModel import vtkTable
+
+    table = vtkTable()
+    with pytest.raises(BadInput, match="not a scene"):
+        scene_of(table)
+    mark_unfinished(table)
+    with pytest.raises(NotYetThere, match="as soon as there is something"):
+        scene_of(table)
+    put_scene(Scene.load(painted), table)
+    assert not is_unfinished(table) and finished_scene_of(table) is scene_of(table)
+    mark_unfinished(table)
+    assert is_unfinished(table) and scene_of(table).variant == "ink"
+    with pytest.raises(NotYetThere, match="when it is there"):
+        finished_scene_of(table)
+
+
+def test_the_last_paintings_tell_how_long_one_takes(
+    painted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SVV_CACHE", str(tmp_path / "kept"))
+    monkeypatch.setattr(expected, "usable_cpus", lambda: 4)
+    text = "On this machine: draft (a sketch) {}, fast (good) about 2 min, balanced (best) about 2 min."
+    assert expected.expected() == text.format("about 20 s")
+    made = {"preset": "draft", "seconds": {"total": 30.0}, "stylized": {"seconds": {"total": 8.0}}}
+    scene = replace(Scene.load(painted), made={**made, "source": {"seconds": 12.0}})
+    (tmp_path / "kept").mkdir()
+    file = tmp_path / "kept" / name_of("painting", digest("a"), digest("b"))
+    scene.save(file)
+    used = file.stat().st_mtime_ns
+    assert expected.expected() == text.format("about 50 s")
+    assert file.stat().st_mtime_ns == used, "looking is no use"
+    file.write_bytes(b"damaged")
+    assert expected.expected() == text.format("about 20 s")
+    monkeypatch.setenv("SVV_CACHE_SIZE", "much")
+    assert expected.expected() == text.format("about 20 s")
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(3.0, "about 5 s"), (41.0, "about 40 s"), (100.0, "about 2 min")])
+def test_durations_as_people_say_them(seconds: float, said: str) -> None:
+    assert expected.duration(seconds) == said

@@ -68,8 +68,8 @@ def test_a_table_is_filled_without_what_draws(painted: Path) -> None:
     put_scene(Scene.load(painted), other)
     assert one.GetNumberOfColumns() == other.GetNumberOfColumns() and one.GetNumberOfRows() == 3
     for name in ("Region", "Colour", "Share", "Part Of", "Values", "Opacity", "Lighting"):
-        values = [vtk_to_numpy(table.GetColumnByName(name)) for table in (one, other)]
-        assert np.array_equal(*values, equal_nan=True), name
+        first, second = (vtk_to_numpy(table.GetColumnByName(name)) for table in (one, other))
+        assert np.array_equal(first, second, equal_nan=True), name
     assert digest_of_scene(scene_of(one)) == digest_of_scene(scene_of(other))
 
 
@@ -95,7 +95,7 @@ def test_the_last_paintings_tell_how_long_one_takes(
 ) -> None:
     monkeypatch.setenv("SVV_CACHE", str(tmp_path / "kept"))
     monkeypatch.setattr(expected, "usable_cpus", lambda: 4)
-    text = "On this machine: draft (a sketch) {}, fast (good) about 2 min, balanced (best) about 2 min."
+    text = "On this machine: draft (a sketch) {}, fast (good) about 2 min, balanced (better) about 2 min."
     assert expected.expected() == text.format("about 20 s")
     made = {"preset": "draft", "seconds": {"total": 30.0}, "stylized": {"seconds": {"total": 8.0}}}
     scene = replace(Scene.load(painted), made={**made, "source": {"seconds": 12.0}})

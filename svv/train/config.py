@@ -190,6 +190,14 @@ class Preset:
     (:func:`svv.train.base.sampling.with_fewest_samples`)."""
 
 
+PAPER_STAGES = (
+    ReconstructSettings(iterations=30000, use_volume=False, tomography=False, feature_rate=0.01, network_rate=0.01,
+                        decay=0.1, by_contrast=0.0),
+    RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, decay=0.05, by_contrast=0.0, offset_start=1.0,
+                     shade_weight=0.0, mixing_weight=0.0, joined=0.0),
+)  # fmt: skip
+"""Stages 1 and 2 as in the paper."""
+
 PRESETS = {
     "draft": Preset(
         "draft",
@@ -212,26 +220,7 @@ PRESETS = {
     "paper": Preset(
         "paper",
         FieldSettings("hash", (16, 4096), features=2, shading=False),
-        ReconstructSettings(
-            iterations=30000,
-            use_volume=False,
-            tomography=False,
-            feature_rate=0.01,
-            network_rate=0.01,
-            decay=0.1,
-            by_contrast=0.0,
-        ),
-        RecolourSettings(
-            2500,
-            feature_rate=0.01,
-            network_rate=0.01,
-            decay=0.05,
-            by_contrast=0.0,
-            offset_start=1.0,
-            shade_weight=0.0,
-            mixing_weight=0.0,
-            joined=0.0,
-        ),
+        *PAPER_STAGES,
         MatchSettings(),
         fitted=False,
     ),

@@ -20,7 +20,7 @@ from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, files, group, kept_as, status
 
-MEANINGS = {"draft": "Sketch", "fast": "Good", "balanced": "Best", "paper": "hours"}
+MEANINGS = {"draft": "Sketch", "fast": "Good", "balanced": "Better", "best": "Best", "paper": "hours"}
 """What the panel says of each preset, behind its name; long words would widen the panel."""
 
 VISIBLE = re.compile(r'panel_visibility="default"')

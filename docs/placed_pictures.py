@@ -11,7 +11,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from paraview import simple
 from PIL import Image
 
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -25,6 +24,8 @@ EYE, TURNED = (0.45, 0.55, 1.5), (-0.9, 0.75, 1.1)
 
 def look_from(view: Any, bounds: tuple[float, ...], eye: tuple[float, float, float], zoom: float = 1.0) -> None:
     """Point the view's camera at the middle of a box."""
+    from paraview import simple
+
     simple.Render(view)  # the first one resets the camera
     low, high = bounds[::2], bounds[1::2]
     side = max(b - a for a, b in zip(low, high, strict=True))
@@ -35,6 +36,8 @@ def look_from(view: Any, bounds: tuple[float, ...], eye: tuple[float, float, flo
 
 def shot(view: Any, folder: Path) -> Image.Image:
     """Return what the view shows."""
+    from paraview import simple
+
     simple.Render(view)
     simple.SaveScreenshot(str(folder / "shot.png"), view)
     return Image.open(folder / "shot.png").convert("RGB").copy()
@@ -52,6 +55,8 @@ def keep(name: str, pictures: list[Image.Image]) -> None:
 
 def new_view() -> Any:
     """Return an empty white view."""
+    from paraview import simple
+
     view = simple.CreateView("RenderView")
     view.ViewSize, view.OrientationAxesVisibility = [SIZE, SIZE], 0
     view.UseColorPaletteForBackground, view.Background = 0, [1.0, 1.0, 1.0]
@@ -61,6 +66,8 @@ def new_view() -> Any:
 
 def coloured(source: Any, view: Any, colour: tuple[float, float, float]) -> Any:
     """Show a source in one colour."""
+    from paraview import simple
+
     display = simple.Show(source, view)
     display.ColorArrayName = [None, ""]
     display.DiffuseColor = display.AmbientColor = list(colour)
@@ -69,6 +76,8 @@ def coloured(source: Any, view: Any, colour: tuple[float, float, float]) -> Any:
 
 def volume_pictures(demo: Path, folder: Path) -> list[Image.Image]:
     """Return a painted scene as a volume; with a sphere and a plane in it; and cut open."""
+    from paraview import simple
+
     volume = simple.StyleRFVolume(Input=simple.OpenDataFile(str(demo / "styled.svv")))
     view = new_view()
     simple.Show(volume, view)
@@ -92,6 +101,8 @@ def volume_pictures(demo: Path, folder: Path) -> list[Image.Image]:
 
 def placed_pictures(demo: Path, folder: Path) -> list[Image.Image]:
     """Return a scene's image among glyphs, a slice and an outline; the same, opaque; and turned."""
+    from paraview import simple
+
     field = simple.OpenDataFile(str(demo / "volume.vti"))
     view = new_view()
     cut = simple.Slice(Input=field)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import torch
 from hypothesis import settings
 
 if TYPE_CHECKING:
@@ -32,7 +33,10 @@ paraview/test_displays paraview/test_transfer_functions paraview/test_start test
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest modules."""
+    """Begin with the longest modules, and mark one as slow that ParaView's tests import where pytest is not."""
+    for item in items:
+        if item.nodeid.startswith("tests/test_triton_compiles.py"):
+            item.add_marker(pytest.mark.slow)
     place = {f"tests/{name}.py": number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
 
@@ -77,10 +81,12 @@ def all_threads() -> Iterator[None]:
     """Kernels run on all threads that there are, even beside another test."""
     import numba
 
-    before = numba.get_num_threads()
+    before, torch_before = numba.get_num_threads(), torch.get_num_threads()
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    torch.set_num_threads(os.cpu_count() or 1)
     yield
     numba.set_num_threads(before)
+    torch.set_num_threads(torch_before)
 
 
 @pytest.fixture

@@ -52,7 +52,7 @@ def test_every_public_name_has_an_example_that_is_true(name: str, balls: Scene, 
 
 @pytest.mark.parametrize("module", MODULES)
 def test_other_examples_are_true(module: str, in_a_folder: Path) -> None:
-    public = {f"{where}.{name}" for name, where in svv.PUBLIC.items()}
+    public = {f"{one.__module__}.{one.__qualname__}" for one in (getattr(svv, name) for name in svv.PUBLIC)}
     for test in FINDER.find(importlib.import_module(module), extraglobs={"np": np}):
         if test.name not in public:
             run(test)

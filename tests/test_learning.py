@@ -63,6 +63,7 @@ def until_sketched(learning: Learning) -> Scene:
     return learning.scene
 
 
+@pytest.mark.usefixtures("all_threads")
 def test_what_is_trained_in_the_background_is_what_is_trained_here(views: ViewSet, tmp_path: Path) -> None:
     learning = svv.train_scene(views, "draft", change=QUICK, background=True, device="cpu", seed=3)
     told: list[float] = []

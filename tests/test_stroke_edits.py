@@ -224,7 +224,8 @@ def test_painting_anew_starts_without_edits_and_variants_share_them(oil: Scene) 
 
 def test_opacity_follows_the_strokes_that_are_shown(oil: Scene) -> None:
     dark = oil.with_stroke_opacity(0.8)
-    before, after = strokes_of(dark), strokes_of(dark.with_strokes(palette=((1.0, 1.0, 1.0),), relief=0.0))
+    light = dark.with_strokes(palette=((1.0, 1.0, 1.0), (0.7, 0.7, 0.7)), relief=0.0)
+    before, after = strokes_of(dark), strokes_of(light)
     assert before is not None and after is not None
     assert float(after[0, 2]) > float(before[0, 2]) + 0.1
 

@@ -8,8 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 TYPES = {
     "*fp32": "x g_out scales table out gradient first second rotations positions lenses origins directions tail "
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
@@ -128,7 +126,6 @@ def compile_all() -> None:
             print(name, len(done.asm["cubin"]), done.metadata.shared, products)
 
 
-@pytest.mark.slow
 def test_every_kernel_compiles(tmp_path: Path) -> None:
     root = Path(__file__).resolve().parents[1]
     environment = {k: v for k, v in os.environ.items() if k != "TRITON_INTERPRET"}

@@ -38,7 +38,7 @@ def sheets(
     >>> x = np.array([0.1, 0.11, 0.5, 0.12])
     >>> position = np.stack([x, x * 0, x * 0], 1)
     >>> own, where = sheets(position, np.ones(4), np.array([0, 0, 0, 1]), np.zeros(4, int), np.array([0.1]))
-    >>> own.tolist(), where[:, 0].round(3).tolist()
+    >>> own.tolist(), [round(float(x), 3) for x in where[:, 0]]
     ([0, 0, 1, 2], [0.105, 0.5, 0.12])
     """
     own = np.full(len(position), -1, np.int64)

@@ -33,6 +33,7 @@ from svv.fields.scene.model import NETWORKS, for_colours, of_colour
 from svv.fields.scene.scene_arrays import arrays_of, layers_of, parts_of
 from svv.fields.scene.variants import PaintedModel
 from svv.fields.strokes.stroke_opacity import fade_of, followed
+from svv.fields.strokes.stroke_paint import shared_width
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of
@@ -124,9 +125,8 @@ class Scene(PaintedModel):
         if self.styled is None or self.styled.brushed is None:
             return replace(self, still=False)
         box = self.occupancy.box
-        middle = np.asarray(box.bounds, np.float64).reshape(3, 2).mean(1)
-        distance = max(float(np.linalg.norm(camera.position - middle)) - 0.25 * box.size, 0.1 * box.size)
-        pixel = float(camera.pixel_at(distance)) / box.size
+        away = float(np.linalg.norm(camera.position - np.asarray(box.bounds, np.float64).reshape(3, 2).mean(1)))
+        pixel = shared_width(float(camera.pixel_at(max(away - 0.25 * box.size, 0.1 * box.size))) / box.size)
         finer = self.styled.brushed.complete or pixel < FINER / self.styled.resolutions[-1]
         return replace(self, still=False, resolved=SOFT * pixel if finer else 0.0)
 

@@ -25,6 +25,15 @@ GROUND = 0.85
 """Brightness of bare ground relative to the nearest stroke: the gaps between strokes are a little darker."""
 
 
+def shared_width(width: float) -> float:
+    """Return a width of pixels rounded to a 32nd of a power of two: views from about as far away share their bins.
+
+    >>> shared_width(0.0101) == shared_width(0.0102), round(shared_width(0.0101), 5)
+    (True, 0.01013)
+    """
+    return float(2.0 ** (round(np.log2(width) * 32.0) / 32.0))
+
+
 class StrokePaint:
     """The paint of one region, everywhere: where no stroke reaches, the ground shows.
 

@@ -323,7 +323,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             style_key,
             train,
             training_moment,
-        )
+        )  # fmt: skip
         from svv.pv.filters.styling import stylize
 
         values = self.values

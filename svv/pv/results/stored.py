@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from svv.errors import BadInput
-from svv.fields.scene.region import Region
 from svv.io.files.atomic import atomic_path
 from svv.io.scene_file import header_in, read_scene_header
+
+if TYPE_CHECKING:
+    from svv.fields.scene.region import Region
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class Stored:
     @property
     def regions(self) -> tuple[Region, ...]:
         """Its regions."""
+        from svv.fields.scene.region import Region
+
         known = {field.name for field in fields(Region)}
         return tuple(Region(**{k: v for k, v in told.items() if k in known}) for told in self.header["regions"])
 

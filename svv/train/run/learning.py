@@ -46,11 +46,11 @@ class Learning:
         options: How to train.
         checkpoint: File to save to regularly, and to resume from if it exists; it is removed when the scene is there.
 
-    >>> learning = svv.train_scene(views, "fast", background=True)  # doctest: +SKIP
-    >>> learning.progress  # doctest: +SKIP
-    (0.41, 'training the base NeRF')
-    >>> learning.scene.render(camera)  # the newest sketch  # doctest: +SKIP
-    >>> scene, report = learning.wait()  # doctest: +SKIP
+    >>> learning = svv.train_scene(views, "fast", background=True)
+    >>> part, label = learning.progress
+    >>> part < 1.0, learning.done
+    (True, False)
+    >>> learning.stop()  # or scene, report = learning.wait()
     """
 
     def __init__(self, views: ViewSet, options: TrainOptions, checkpoint: Path | None = None) -> None:

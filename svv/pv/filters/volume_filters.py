@@ -7,6 +7,7 @@ help.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -323,7 +324,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             style_key,
             train,
             training_moment,
-        )  # fmt: skip
+        )
         from svv.pv.filters.styling import stylize
 
         values = self.values
@@ -361,16 +362,14 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             drawn, sharp = self._learner.result(scene, values, values["Late"])
             self.drawn_beside(inputs[0], outputs[0], drawn)
             return said + self.steps.told(present) + ("" if sharp else SHARPENS)
-        told, whole = self.steps.told(present), scene
+        told, whole, made = self.steps.told(present), scene, self.steps.made
         camera = camera_for(whole.rig, values)
-        made = self.steps.made
         if made is not None and made.data == present.data:
             self.kept("moving", (name, present.data), lambda: moving_from(whole, inputs[0], values, present.time))
         if made is not None and follows(whole, inputs[0], made, present):
             moving = self.kept("moving", (name, made.data), lambda: None)
-            followed_to = (name, present.data)
-            scene = self.kept("followed", followed_to, lambda: followed(whole, inputs[0], values, present, moving))
-            told = f" Followed to time {present.time:g}."
+            make = partial(followed, whole, inputs[0], values, present, moving)
+            scene, told = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         self.kept("glance", None, lambda: None)  # no longer needed

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from tests.browser import Opened
 
 # Machines differ in speed, and compiled kernels build on their first call: no test may fail for the time it takes.
-# Fifteen examples each, always the same, find what a change breaks, and pass everywhere if they pass on one machine;
+# Thirty examples each, always the same, find what a change breaks, and pass on everybody's machine if they pass on one;
 # --hypothesis-profile thorough (make test-slow) looks for what nobody thought of, with 300 others each time.
-settings.register_profile("svv", deadline=None, max_examples=15, derandomize=True)
+settings.register_profile("svv", deadline=None, max_examples=30, derandomize=True)
 settings.register_profile("thorough", deadline=None, max_examples=300)
 settings.load_profile("svv")
 
@@ -33,10 +33,7 @@ paraview/test_displays paraview/test_transfer_functions paraview/test_start test
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest modules, and mark one as slow that ParaView's tests import where pytest is not."""
-    for item in items:
-        if item.nodeid.startswith("tests/test_triton_compiles.py"):
-            item.add_marker(pytest.mark.slow)
+    """Begin with the longest modules."""
     place = {f"tests/{name}.py": number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
 

@@ -241,7 +241,6 @@ def compared(folder: Path, tiny: None) -> tuple[Path, list[dict[str, Any]]]:
     return out, compare_styles([folder / "balls.svv"], [folder / "stripes.png"], out, how)
 
 
-@pytest.mark.slow
 def test_every_mode_paints_and_is_measured(compared: tuple[Path, list[dict[str, Any]]]) -> None:
     out, rows = compared
     found = {row["mode"]: row for row in rows}
@@ -269,7 +268,6 @@ def test_strokes_hold_still_where_frames_alone_do_not(folder: Path, tiny: None, 
     assert ours["contrast"] > 0.7
 
 
-@pytest.mark.slow
 def test_compared_again_nothing_is_trained(
     compared: tuple[Path, list[dict[str, Any]]], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from svv.errors import silent
@@ -37,3 +38,16 @@ def test_washes_cover_bodies_that_are_smaller_than_their_strokes(technique: Hand
     covered = StrokePaint(work.strokes, work.brush, 0.1 * WIDTH).coverage(painter.surface.points)[:, 3] > 0.05
     dark = painter.tone < painter.technique.layers[0].lightest - 0.05
     assert covered[dark].mean() > 0.95
+
+
+@pytest.mark.parametrize("reach", [0.001, 0.02, 0.2, 3.0])
+def test_what_is_around_a_point_counts_whichever_way_it_faces(reach: float) -> None:
+    found = ball(0.2)
+    assert found.spread(np.full(len(found), 0.7), reach) == pytest.approx(0.7)
+    side = (found.points[:, 0] > 0.5).astype(np.float64)
+    mean = found.spread(side, reach)
+    assert mean.min() >= -1e-6 and mean.max() <= 1.0 + 1e-6
+    far = np.abs(found.points[:, 0] - 0.5) > 0.15
+    assert np.abs(mean - side)[far].max() < (0.01 if reach < 0.03 else 1.0)
+    if reach == 3.0:
+        assert mean == pytest.approx(side.mean(), abs=0.02)

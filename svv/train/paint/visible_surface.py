@@ -41,6 +41,9 @@ AROUND, NEIGHBOURS = 2.2, 28
 THROUGH = 1.2
 """Distance of two opposite sides, in deviations of the visible depth, below which they are one sheet seen from both."""
 
+MOST_CELLS = 128
+"""Largest number of cells along the box in which values of both sides are averaged: fine strokes would fill memory."""
+
 SKY = 32
 """Number of directions of which those above a point show how open it is."""
 
@@ -116,11 +119,13 @@ class VisibleSurface:
             values: Values of the points.
             reach: Standard deviation of the distance in box units.
         """
-        cells = max(int(2.0 / reach), 1)  # cells of half a standard deviation
+        cells = min(max(int(2.0 / reach), 1), MOST_CELLS)  # cells of half a standard deviation
         at = np.minimum((self.points * cells).astype(np.int64), cells - 1)
         cell = np.ravel_multi_index(tuple(at.T), (cells, cells, cells))
         sums = [
-            gaussian_filter(np.bincount(cell, weight, cells**3).reshape(cells, cells, cells), 2.0, mode="constant")
+            gaussian_filter(
+                np.bincount(cell, weight, cells**3).reshape(cells, cells, cells), reach * cells, mode="constant"
+            )
             for weight in (self.seen, self.seen * values)
         ]
         where = self.points.T * cells - 0.5

@@ -1,4 +1,4 @@
-"""Regions that cannot carry strokes get an even wash, and a note says so."""
+"""Regions that cannot carry strokes: an even wash, and a note that says so; small and crumpled bodies."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from svv.errors import silent
 from svv.fields.scene.scene import Scene
@@ -14,6 +16,7 @@ from svv.options.making import HandName
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import measure_hand
 from svv.train.paint.brushwork import Painter
+from svv.train.paint.stroke_painting import SPECKLED, glaze_of
 from tests.test_brushing import BROAD, EMPTY, WIDTH, ball, painted
 
 
@@ -51,3 +54,19 @@ def test_what_is_around_a_point_counts_whichever_way_it_faces(reach: float) -> N
     assert np.abs(mean - side)[far].max() < (0.01 if reach < 0.03 else 1.0)
     if reach == 3.0:
         assert mean == pytest.approx(side.mean(), abs=0.02)
+
+
+PARTS = st.floats(0.0, 1.0)
+
+
+@given(dry=st.booleans(), clear=PARTS, deep=st.floats(0.0, 3.0), crumpled=PARTS, more=PARTS)
+def test_opacity_follows_strokes_less_where_form_is_crumpled_deep_or_opaque(
+    dry: bool, clear: float, deep: float, crumpled: float, more: float
+) -> None:
+    found = glaze_of(dry, clear, deep, crumpled)
+    assert 0.0 <= found <= 1.0
+    assert found >= glaze_of(dry, clear * more, deep, crumpled)
+    assert found >= glaze_of(dry, clear, deep + more, crumpled)
+    assert found >= glaze_of(dry, clear, deep, crumpled + (1.0 - crumpled) * more)
+    assert glaze_of(dry, 0.0, deep, crumpled) == 0.0
+    assert glaze_of(dry, clear, deep, max(crumpled, SPECKLED[1])) == 0.0, "what is speckled already keeps its form"

@@ -33,7 +33,11 @@ large ones remain strokes."""
 
 GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
-through; and how much it follows washes, which would leave holes. On crumpled ground it would become speckled."""
+through; and how much it follows washes, which would leave holes."""
+
+SPECKLED = (0.5, 0.62)
+"""How crumpled a region is from which its opacity would become speckled if it followed the strokes, and at which it no
+longer follows them: strokes are cut up there, and the form is all in the opacity."""
 
 SKY = 0.5
 """Fraction of the picture, from its top, whose light strokes give fog its colour."""
@@ -121,14 +125,30 @@ class Brushing:
             return _washed(hand)
         clear = 1.0 - min(alpha / CLEAR, 1.0)
         work, shown = toned(work, hand, self.views, region, self.cell, clear)
-        follows = GLAZE if work.brush.body == 1.0 else WASH
-        glaze = round(min(follows * clear / max(deep, 1.0), 1.0) * (1.0 - painter.crumpled), 2)
+        glaze = glaze_of(work.brush.body == 1.0, clear, deep, painter.crumpled)
         if glaze > 0.0:
             self.notes.append(
                 f"Region {region} is translucent, so its strokes are more opaque than the ground between them: svv "
                 "edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
             )
         return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
+
+
+def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
+    """Return how much a region's opacity is to follow its strokes, from 0 for what is opaque to 1.
+
+    Args:
+        dry: Whether it is painted by dry strokes and not by washes.
+        clear: How translucent its sheets are, from 0 to 1.
+        deep: Depth of its visible sheets relative to :data:`DEEPEST`.
+        crumpled: How crumpled it is at the scale of a stroke, from 0 to 1.
+
+    >>> glaze_of(True, 0.8, 0.5, 0.0), glaze_of(True, 0.8, 0.5, 0.7)
+    (1.0, 0.0)
+    """
+    low, high = SPECKLED
+    whole = (1.0 - crumpled) * min(max((high - crumpled) / (high - low), 0.0), 1.0)
+    return round(min((GLAZE if dry else WASH) * clear / max(deep, 1.0), 1.0) * whole, 2)
 
 
 def _median(surface: VisibleSurface, values: Floats) -> float:

@@ -36,6 +36,7 @@ from svv.render.frames import orbit
 from svv.render.looks.look import Look
 from svv.render.looks.offered import LOOKS
 from svv.render.pictures import sheet
+from svv.render.supersampled import supersampled
 from svv.render.words.say import say
 from svv.styles.gallery import gallery_picture
 from svv.train.paint.ink import Ink, StyleInput
@@ -119,7 +120,7 @@ def view_of(scene: Scene, frame: int, size: int) -> Camera:
 
 def drawn(scene: Scene, camera: Camera, network: str | None = None) -> Pixels:
     """Render a scene over white. (height, width, 3)"""
-    return np.asarray(scene.render(camera, network, WHITE).rgba[..., :3], np.float64)
+    return np.asarray(supersampled(scene, camera, network, WHITE).rgba[..., :3], np.float64)
 
 
 def over_white(rgba: NDArray[np.uint8]) -> Pixels:

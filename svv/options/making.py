@@ -246,6 +246,9 @@ class RenderOptions:
     """white, black or '#rrggbb'; by default movies are over white, images are transparent."""
     what: Annotated[PictureName, Setting(panel="")] = "rgba"
     """What to write; a .vti always holds all three."""
+    supersample: Annotated[int | None, Setting(least=1, most=4, metavar="N", unset="as needed", panel="")] = None
+    """Draw N x N rays for each pixel and average them, so that edges are smooth; by default 2 for one view of brush
+    strokes, otherwise 1."""
     fps: Annotated[float, Setting(least=1, panel="")] = 30.0
     """Frames per second of a movie."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"

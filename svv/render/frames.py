@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,7 @@ from svv.io.pictures.output import (
     write_region_png,
     write_vti,
 )
+from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
     from torch import nn
@@ -37,6 +38,25 @@ SHOWN_SIZE = 320
 """Side in pixels of the pictures that show a painting in progress."""
 PREVIEW_SIZE = 96
 """Side in pixels of the few views from which the range of depths is measured before a movie of depths begins."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What pictures of a scene show."""
+
+    network: str | None = None
+    """``base``, ``pcn`` or ``styled``; by default the last one that the scene has."""
+    background: Sequence[float] | None = None
+    """RGB in [0, 1] behind colours; by default a PNG is transparent and a movie is over white."""
+    what: str = "rgba"
+    """Content: ``rgba``, ``depth`` (16 bits in a PNG) or ``region`` (indexed colours)."""
+    samples: int | None = None
+    """Rays along a pixel's side; by default one in movies and folders of frames, and in one view as many as
+    :func:`svv.render.supersampled.samples_for` says."""
+
+
+SHOWN = Shown()
+"""The colours of the last network."""
 
 
 class Played:
@@ -90,9 +110,7 @@ def write_view(
     path: Path,
     scene: Scene,
     camera: Camera,
-    network: str | None = None,
-    background: Sequence[float] | None = None,
-    what: str = "rgba",
+    shown: Shown = SHOWN,
     progress: Progress = silent,
     made: str = "",
 ) -> None:
@@ -102,9 +120,7 @@ def write_view(
         path: A .vti, which always contains colour, depth and regions, or a PNG.
         scene: Scene to render.
         camera: Camera in world units.
-        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
-        background: RGB in [0, 1] behind a PNG of colours; by default the PNG is transparent.
-        what: Content of a PNG: ``rgba``, ``depth`` (16 bits) or ``region`` (indexed).
+        shown: What a PNG shows.
         progress: Called while rendering.
         made: What a PNG says that it was made from (:func:`svv.io.pictures.output.made_of`).
 
@@ -112,15 +128,15 @@ def write_view(
         BadInput: The scene does not have that network, or the file cannot be written.
     """
     check_writable(path)
-    view = scene.render(camera, network, None, progress)
+    view = supersampled(scene, camera, shown.network, None, progress, shown.samples)
     if path.suffix.lower() == ".vti":
         write_vti(path, view.rgba, view.depth, view.region)
-    elif what == "depth":
+    elif shown.what == "depth":
         write_depth_png(path, view.depth, made)
-    elif what == "region":
+    elif shown.what == "region":
         write_region_png(path, view.region, region_colours(scene), made)
     else:
-        write_png(path, view.rgba if background is None else over(view.rgba, background), made)
+        write_png(path, view.rgba if shown.background is None else over(view.rgba, shown.background), made)
 
 
 def previews_in(path: Path) -> Callable[[Scene], None]:
@@ -137,7 +153,7 @@ def previews_in(path: Path) -> Callable[[Scene], None]:
     check_writable(path)
 
     def show(scene: Scene) -> None:
-        write_view(path, scene, orbit(scene, 181, SHOWN_SIZE, SHOWN_SIZE)[90], background=WHITE)
+        write_view(path, scene, orbit(scene, 181, SHOWN_SIZE, SHOWN_SIZE)[90], Shown(background=WHITE))
 
     return show
 
@@ -146,9 +162,7 @@ def write_frames(
     folder: Path,
     scene: Scene | Played,
     cameras: Sequence[Camera],
-    network: str | None = None,
-    background: Sequence[float] | None = None,
-    what: str = "rgba",
+    shown: Shown = SHOWN,
     progress: Progress = silent,
     those: slice = slice(None),
 ) -> list[Path]:
@@ -161,7 +175,7 @@ def write_frames(
     Returns:
         The files, in the order of the cameras.
     """
-    frames = _Frames(folder, scene, network, background, what)
+    frames = _Frames(folder, scene, shown)
     chosen = list(enumerate(cameras))[those]
     for index, (number, camera) in enumerate(chosen):
         frames.write(number, camera, part(progress, index / len(chosen), (index + 1) / len(chosen)))
@@ -182,9 +196,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
     """
     from svv.fields.radiance.kept_views import kept_at_once
 
-    frames = [
-        _Frames(folder, scene, None, None, "rgba") for folder, scene in zip(scenes, _sharing(list(scenes.values())))
-    ]
+    frames = [_Frames(folder, scene, SHOWN) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)
     for number, camera in enumerate(cameras):
         with kept_at_once():
@@ -197,12 +209,10 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
 class _Frames:
     """Frames of a scene in a folder; one that was made from the same scene, camera and settings is left as it is."""
 
-    def __init__(
-        self, folder: Path, scene: Scene | Played, network: str | None, background: Sequence[float] | None, what: str
-    ) -> None:
-        self._folder, self._how = make_folder(folder), (network, background, what)
+    def __init__(self, folder: Path, scene: Scene | Played, shown: Shown) -> None:
+        self._folder, self._shown = make_folder(folder), replace(shown, samples=shown.samples or 1)
         whole, self._at, self._steps = _at_each(scene)
-        self._look = digest(whole.to_bytes(), *self._how)
+        self._look = digest(whole.to_bytes(), *vars(self._shown).values())
 
     def path(self, number: int) -> Path:
         """Return the file of a frame."""
@@ -213,7 +223,7 @@ class _Frames:
         told = {field.name: getattr(camera, field.name) for field in fields(camera)}
         made = key_of(self._look, told if self._steps is None else {**told, "step": self._steps[number]})
         if made_of(self.path(number)) != made:
-            write_view(self.path(number), self._at(number), camera, *self._how, progress, made)
+            write_view(self.path(number), self._at(number), camera, self._shown, progress, made)
 
 
 def _sharing(scenes: Sequence[Scene]) -> list[Scene]:
@@ -241,22 +251,20 @@ def write_movie(
     path: Path,
     scene: Scene | Played,
     cameras: Sequence[Camera],
-    network: str | None = None,
-    background: Sequence[float] | None = None,
-    what: str = "rgba",
+    shown: Shown = SHOWN,
     fps: float = 30.0,
     progress: Progress = silent,
 ) -> None:
     """Render views into a movie, over white unless a background is given; see :func:`write_view`."""
     whole, at, _ = _at_each(scene)
-    near_far = _depth_range(whole, cameras, network) if what == "depth" else (0.0, 1.0)
+    near_far = _depth_range(whole, cameras, shown.network) if shown.what == "depth" else (0.0, 1.0)
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for index, camera in enumerate(cameras):
             each = part(progress, index / len(cameras), (index + 1) / len(cameras))
-            view = at(index).render(camera, network, None, each)
-            picture = _shown(view, whole, what, near_far)
-            yield to_bytes(over(picture, background or WHITE))
+            view = supersampled(at(index), camera, shown.network, None, each, shown.samples or 1)
+            picture = _shown(view, whole, shown.what, near_far)
+            yield to_bytes(over(picture, shown.background or WHITE))
             progress((index + 1) / len(cameras), f"view {index + 1} of {len(cameras)}")
 
     write_mp4(path, frames(), fps)

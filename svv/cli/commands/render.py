@@ -22,6 +22,7 @@ RENDER = (
     "svv render scene.svv --orbit 60 --size 400 --background white --out frames",
     "svv render scene.svv --camera camera.json --size 1280x720 --out view.png",
     "svv render scene.svv --camera views/transforms_test.json --frame 3 --out view.vti",
+    "svv render painted.svv --orbit 181 --supersample 2 --out smooth.mp4",
     "svv render series.svv --play --out series.mp4",
     "svv render series.svv --play --orbit 240 --out frames",
     "torchrun --nproc-per-node 4 -m svv render scene.svv --orbit 181 --out frames",
@@ -66,7 +67,7 @@ def render(
     from svv.train.run import ranks
 
     _check(out, orbit, camera, time, play)
-    network, behind, what = options.network, options.background, options.what
+    pictures = views.Shown(options.network, options.background, options.what, options.supersample)
     one_view = out.suffix.lower() in ONE_VIEW
     here, one_file = ranks.place(), out.suffix.lower() in (".png", ".vti", ".mp4")
     if here.rank and one_file:
@@ -75,8 +76,8 @@ def render(
         ranks.take_share(here, options.device)
     loaded = load(scene, options.device)
     if options.variant is not None:
-        if network not in (None, "styled"):
-            raise BadInput(f"A variant is a painting: leave out --network {network}.")
+        if options.network not in (None, "styled"):
+            raise BadInput(f"A variant is a painting: leave out --network {options.network}.")
         loaded = loaded.with_variant(options.variant)
     loaded, steps = _at_times(loaded, time, play, orbit)
     width, height = options.size or (800, 800)
@@ -90,12 +91,12 @@ def render(
     played = loaded if steps is None else views.Played(loaded, steps)
     with shown("Rendering", quiet=here.rank > 0) as progress:
         if one_view:
-            views.write_view(out, loaded, cameras[0], network, behind, what, progress)
+            views.write_view(out, loaded, cameras[0], pictures, progress)
         elif out.suffix.lower() == ".mp4":
-            views.write_movie(out, played, cameras, network, behind, what, options.fps, progress)
+            views.write_movie(out, played, cameras, pictures, options.fps, progress)
         else:
             mine = slice(here.rank, None, here.count)
-            views.write_frames(out, played, cameras, network, behind, what, progress, mine)
+            views.write_frames(out, played, cameras, pictures, progress, mine)
     if not here.rank:
         print(out)
 

@@ -31,6 +31,7 @@ from svv.render.figures.framing import (
 )
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
+from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -283,7 +284,7 @@ class Drawing:
         left, top = self._pixels(box.left), self._pixels(box.top)
         width, height = self._pixels(box.width), self._pixels(box.height - self.strip)
         camera = camera_through(panel.camera, window, width, height)
-        rendering = panel.scene.render(camera, network_of(panel.scene, self.options), None, progress)
+        rendering = supersampled(panel.scene, camera, network_of(panel.scene, self.options), None, progress)
         self._picture(left, top, rendering.rgba)
         seen = seen_of(panel.scene, [rendering], self.options.behind) if panel.scene.regions else {}
         self.seen.append(list(seen.values()))

@@ -1,0 +1,101 @@
+"""Images averaged over several rays per pixel: edges of brush strokes are smooth where one sees them at a slant.
+
+A stroke's edge is as soft as a pixel is wide. Where a surface is seen at a slant or a sheet of glass from its side, the
+place that a ray shows changes by more than that from pixel to pixel, so edges become stairs and thin strokes dots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.colour.colour import over
+from svv.core.geometry.cameras import Camera
+from svv.errors import BadInput, Progress, silent
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Rendering, Scene
+
+MOST = 4
+"""Largest number of samples along a pixel's side."""
+
+USUAL, LARGE = 2, 1 << 22
+"""Samples along a pixel's side of images of strokes, and number of pixels above which images have one: on larger ones,
+a pixel is a small part of a stroke."""
+
+
+def samples_for(scene: Scene, camera: Camera, network: str | None = None) -> int:
+    """Return how many samples along a pixel's side an image of a scene should have."""
+    shown = (network or scene.networks[-1]) == "styled" and shows_strokes(scene)
+    return USUAL if shown and camera.width * camera.height <= LARGE else 1
+
+
+def shows_strokes(scene: Scene) -> bool:
+    """Return whether the painting that a scene shows has brush strokes."""
+    return bool(scene.stroked) or any(bool(layer.stroked) for layer in scene.layers)
+
+
+def supersampled(
+    scene: Scene,
+    camera: Camera,
+    network: str | None = None,
+    background: Sequence[float] | None = None,
+    progress: Progress = silent,
+    samples: int | None = None,
+) -> Rendering:
+    """Render one image with several rays per pixel; arguments and errors as in :meth:`Scene.render`.
+
+    Args:
+        scene: Scene to render.
+        camera: Camera in world units, with the size of the image.
+        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
+        background: RGB in [0, 1] to blend over; None keeps straight alpha.
+        progress: Called before every chunk of rays and at the end.
+        samples: Number of rays along a pixel's side, from 1 to :data:`MOST`; by default :func:`samples_for`.
+
+    >>> camera = svv.orbit(scene, 8, 64, 48)[0]
+    >>> supersampled(scene, camera, samples=2).rgba.shape
+    (48, 64, 4)
+    """
+    n = samples_for(scene, camera, network) if samples is None else samples
+    if not 1 <= n <= MOST:
+        raise BadInput(f"--supersample must lie between 1 and {MOST}, not {n}.")
+    if n == 1:
+        return scene.render(camera, network, background, progress)
+    fine = scene.render(camera.resized(n * camera.width, n * camera.height), network, None, progress)
+    found = averaged(fine, n)
+    if background is None:
+        return found
+    opaque = np.ones((*found.depth.shape, 1), np.float32)
+    return replace(found, rgba=np.concatenate([over(found.rgba, background), opaque], 2, dtype=np.float32))
+
+
+def averaged(fine: Rendering, n: int) -> Rendering:
+    """Return an image whose pixels are squares of ``n`` x ``n`` pixels of another.
+
+    Colours count as much as they are opaque, and so do depths; a pixel belongs to the region with the most opacity.
+    """
+    alpha = _squares(fine.rgba[..., 3], n)
+    total = alpha.sum(2)
+    share = alpha / np.maximum(total, 1e-12)[..., None]
+    colour = np.stack([(share * _squares(fine.rgba[..., c], n)).sum(2) for c in range(3)], 2)
+    depth = (share * np.nan_to_num(_squares(fine.depth, n))).sum(2)
+    number = _squares(fine.region, n)
+    seen = np.stack([(alpha * (number == k)).sum(2) for k in range(int(number.max(initial=-1)) + 1)] or [total], 2)
+    there = (number >= 0).any(2)
+    return replace(
+        fine,
+        rgba=np.concatenate([colour, total[..., None] / n**2], 2, dtype=np.float32),
+        depth=np.where(there, depth, np.nan).astype(np.float32),
+        region=np.where(there, seen.argmax(2), -1).astype(np.int16),
+    )
+
+
+def _squares(values: NDArray[Any], n: int) -> NDArray[Any]:
+    """Return the values of each square of an image (H n, W n). (H, W, n n)"""
+    height, width = values.shape[0] // n, values.shape[1] // n
+    return values.reshape(height, n, width, n).swapaxes(1, 2).reshape(height, width, n * n)

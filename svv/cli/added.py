@@ -32,7 +32,8 @@ def added() -> dict[str, tuple[EntryPoint, str]]:
     """Return where the commands of other distributions are, and what they do, by name."""
     found = {BENCH.name: (BENCH, MEASURES)} if find_spec("svv_bench") else {}
     for point in entry_points(group=GROUP):
-        found[point.name] = point, point.dist.metadata["Summary"] if point.dist else ""
+        (said, *_) = (point.dist and point.dist.metadata.get_all("Summary")) or [""]
+        found[point.name] = point, said
     return found
 
 

@@ -144,6 +144,44 @@ def test_what_does_not_change_the_result_is_no_part_of_its_key() -> None:
 # --- single settings of a preset -------------------------------------------------------------------------------------
 
 
+ALIKE = {
+    "field.levels": "the paper's hash grid, which small scenes need no more than a few levels of",
+    "field.log2_entries": "the same: its size",
+    "field.lighting": "--lighting, and what the views show",
+    "field.headlight": "the views: how their light stands",
+    "field.finer": "the paint, which may need finer levels",
+    "reconstruct.rays": "machines with little memory",
+    "reconstruct.samples": "machines with little memory; the stability cases",
+    "reconstruct.hold": "HOMES, which gives an encoding its own rates",
+    "reconstruct.density_rate": "scenes of a few voxels",
+    "reconstruct.known_density_rate": "the encoding values",
+    "reconstruct.keep": "short trainings, in which unseen samples are to be seen",
+    "reconstruct.prune_every": "short trainings, which else never prune",
+    "reconstruct.prune_least": "faint volumes",
+    "reconstruct.cells": "thin parts in large boxes",
+    "recolour.rays": "machines with little memory",
+    "recolour.samples": "machines with little memory; the stability cases",
+    "recolour.hold": "HOMES, which gives an encoding its own rates",
+    "recolour.palette_rate": "palettes that are to stay as they were given, at 0",
+    "recolour.offset_weight": "the paper's lambda_delta, which `svv bench ablate` varies",
+    "stylize.style_size": "pictures whose strokes are to be finer or coarser than their scale says",
+}
+"""Settings that all presets have alike, and who sets them nevertheless: any other one is a constant of the code."""
+
+
+def test_a_setting_is_one_that_presets_or_people_set() -> None:
+    alike = set()
+    for stage in config.STAGES:
+        every = [getattr(one, stage) for one in config.PRESETS.values()]
+        for field in set.intersection(*({f.name for f in fields(each)} for each in every)):
+            if len({repr(getattr(each, field)) for each in every}) == 1:
+                alike.add(f"{stage}.{field}")
+    assert alike == set(ALIKE)
+    for text in ("reconstruct.alpha_weight=2", "recolour.phong_rate=0.1"):
+        with pytest.raises(BadInput, match="There is no setting"):
+            config.changed(config.preset("fast"), [text])
+
+
 def test_single_settings_are_changed() -> None:
     fast = config.preset("fast")
     found = config.changed(fast, ["reconstruct.iterations=7", "recolour.palette_rate=1e-3", "field.shading=false"])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from dataclasses import dataclass, fields, replace
+import re
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import pytest
@@ -16,7 +18,7 @@ from typer.testing import CliRunner
 from svv.cli.option_group import SYNTAX, flag_of, spread
 from svv.errors import BadInput
 from svv.fields.radiance.networks import ENCODINGS, FieldSettings
-from svv.options import editing, making
+from svv.options import baking, cinema, editing, figures, making
 from svv.options.arguments import add_arguments, options_of
 from svv.options.described import Setting, chosen, described
 from svv.pv.panel.option_panel import options_in, properties_of
@@ -167,6 +169,24 @@ ALIKE = {
     "stylize.style_size": "pictures whose strokes are to be finer or coarser than their scale says",
 }
 """Settings that all presets have alike, and who sets them nevertheless: any other one is a constant of the code."""
+
+
+def test_of_every_option_a_page_says_who_sets_it() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "who-sets-what.md").read_text(encoding="utf-8")
+    named: dict[str, list[str]] = {}
+    for line in page.splitlines():
+        if heading := re.match(r"## `(\w+)`", line):
+            named[heading[1]] = []
+        elif row := re.match(r"\| `(\w+)` \| [^|]+ \| [^|]+ \|$", line):
+            named[list(named)[-1]].append(row[1])
+    modules = (making, editing, baking, cinema, figures)
+    kinds = [
+        k for m in modules for k in vars(m).values() if is_dataclass(k) and vars(k).get("__module__") == m.__name__
+    ]
+    above = {k: {f.name for b in k.__bases__ if is_dataclass(b) for f in fields(b)} for k in kinds}
+    own = {k.__name__: [f.name for f in fields(k) if f.name not in above[k]] for k in kinds}
+    del own["SceneEdit"]  # what a command or a panel asks for at once
+    assert named == own
 
 
 def test_a_setting_is_one_that_presets_or_people_set() -> None:

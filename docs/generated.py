@@ -11,6 +11,7 @@ import types
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -172,6 +173,7 @@ def _default(text: str) -> str:
     return "" if text in ("", "None") else f"`{text}`"
 
 
+@cache
 def _decorated() -> list[Any]:
     """Return the classes of the plugin without ParaView: stand-ins for its decorators record what they are given."""
     found: list[Any] = []

@@ -180,9 +180,8 @@ def test_of_every_option_a_page_says_who_sets_it() -> None:
         elif row := re.match(r"\| `(\w+)` \| [^|]+ \| [^|]+ \|$", line):
             named[list(named)[-1]].append(row[1])
     modules = (making, editing, baking, cinema, figures)
-    kinds = [
-        k for m in modules for k in vars(m).values() if is_dataclass(k) and vars(k).get("__module__") == m.__name__
-    ]
+    every = [k for m in modules for k in vars(m).values() if inspect.isclass(k) and k.__module__ == m.__name__]
+    kinds = [k for k in every if is_dataclass(k)]
     above = {k: {f.name for b in k.__bases__ if is_dataclass(b) for f in fields(b)} for k in kinds}
     own = {k.__name__: [f.name for f in fields(k) if f.name not in above[k]] for k in kinds}
     del own["SceneEdit"]  # what a command or a panel asks for at once

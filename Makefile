@@ -8,6 +8,7 @@
 #   make coverage   all tests, and a report of the lines and branches that they miss, as pages in build/coverage
 #   make docs       the documentation, as pages in build/docs
 #   make paraview   the packages that ParaView needs to run svv; PARAVIEW=DIR names a ParaView unpacked in DIR
+# `svv bench ...` measures; it is a distribution of its own, in bench/, which all of these install.
 # TORCH=cpu|cuda|keep selects torch's build. By default an installed torch is kept, and otherwise the build is cuda with
 # an NVIDIA GPU and cpu without.
 PYTHON ?= python3
@@ -94,7 +95,7 @@ openvdb:
 	@.ci/openvdb
 
 clean:
-	rm -rf "$(VENV)" .venv-paraview build docs/made docs/examples/scene.svv docs/examples/scene.html svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf "$(VENV)" .venv-paraview build docs/made docs/examples/scene.svv docs/examples/scene.html svv.egg-info bench/build bench/svv_bench.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 # The oldest supported Python is defined only in pyproject.toml.
 $(HERE)/bin/python:
@@ -105,22 +106,22 @@ $(HERE)/bin/python:
 		{ rm -rf "$(VENV)"; echo "python3 lacks venv; install it first, for example: sudo apt-get install python3-venv" >&2; exit 1; }
 
 # torch comes first, so that no later installation brings in another build.
-$(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
+$(INSTALLED): pyproject.toml bench/pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@.ci/offscreen
 	@rm -f "$(VENV)"/installed* "$(VENV)"/tools* "$(VENV)"/docs*
 	@echo 'Installing into $(VENV): a few minutes, once.'
 	@"$(BIN)/python" -m svv.pv.launch.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,figure,cinema]'
+	@$(PIP) --no-build-isolation -e '.[standalone,figure,cinema]' -e ./bench
 	@touch "$@"
 
 $(DOCS): $(INSTALLED)
 	@echo 'Installing the packages that the documentation needs.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,figure,cinema,notebook,docs]'
+	@$(PIP) --no-build-isolation -e '.[standalone,figure,cinema,notebook,docs]'
 	@touch "$@"
 
 # Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing the packages that the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,figure,cinema,large,notebook,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,figure,cinema,large,notebook,dev]'
 	@touch "$@"

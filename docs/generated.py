@@ -11,6 +11,7 @@ import types
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -29,10 +30,13 @@ def write(folder: Path) -> None:
 # --- layers ---------------------------------------------------------------------------------------------------------
 
 LAYERS = (
-    "pv", "cli", "bench", "job", "render", "train", "styles", "fields", "kernels", "core", "options", "dvr", "bricks",
+    "pv", "cli", "job", "render", "train", "styles", "fields", "kernels", "core", "options", "dvr", "bricks",
     "io",
 )  # fmt: skip
 """The layers from top to bottom; the last three stand beside the column."""
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "bench"))  # these pages can also be made where what measures svv is not installed
 
 FIRST = {
     "Where does a ray march, and what is composited?": "core/rays/marching.py core/rays/compositing.py",
@@ -47,22 +51,22 @@ FIRST = {
 
 def layers() -> Iterator[str]:
     """Yield every package with what lives there, and its modules."""
-    root = Path(__file__).resolve().parents[1] / "svv"
     yield "# The layers of the code\n"
     yield OPEN
     yield "Modules import only from layers below their own, and never in a circle (`tests/test_layers.py`): from top to"
     yield f"bottom {', '.join(f'`{layer}`' for layer in LAYERS[:-3])}; beside this column, `dvr` (VTK only), `bricks`"
-    yield "(neither VTK nor torch) and `io` (files). `plugin/` is ParaView's entry point.\n"
+    yield "(neither VTK nor torch) and `io` (files). `plugin/` is ParaView's entry point. What measures all this is a"
+    yield "distribution of its own in `bench/`, above everything else; nothing in `svv` imports it.\n"
     yield "| Where to start | |\n|---|---|"
     for question, names in FIRST.items():
         yield f"| {question} | {', '.join(f'`svv/{name}`' for name in names.split())} |"
-    for layer in LAYERS:
-        yield f"\n## `svv/{layer}/`\n"
-        for package in sorted({root / layer, *(path.parent for path in (root / layer).rglob("__init__.py"))}):
+    for layer in (*(ROOT / "svv" / name for name in LAYERS), ROOT / "bench/svv_bench"):
+        yield f"\n## `{layer.relative_to(ROOT).as_posix()}/`\n"
+        for package in sorted({layer, *(path.parent for path in layer.rglob("__init__.py"))}):
             text = " ".join((ast.get_docstring(ast.parse((package / "__init__.py").read_text("utf-8"))) or "").split())
             text = re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", text).replace("``", "`")
             names = ", ".join(f"`{path.stem}`" for path in sorted(package.glob("[!_]*.py")))
-            place = "" if package.parent == root else f"**`{package.relative_to(root / layer).as_posix()}/`** "
+            place = "" if package == layer else f"**`{package.relative_to(layer).as_posix()}/`** "
             yield f"{place}{text}\n" + (f"\n{names}\n" if names else "")
 
 
@@ -83,8 +87,10 @@ def commands() -> Iterator[str]:
             yield from _command(f"svv {name}", *command_of(name))
     for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):
         yield from _command(f"svv {function.__name__}", function, ())
-    for group in GROUPS:
-        for name, (function, examples) in importlib.import_module(f"svv.cli.{group}").COMMANDS.items():
+    for group, module in (*((name, f"svv.cli.{name}") for name in GROUPS), ("bench", "svv_bench.cli")):
+        if group == "bench":
+            yield "`svv bench` is a distribution of its own: `pip install ./bench` in a checkout; `make` installs it.\n"
+        for name, (function, examples) in importlib.import_module(module).COMMANDS.items():
             yield from _command(f"svv {group} {name}", function, examples)
 
 
@@ -167,6 +173,7 @@ def _default(text: str) -> str:
     return "" if text in ("", "None") else f"`{text}`"
 
 
+@cache
 def _decorated() -> list[Any]:
     """Return the classes of the plugin without ParaView: stand-ins for its decorators record what they are given."""
     found: list[Any] = []

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from docs import volumes
-from svv.bench.styles.exhibits import Exhibit, paint_figures
 from svv.core.colour.colour_vision import COLOUR_VISIONS, simulated
 from svv.core.colour.matcaps import MATCAPS, matcap_picture
 from svv.core.geometry.cameras import Camera
@@ -41,6 +40,7 @@ from svv.render.words.say import say
 from svv.styles.gallery import gallery_picture
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
+from svv_bench.styles.exhibits import Exhibit, paint_figures
 
 IMAGES = Path(__file__).resolve().parent / "images"
 KEPT = IMAGES.parents[1] / "build" / "pictures"

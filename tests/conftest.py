@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,11 +12,13 @@ import torch
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from svv.fields.scene.scene import Scene
     from svv.styles.weight_files import State
     from tests.browser import Opened
+
+# Tests measure with what lies in bench/, and so do the processes that they start, whether it is installed or not.
+BENCH = str(Path(__file__).resolve().parents[1] / "bench")
+os.environ["PYTHONPATH"] = os.pathsep.join([BENCH, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
 
 # Machines differ in speed, and compiled kernels build on their first call: no test may fail for the time it takes.
 # Thirty examples each, always the same, find what a change breaks, and pass on everybody's machine if they pass on one;

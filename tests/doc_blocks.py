@@ -17,11 +17,11 @@ import typer
 from PIL import Image
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
-from svv.bench.stability.scenes import EASY
 from svv.cli.app import app
 from svv.dvr.draw.views import make_views
 from svv.fields.scene.scene import Scene
 from svv.styles.offered import GALLERY
+from svv_bench.stability.scenes import EASY
 from tests.cinema_database import write as write_database
 from tests.cinema_database import write_over
 from tests.cube import cube_paint, cube_scene, lit_cube_scene

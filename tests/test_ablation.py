@@ -8,10 +8,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.bench.ablation.palette import offset_size
 from svv.core.colour import palette_shading
 from svv.core.geometry.cameras import sphere_cameras
 from svv.io.views.viewset import ViewSet
+from svv_bench.ablation.palette import offset_size
 from tests.cube import cube_scene
 
 CAMERAS = sphere_cameras(4, (0.0, 0.0, 0.0), 3.0, 0.5, 24)

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from svv.bench.gpu import parts
-from svv.bench.gpu.context import Context, add_result, draw_views, read_results
-from svv.bench.gpu.page import as_markdown, tables, write_report, wrong_kernels
-from svv.bench.gpu.parts import Part, parts_named, run_parts
 from svv.errors import BadInput, Cancelled, silent
 from svv.io.views.viewset import ViewSet
+from svv_bench.gpu import parts
+from svv_bench.gpu.context import Context, add_result, draw_views, read_results
+from svv_bench.gpu.page import as_markdown, tables, write_report, wrong_kernels
+from svv_bench.gpu.parts import Part, parts_named, run_parts
 
 DOES = {
     "works": "import json, sys, pathlib; a = json.loads(sys.argv[-1]); pathlib.Path(a['out'], 'worked').touch()",

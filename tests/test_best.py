@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from svv.bench.chart.figures import DASHES, MARKERS
-from svv.bench.chart.plan import SECONDS
 from svv.core.geometry.box import Box
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import FieldSettings
@@ -22,6 +20,8 @@ from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.config import PRESETS
 from svv.train.palette import regions_from_views
 from svv.train.pipeline import train_scene
+from svv_bench.chart.figures import DASHES, MARKERS
+from svv_bench.chart.plan import SECONDS
 from tests.balls import SHORT, balls_views
 
 BEST = PRESETS["best"]

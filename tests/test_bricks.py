@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from svv.bricks import marching, pyramid
 from svv.bricks.caster import BrickCaster, Look
-from svv.bricks.generated import GeneratedSource
 from svv.bricks.pyramid import halved, with_pyramid
 from svv.bricks.source import ArraySource, Source
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, silent
+from svv_bench.volume_size.generated import GeneratedSource
 
 TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")
 

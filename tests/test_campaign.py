@@ -1,4 +1,4 @@
-"""The campaign's short form, a few hundred inputs for each reader; long forms: ``python -m tests.campaign.fuzz``."""
+"""The campaign's short form, a few hundred inputs for each reader; long forms: ``python -m campaign.fuzz``."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from random import Random
 
 import pytest
 
+from campaign import fuzz
+from campaign.running import SLACK, Extent, Parser, campaign
 from svv.errors import BadInput
-from tests.campaign import fuzz
-from tests.campaign.running import SLACK, Extent, Parser, campaign
 
 SLOW = {"scenes": 40, "viewsets": 60, "classified": 60, "container": 150, "transforms": 200, "styles": 60, "masks": 60,
         "images": 60, "volumes": 60, "names": 30}  # fmt: skip

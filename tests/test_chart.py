@@ -17,13 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from svv.bench.chart import job, process, result
-from svv.bench.chart.job import Chart
-from svv.bench.chart.plan import Grid, Measure, Training, trainings
-from svv.bench.chart.result import make_chart
-from svv.bench.chart.scenes import read_scenes, shrunk, spread_over
-from svv.bench.chart.table import COLUMNS
-from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.cli import app as cli
 from svv.cli.options import parse_choices, parse_limits, parse_whole
 from svv.core.geometry.cameras import sphere_cameras
@@ -32,6 +25,13 @@ from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.options.making import LIGHTINGS, PRESET_NAMES
 from svv.train.config import PRESETS, preset
+from svv_bench.chart import job, process, result
+from svv_bench.chart.job import Chart
+from svv_bench.chart.plan import Grid, Measure, Training, trainings
+from svv_bench.chart.result import make_chart
+from svv_bench.chart.scenes import read_scenes, shrunk, spread_over
+from svv_bench.chart.table import COLUMNS
+from svv_bench.chart.tasks import RenderTask, TrainTask
 
 # --- runs and their keys -------------------------------------------------------------------------------------------
 

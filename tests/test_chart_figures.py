@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from svv.bench.chart import figures
-from svv.bench.chart.table import Row, front
+from svv_bench.chart import figures
+from svv_bench.chart.table import Row, front
 
 Numbers = list[tuple[float, float]]
 POINTS = st.lists(st.tuples(st.integers(0, 6).map(float), st.integers(0, 6).map(float)), max_size=24)

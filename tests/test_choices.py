@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import torch
 
-from svv.bench.stability.scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 from svv.core.colour.shading import Shading
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import sphere_cameras
@@ -33,6 +32,7 @@ from svv.train.config import PRESETS
 from svv.train.paint.painting import paint_cells
 from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.run.loop import Loop
+from svv_bench.stability.scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(

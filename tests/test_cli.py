@@ -15,12 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from svv.cli import added
 from svv.cli import app as cli
-from svv.cli import bench
 from svv.cli.options import parse_colour, parse_mapping, parse_numbers, parse_size
 from svv.core.geometry.cameras import look_at
 from svv.errors import BadInput, Cancelled
 from svv.io.views.camera_file import read_camera
+from svv_bench import cli as bench
+from tests.wheels import make_installed
 
 COMMANDS = [
     "demo", "run", "views", "train", "edit", "palette", "stylize", "styles", "style-mask", "render", "evaluate", "info",
@@ -65,7 +67,7 @@ def test_without_matplotlib_a_command_that_draws_says_so_before_it_begins(name: 
     command = [sys.executable, "-c", without, "bench", name, what, "--out", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
-    assert done.stderr.strip().endswith("pip install 'svv[bench]'.") and "Traceback" not in done.stderr
+    assert done.stderr.strip().endswith("pip install matplotlib.") and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -137,9 +139,39 @@ def test_the_command_alone_shows_its_help_and_its_version() -> None:
 
 
 def test_the_help_says_of_each_command_what_the_command_says_of_itself() -> None:
-    for name, (_, said) in cli.COMMANDS.items():
-        told = (bench.bench if name == "bench" else cli.command_of(name)[0]).__doc__ or ""
+    functions = {name: cli.command_of(name)[0] for name in cli.COMMANDS} | {"bench": bench.bench}
+    for name, (_, said) in (cli.COMMANDS | added.added()).items():
+        told = functions[name].__doc__ or ""
         assert " ".join(told.split("\n\n")[0].split()) == said, name
+
+
+def test_without_what_measures_a_sentence_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(added, "find_spec", lambda name: None)
+    monkeypatch.setattr(added, "entry_points", lambda group: ())
+    for arguments in (["bench"], ["bench", "--help"], ["bench", "gpu", "--short"]):
+        code, said = call(*arguments, monkeypatch=monkeypatch, capsys=capsys)
+        assert code == 2 and is_one_sentence(said) and "pip install ./bench" in said
+    monkeypatch.setattr(sys, "argv", ["svv", "--help"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    told = capsys.readouterr().out
+    assert "demo" in told and "bench" not in told
+
+
+def test_other_distributions_add_commands_which_never_hide_ours(tmp_path: Path) -> None:
+    points = "[svv.commands]\nweigh = weigh:app\nbroken = weigh.none:app\ntrain = weigh:app\n"
+    module = "import typer\napp = typer.Typer()\n@app.command()\ndef weigh():\n    'Weigh.'\n    print('heavy')\n"
+    more = {"weigh.py": module, "weigh-1.0.dist-info/entry_points.txt": points}
+    make_installed(tmp_path, "weigh", "1.0", more=more)
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])}
+    assert run("weigh", env=environ).stdout == "heavy\n"
+    assert run("train", "--help", env=environ).stdout.count("VIEWS")
+    broken = run("broken", env=environ)
+    assert broken.returncode == 2 and is_one_sentence(broken.stderr) and "install both in the same" in broken.stderr
+    told = run("--help", env=environ).stdout
+    assert "weigh" in told and told.count("Train a scene on views") == 1
 
 
 def test_a_command_is_imported_when_it_is_called() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("vtkmodules")
 
-from svv.job.comparison import Row, crossing, table
+from svv_bench.volume_size.comparison import Row, crossing, table
 
 
 def row(side: str, volume: int, seconds: float) -> Row:
@@ -40,7 +40,7 @@ def test_a_volume_that_does_not_fit_says_so() -> None:
 
 
 def test_the_comparison_needs_no_paraview() -> None:
-    script = Path(__file__).parents[1] / "paraview_scripts" / "compare_dvr_pcn.py"
+    script = Path(__file__).parents[1] / "bench" / "paraview_scripts" / "compare_dvr_pcn.py"
     done = subprocess.run([sys.executable, script, "--help"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "--volume FILE" in done.stdout

@@ -14,14 +14,6 @@ import pytest
 import torch
 from PIL import Image
 
-from svv.bench.ablation import painting as ablation
-from svv.bench.styles import modes as style_modes
-from svv.bench.styles.consistency import consistency, draw_frames, means, measure_frames
-from svv.bench.styles.modes import MODES, Comparison, compare_styles
-from svv.bench.styles.path import METRICS, OrbitPath, Protocol, Warp
-from svv.bench.styles.rival_frames import frame_alone
-from svv.bench.styles.rivals import arf_like
-from svv.bench.styles.table import averaged, victories
 from svv.cli import app as cli
 from svv.core.colour.palette import PaletteSettings, extract_palette
 from svv.core.geometry.cameras import sphere_cameras
@@ -33,6 +25,14 @@ from svv.styles.features import load_features
 from svv.train.config import PRESETS, MatchSettings, Preset, StylizeSettings
 from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from svv.train.pipeline import train_scene
+from svv_bench.ablation import painting as ablation
+from svv_bench.styles import modes as style_modes
+from svv_bench.styles.consistency import consistency, draw_frames, means, measure_frames
+from svv_bench.styles.modes import MODES, Comparison, compare_styles
+from svv_bench.styles.path import METRICS, OrbitPath, Protocol, Warp
+from svv_bench.styles.rival_frames import frame_alone
+from svv_bench.styles.rivals import arf_like
+from svv_bench.styles.table import averaged, victories
 from tests.solid_ball import solid_ball
 from tests.two_balls import Balls, two_balls
 

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from svv.bench.stability.measures import matched, overlaps
-from svv.bench.stability.scenes import BLUE, GREEN, ORANGE, RED, SCENES, KnownScene, Range, ring_and_balls, shells
 from svv.core.colour.correction import Correction
 from svv.dvr.draw.views import make_views
 from svv.errors import BadInput, Cancelled
@@ -20,6 +18,8 @@ from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.correct import correct_palette
 from svv.train.palette.ranges import region_overlaps
 from svv.train.pipeline import train_scene
+from svv_bench.stability.measures import matched, overlaps
+from svv_bench.stability.scenes import BLUE, GREEN, ORANGE, RED, SCENES, KnownScene, Range, ring_and_balls, shells
 from tests.cube import cube_paint
 
 LIKE_ORANGE = (0.95, 0.64, 0.1)

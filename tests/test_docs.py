@@ -12,6 +12,7 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -81,6 +82,26 @@ def test_reference_pages_are_what_the_code_says(name: str, monkeypatch: pytest.M
     monkeypatch.syspath_prepend(str(DOCS))
     made = importlib.import_module("generated")
     assert "\n".join(getattr(made, name)()) + "\n" == (DOCS / "reference" / f"{name}.md").read_text()
+
+
+def test_a_panel_begins_with_at_most_twelve_properties(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without buttons and what only tells; three panels have rows for each region, of which the first three show."""
+    pytest.importorskip("vtkmodules", reason="the reader of filters needs VTK: install svv[standalone]")
+    monkeypatch.syspath_prepend(str(DOCS))
+    counts = {}
+    for cls in importlib.import_module("generated")._decorated():
+        properties = ElementTree.fromstring(f"<all>{''.join(cls.xml)}</all>").iter()
+        counts[cls.__name__] = sum(
+            one.tag.endswith("Property")
+            and one.tag != "Property"
+            and one.get("panel_visibility", "default") == "default"
+            and one.get("panel_widget") != "command_button"
+            and one.get("information_only") != "1"
+            for one in properties
+        )
+    assert counts["StyleRFFigure"] == 12 and counts["StyleRFTrain"] >= 8
+    rows = {"StyleRFEdit", "StyleRFPalette", "StyleRFStylize"}
+    assert {name for name, count in counts.items() if count > 12} == rows
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,8 @@ pytest.importorskip("vtkmodules")
 
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
-from svv.bricks.generated import GeneratedSource
 from svv.bricks.opened import open_bricks
 from svv.bricks.source import ArraySource
-from svv.bricks.written import write_meta
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig
 from svv.dvr.draw import casters, large
@@ -27,6 +25,8 @@ from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput, silent
 from svv.io.views.viewset import ViewSet
 from svv.options.making import MapperName
+from svv_bench.volume_size.generated import GeneratedSource
+from svv_bench.volume_size.written import write_meta
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SHADINGS = {"ParaView's": Shading(), "glossy": Shading(ambient=0.2, diffuse=0.6, specular=0.5, specular_power=8.0)}

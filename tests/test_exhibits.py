@@ -10,12 +10,12 @@ import pytest
 import torch
 from PIL import Image
 
-from svv.bench.styles.exhibits import Exhibit, paint_figures, paint_sheet
 from svv.errors import BadInput
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import write_png
 from svv.train.config import PRESETS, StylizeSettings
+from svv_bench.styles.exhibits import Exhibit, paint_figures, paint_sheet
 
 HOW = Exhibit("draft", 48)
 SHORT = StylizeSettings(style_views=6, style_size=48)

@@ -1,4 +1,4 @@
-"""Disks that fail; the long form is ``python -m tests.campaign.failing_io``."""
+"""Disks that fail; the long form is ``python -m campaign.failing_io``."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from campaign.calls import watched
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import atomic_path, make_folder
@@ -22,7 +23,6 @@ from svv.options.cinema import ExportOptions
 from svv.render.cinema import write_database
 from svv.render.frames import orbit, write_movie
 from svv.render.web.page import write_html
-from tests.campaign.calls import watched
 from tests.ranked import fog_views
 from tests.test_kills import campaign
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.core.geometry.cameras import Camera, look_at, orbit_cameras
-from svv.core.images.flow import camera_flow, estimated_flow, is_consistent, is_motion_boundary, sampled, splatted
 from svv.errors import BadInput
+from svv_bench.styles.flow import camera_flow, estimated_flow, is_consistent, is_motion_boundary, sampled, splatted
 
 SIZE = 24
 EXACT = 1e-9

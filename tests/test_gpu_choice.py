@@ -252,4 +252,4 @@ def test_the_program_that_checks_is_python_or_the_pvpython_beside_paraview(
     (tmp_path / "pvpython").unlink()
     assert gpu._python() is None
     Card(monkeypatch)
-    assert "has not been checked yet: run `svv bench gpu --short`" in gpu.check_gpu(GPU).reason
+    assert "has not been checked yet: run `svv render` or `svv train` once" in gpu.check_gpu(GPU).reason

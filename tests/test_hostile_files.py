@@ -21,6 +21,8 @@ import pytest
 from hypothesis import given, settings
 from PIL import Image
 
+from campaign.of_tables import LAUGHS, META, PRESET, SCRIPT, STATE, VTI
+from campaign.of_views import HEADERS, PICKLE, SETS, npz, pose, prepared
 from svv.bricks.formats.mapped import open_npy, open_vti
 from svv.bricks.formats.meta_image import open_meta
 from svv.core.geometry.cameras import Camera, CameraRig
@@ -38,8 +40,6 @@ from svv.io.views.view_images import decode
 from svv.io.views.viewset import CLASSIFIED, ViewSet, read_classified
 from svv.job.stages import Stages
 from tests.any_json import any_json
-from tests.campaign.of_tables import LAUGHS, META, PRESET, SCRIPT, STATE, VTI
-from tests.campaign.of_views import HEADERS, PICKLE, SETS, npz, pose, prepared
 
 DEEP = "[" * 100_000
 HUGE = 10**400

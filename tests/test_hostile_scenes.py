@@ -15,6 +15,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from campaign.of_scenes import put_together, scenes, small, taken_apart
 from svv.core.colour.light import Lamp
 from svv.errors import BadInput
 from svv.fields.radiance.encodings import LatticeAdam
@@ -22,7 +23,6 @@ from svv.fields.radiance.networks import BaseField
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import parse_scene, scene_bytes
 from svv.train.run.checkpoint import Checkpoint
-from tests.campaign.of_scenes import put_together, scenes, small, taken_apart
 from tests.cube import cube_camera, cube_scene
 
 PLAIN, LIT, PAINTED, PARTS, STEPS = range(5)

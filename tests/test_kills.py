@@ -1,4 +1,4 @@
-"""Commands that are killed, and what is left of their work; the long form is ``python -m tests.campaign.kills``."""
+"""Commands that are killed, and what is left of their work; the long form is ``python -m campaign.kills``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.ranked import fog_views
 
 def campaign(module: str, *arguments: object) -> str:
     """Run a campaign; it fails if anything is wrong."""
-    command = [sys.executable, "-m", f"tests.campaign.{module}", *map(str, arguments)]
+    command = [sys.executable, "-m", f"campaign.{module}", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout.splitlines()[-1]

@@ -16,10 +16,13 @@ import svv
 from svv.moved import MOVED
 
 ROOT = Path(__file__).resolve().parents[1]
-MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py"))
+PACKAGES = {"svv": ROOT, "svv_bench": ROOT / "bench"}
+"""Where the import packages are; a module's path is given from there."""
+
+MODULES = sorted(path.relative_to(above) for name, above in PACKAGES.items() for path in (above / name).rglob("*.py"))
 
 BOTTOM = {"_version", "errors", "options"}
-COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job", "bench"]
+COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
 BELOW["svv"] = {"_version", "environment", "moved", "own_symbols"}
 BELOW["_version"] = BELOW["environment"] = BELOW["moved"] = BELOW["own_symbols"] = set()
@@ -35,10 +38,11 @@ BELOW["styles"] |= {"io"}
 BELOW["train"] |= {"io", "measure"}
 BELOW["render"] |= {"io", "measure"}
 BELOW["job"] |= {"io", "bricks", "dvr", "progress", "measure", "ending"}
-BELOW["bench"] |= BELOW["job"]
-BELOW["pv"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "ending", "environment", "measure", "own_symbols"} - {"bench"}
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "ending", "environment", "measure", "own_symbols"}
 BELOW["cli"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "progress", "measure", "ending", "pv"}
 BELOW["__main__"] = {"cli"}
+BELOW["bench"] = BELOW["job"] | {"job", "svv"}  # svv_bench, a distribution of its own: nothing in svv imports it
+BELOW["bench.cli"] = BELOW["cli"] | {"cli", "bench"}
 
 ALLOWED = {
     "paraview": {"pv"},
@@ -54,9 +58,17 @@ EXCEPTED = {"svv.dvr.read.other_formats": {"pyvista"}}
 """Modules that may import more than their layer: the reader of the standalone installation."""
 
 
+def source_of(path: Path) -> str:
+    """The source of a module in one of the packages."""
+    return (PACKAGES[path.parts[0]] / path).read_text()
+
+
 def layer_of(module: str) -> str:
-    """The layer of a dotted module name: 'svv.core.colour.colour' is in 'core'."""
-    return "svv" if module == "svv" else module.split(".")[1]
+    """The layer of a dotted module name: 'svv.core.colour.colour' is in 'core', all of svv_bench in 'bench'."""
+    package, *rest = module.split(".")
+    if package == "svv_bench":
+        return "bench.cli" if rest[:1] == ["cli"] else "bench"
+    return rest[0] if rest else "svv"
 
 
 def imported(path: Path, source: str) -> set[str]:
@@ -98,7 +110,7 @@ def violations(path: Path, source: str) -> list[str]:
     found = []
     for name in sorted(imported(path, source)):
         top = name.split(".")[0]
-        if top == "svv" and layer_of(name) not in BELOW[own] | {own}:
+        if top in PACKAGES and layer_of(name) not in BELOW[own] | {own}:
             found.append(f"{path} ({own}) imports {name}")
         elif top in ALLOWED and own not in ALLOWED[top] and top not in EXCEPTED.get(named(path), ()):
             found.append(f"{path} ({own}) imports {name}")
@@ -135,11 +147,11 @@ def circle(sources: Mapping[Path, str]) -> list[str]:
 
 @pytest.mark.parametrize("path", MODULES, ids=str)
 def test_imports_point_down(path: Path) -> None:
-    assert violations(path, (ROOT / path).read_text()) == []
+    assert violations(path, source_of(path)) == []
 
 
 def test_no_module_imports_itself_round_about() -> None:
-    assert circle({path: (ROOT / path).read_text() for path in MODULES}) == []
+    assert circle({path: source_of(path) for path in MODULES}) == []
 
 
 @pytest.mark.parametrize(
@@ -183,7 +195,10 @@ def test_a_circle_is_found(back: str) -> None:
         ("svv/train/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
         ("svv/job/x.py", "from paraview import simple"),
         ("svv/job/x.py", "from svv.cli.app import main"),
-        ("svv/pv/x.py", "from svv.bench.chart import job"),
+        ("svv/pv/x.py", "from svv_bench.chart import job"),
+        ("svv/cli/x.py", "def f():\n    import svv_bench"),
+        ("svv_bench/x.py", "from svv_bench.cli import app"),
+        ("svv_bench/chart/x.py", "from svv.cli.options import Out"),
         ("svv/train/x.py", "from svv import __version__"),
         ("svv/errors.py", "from svv.core.colour import colour"),
         ("svv/elsewhere.py", ""),
@@ -203,6 +218,7 @@ def test_an_upward_import_is_found(path: str, source: str) -> None:
         ("svv/dvr/__init__.py", "from .views import draw\nfrom ..core import cameras"),
         ("svv/dvr/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
         ("svv/pv/x.py", "from paraview import simple"),
+        ("svv_bench/cli/x.py", "from svv.cli.options import Out\nfrom svv_bench.chart import job"),
         ("svv/__init__.py", "if TYPE_CHECKING:\n    from svv.fields.scene.scene import Scene as Scene"),
     ],
 )

@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from svv.bench.stability.scenes import KnownScene, Range
 from svv.cli.app import app
 from svv.core.colour.light import RIM_COSINE, Lamp, blinn_phong
 from svv.core.colour.shading import Shading
@@ -37,6 +36,7 @@ from svv.train.palette.recolour import recolour
 from svv.train.pipeline import train_scene
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.loop import Running
+from svv_bench.stability.scenes import KnownScene, Range
 from tests.cube import cube_camera, lit_cube_scene
 
 DRAFT = PRESETS["draft"]

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from svv.bench.styles.statistics import StyleJudge
-from svv.core.images.lines import LEAST_PIXELS, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
 from svv.styles.textures import style_picture
 from svv.train.lpips import Lpips
+from svv_bench.styles.lines import LEAST_PIXELS, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
+from svv_bench.styles.statistics import StyleJudge
 
 Picture = NDArray[np.floating]
 SIZE = 256

@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter
 
-from svv.bench.styles.statistics import (
-    Statistics,
-    neighbours_distance,
-    statistics_distance,
-    style_activations,
-    style_statistics,
-)
 from svv.core.rounding import sums_apart
 from svv.errors import BadInput
 from svv.styles.textures import style_picture
 from svv.styles.weight_files import State, content_sha256
 from svv.styles.weights import NETWORKS
 from svv.train.lpips import Lpips, lpips
+from svv_bench.styles.statistics import (
+    Statistics,
+    neighbours_distance,
+    statistics_distance,
+    style_activations,
+    style_statistics,
+)
 
 Published = Callable[[str], State]
 

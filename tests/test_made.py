@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from svv.errors import BadInput
-from svv.io.files.keyed_results import code, digest, digest_of_file, kept, key_of, read_record, write_record
+from svv.io.files.keyed_results import digest, digest_of_file, kept, key_of, read_record, write_record
+from svv_bench.keys import code
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(-1e300, 1e300) | st.text(),
@@ -63,7 +64,7 @@ def test_a_file_counts_by_its_content(tmp_path: Path) -> None:
 
 
 def test_keys_are_the_same_in_every_process() -> None:
-    script = "from svv.io.files.keyed_results import code, key_of; print(key_of({'b': 1, 'a': [0.1]}), code())"
+    script = "from svv_bench.keys import code, key_of; print(key_of({'b': 1, 'a': [0.1]}), code())"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split() == [key_of({"a": [0.1], "b": 1}), code()]
 

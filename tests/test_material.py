@@ -10,8 +10,6 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from svv.bench.stability.measures import palette_error
-from svv.bench.stability.scenes import SCENES
 from svv.core.colour.shading import Shading
 from svv.core.geometry.surfaces import surface_normals
 from svv.core.two_groups import gap_of
@@ -26,6 +24,8 @@ from svv.train.palette.recolour import palette_of
 from svv.train.palette.regions_from_views import Labels, owners_of, regions_in
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import RayPool
+from svv_bench.stability.measures import palette_error
+from svv_bench.stability.scenes import SCENES
 
 SHORT = replace(
     PRESETS["draft"], reconstruct=ReconstructSettings(iterations=200, rays=2048),

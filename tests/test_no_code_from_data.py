@@ -17,7 +17,9 @@ from svv.io.files import fetch
 from svv.job.page import Page, Picture, Table, write_page
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = sorted(path for folder in ("svv", "plugin", "paraview_scripts") for path in (ROOT / folder).rglob("*.py"))
+SOURCES = sorted(
+    path for folder in ("svv", "bench", "plugin", "paraview_scripts") for path in (ROOT / folder).rglob("*.py")
+)
 
 PICKLES = {
     "svv/dvr/parallel/ranks.py": "between processes of one run, which trust each other",

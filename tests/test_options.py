@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from dataclasses import dataclass, fields, replace
+import re
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import pytest
@@ -16,7 +18,7 @@ from typer.testing import CliRunner
 from svv.cli.option_group import SYNTAX, flag_of, spread
 from svv.errors import BadInput
 from svv.fields.radiance.networks import ENCODINGS, FieldSettings
-from svv.options import editing, making
+from svv.options import baking, cinema, editing, figures, making
 from svv.options.arguments import add_arguments, options_of
 from svv.options.described import Setting, chosen, described
 from svv.pv.panel.option_panel import options_in, properties_of
@@ -142,6 +144,61 @@ def test_what_does_not_change_the_result_is_no_part_of_its_key() -> None:
 
 
 # --- single settings of a preset -------------------------------------------------------------------------------------
+
+
+ALIKE = {
+    "field.levels": "the paper's hash grid, which small scenes need no more than a few levels of",
+    "field.log2_entries": "the same: its size",
+    "field.lighting": "--lighting, and what the views show",
+    "field.headlight": "the views: how their light stands",
+    "field.finer": "the paint, which may need finer levels",
+    "reconstruct.rays": "machines with little memory",
+    "reconstruct.samples": "machines with little memory; the stability cases",
+    "reconstruct.hold": "HOMES, which gives an encoding its own rates",
+    "reconstruct.density_rate": "scenes of a few voxels",
+    "reconstruct.known_density_rate": "the encoding values",
+    "reconstruct.keep": "short trainings, in which unseen samples are to be seen",
+    "reconstruct.prune_every": "short trainings, which else never prune",
+    "reconstruct.prune_least": "faint volumes",
+    "reconstruct.cells": "thin parts in large boxes",
+    "recolour.rays": "machines with little memory",
+    "recolour.samples": "machines with little memory; the stability cases",
+    "recolour.hold": "HOMES, which gives an encoding its own rates",
+    "recolour.palette_rate": "palettes that are to stay as they were given, at 0",
+    "recolour.offset_weight": "the paper's lambda_delta, which `svv bench ablate` varies",
+    "stylize.style_size": "pictures whose strokes are to be finer or coarser than their scale says",
+}
+"""Settings that all presets have alike, and who sets them nevertheless: any other one is a constant of the code."""
+
+
+def test_of_every_option_a_page_says_who_sets_it() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "who-sets-what.md").read_text(encoding="utf-8")
+    named: dict[str, list[str]] = {}
+    for line in page.splitlines():
+        if heading := re.match(r"## `(\w+)`", line):
+            named[heading[1]] = []
+        elif row := re.match(r"\| `(\w+)` \| [^|]+ \| [^|]+ \|$", line):
+            named[list(named)[-1]].append(row[1])
+    modules = (making, editing, baking, cinema, figures)
+    every = [k for m in modules for k in vars(m).values() if inspect.isclass(k) and k.__module__ == m.__name__]
+    kinds = [k for k in every if is_dataclass(k)]
+    above = {k: {f.name for b in k.__bases__ if is_dataclass(b) for f in fields(b)} for k in kinds}
+    own = {k.__name__: [f.name for f in fields(k) if f.name not in above[k]] for k in kinds}
+    del own["SceneEdit"]  # what a command or a panel asks for at once
+    assert named == own
+
+
+def test_a_setting_is_one_that_presets_or_people_set() -> None:
+    alike = set()
+    for stage in config.STAGES:
+        every = [getattr(one, stage) for one in config.PRESETS.values()]
+        for field in set.intersection(*({f.name for f in fields(each)} for each in every)):
+            if len({repr(getattr(each, field)) for each in every}) == 1:
+                alike.add(f"{stage}.{field}")
+    assert alike == set(ALIKE)
+    for text in ("reconstruct.alpha_weight=2", "recolour.phong_rate=0.1"):
+        with pytest.raises(BadInput, match="There is no setting"):
+            config.changed(config.preset("fast"), [text])
 
 
 def test_single_settings_are_changed() -> None:

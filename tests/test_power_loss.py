@@ -1,4 +1,4 @@
-"""What a power failure may leave; the long form is ``python -m tests.campaign.power_loss``."""
+"""What a power failure may leave; the long form is ``python -m campaign.power_loss``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaign.calls import watched
+from campaign.power_loss import Disk
 from svv.bricks.pyramid import with_pyramid
 from svv.bricks.source import ArraySource
 from svv.errors import BadInput, silent
 from svv.io.files.atomic import atomic_path, make_folder
-from tests.campaign.calls import watched
-from tests.campaign.power_loss import Disk
 from tests.test_kills import campaign
 
 

@@ -10,11 +10,6 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from svv.bench.profile.ceilings import Ceilings
-from svv.bench.profile.profile import profile_views
-from svv.bench.profile.table import STAGES, Profile, as_text, profile_of
-from svv.bench.profile.watch import NETWORKS, Watch
-from svv.bench.profile.work import Watched, Work, watched
 from svv.cli.app import app
 from svv.dvr.draw.views import make_views
 from svv.errors import BadInput, silent
@@ -22,6 +17,11 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import mlp
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import kernels_of
+from svv_bench.profile.ceilings import Ceilings
+from svv_bench.profile.profile import profile_views
+from svv_bench.profile.table import STAGES, Profile, as_text, profile_of
+from svv_bench.profile.watch import NETWORKS, Watch
+from svv_bench.profile.work import Watched, Work, watched
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 CEILINGS = Ceilings(bytes=1e9, operations=1e10, half_operations=None, gathers=1e8, far_gathers=1e7)

@@ -11,7 +11,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.bench.stability.scenes import SCENES
 from svv.core.volumes.classified import ClassifiedVolume, ValueRange
 from svv.dvr.draw.classify import MOST_RANGES, classified
 from svv.dvr.draw.frame import set_stage
@@ -25,6 +24,7 @@ from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.palette.ranges import Owners, region_overlaps, shares_of
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import RayPool
+from svv_bench.stability.scenes import SCENES
 
 BLUE, RED = (0.1, 0.3, 1.0), (1.0, 0.2, 0.1)
 SHORT = replace(

@@ -11,7 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
-from svv.bench.styles.rival_frames import (
+from svv.core.geometry.cameras import sphere_cameras
+from svv.styles.features import PatchFeatures
+from svv.train.match.style_loss import StyleLossSettings, StyleTarget
+from svv_bench.styles.flow import camera_flow, is_consistent, splatted
+from svv_bench.styles.rival_frames import (
     LEAST_VARIANCE,
     Before,
     StatisticsLoss,
@@ -21,10 +25,6 @@ from svv.bench.styles.rival_frames import (
     statistics_of,
     with_style_colours,
 )
-from svv.core.geometry.cameras import sphere_cameras
-from svv.core.images.flow import camera_flow, is_consistent, splatted
-from svv.styles.features import PatchFeatures
-from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from tests.untrained import untrained
 
 SIZE, STEPS = 64, 12

@@ -102,7 +102,8 @@ def test_kernels_from_the_cache_give_the_bits_of_those_just_compiled(tmp_path: P
 
 def test_no_kernel_may_reorder_sums() -> None:
     """The profile's own loop is one that measures the machine."""
-    sources = (Path(__file__).resolve().parents[1] / "svv").rglob("*.py")
+    root = Path(__file__).resolve().parents[1]
+    sources = (path for folder in ("svv", "bench") for path in (root / folder).rglob("*.py"))
     assert {s.name for s in sources if "fastmath=True" in s.read_text(encoding="utf-8")} == {"ceilings.py"}
 
 

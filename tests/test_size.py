@@ -27,7 +27,7 @@ def giants(source: str) -> Iterator[str]:
                 yield f"{node.name}: {long} lines"
 
 
-@pytest.mark.parametrize("folder", ["svv", "plugin", "paraview_scripts", "docs"])
+@pytest.mark.parametrize("folder", ["svv", "plugin", "paraview_scripts", "docs", "bench"])
 def test_functions_fit_a_screen(folder: str) -> None:
     found = {
         str(path.relative_to(ROOT)): list(giants(path.read_text("utf-8"))) for path in (ROOT / folder).rglob("*.py")
@@ -42,7 +42,7 @@ def test_a_giant_is_found_unless_it_says_why() -> None:
     assert not list(giants("def small():\n    '''One\n" + "line\n" * 99 + "    '''\n"))
 
 
-@pytest.mark.parametrize("folder", ["svv", "plugin", "paraview_scripts", "docs", "tests"])
+@pytest.mark.parametrize("folder", ["svv", "plugin", "paraview_scripts", "docs", "bench", "tests", "campaign"])
 def test_modules_can_be_read_in_one_go(folder: str) -> None:
     lines = {path: len(path.read_text("utf-8").splitlines()) for path in (ROOT / folder).rglob("*.py")}
     assert lines

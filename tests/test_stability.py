@@ -14,24 +14,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from svv.bench.stability.cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures
-from svv.bench.stability.measures import (
-    FOREGROUND_DROP,
-    failures,
-    matched,
-    overlaps,
-    palette_error,
-)
-from svv.bench.stability.pictures import barely_masked, tiny
-from svv.bench.stability.runs import Matrix, run_stability
-from svv.bench.stability.scenes import NESTED, SCENES, TRANSPARENT, Range
-from svv.bench.stability.table import FILES, summary, write_summary
 from svv.cli import app as cli
 from svv.core.colour.colour import colour_differences
 from svv.core.geometry.cameras import orbit_cameras
 from svv.dvr.read.grids import index_to_world, to_array
 from svv.errors import BadInput, Cancelled
 from svv.train.config import Preset, preset
+from svv_bench.stability.cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures
+from svv_bench.stability.measures import (
+    FOREGROUND_DROP,
+    failures,
+    matched,
+    overlaps,
+    palette_error,
+)
+from svv_bench.stability.pictures import barely_masked, tiny
+from svv_bench.stability.runs import Matrix, run_stability
+from svv_bench.stability.scenes import NESTED, SCENES, TRANSPARENT, Range
+from svv_bench.stability.table import FILES, summary, write_summary
 
 # --- measures ----------------------------------------------------------------------------------------------------
 

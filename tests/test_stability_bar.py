@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import pytest
 
-from svv.bench.stability.cases import CASES, Bench, BenchSettings
-from svv.bench.stability.measures import failures
 from svv.errors import silent
 from svv.train.config import preset
+from svv_bench.stability.cases import CASES, Bench, BenchSettings
+from svv_bench.stability.measures import failures
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from svv.bench.stability.scenes import SCENES
 from svv.cli import app
 from svv.core.geometry.cameras import sphere_cameras
 from svv.dvr.draw.views import make_views
@@ -25,6 +24,7 @@ from svv.options.described import described
 from svv.options.making import PaletteOptions, TrainOptions
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.pipeline import train_scene
+from svv_bench.stability.scenes import SCENES
 from tests.balls import two_balls
 
 TINY = replace(

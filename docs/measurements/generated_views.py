@@ -9,11 +9,11 @@ import sys
 import time
 from pathlib import Path
 
-from svv.bricks.generated import GeneratedSource
 from svv.dvr.draw.large import LargeVolume
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.measure import measured
+from svv_bench.volume_size.generated import GeneratedSource
 
 SHELLS = (
     {"centre": 60, "width": 40, "opacity": 0.04, "colour": (0.15, 0.5, 1.0)},

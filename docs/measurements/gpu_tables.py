@@ -9,7 +9,7 @@ import json
 import sys
 from pathlib import Path
 
-from svv.bench.gpu.page import as_markdown, tables
+from svv_bench.gpu.page import as_markdown, tables
 
 RESULTS = Path(__file__).with_name("gpu-h200.jsonl")
 LATER = Path(__file__).with_name("gpu-h100.jsonl")

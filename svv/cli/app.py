@@ -21,6 +21,7 @@ import typer
 from typer.core import TyperGroup
 
 from svv._version import __version__
+from svv.cli.added import added, added_command
 from svv.cli.commands import paraview
 from svv.cli.options import examples
 from svv.ending import end_with
@@ -79,15 +80,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "filters, and pyramids.",
     ),
     "mcp": ("mcp", "Serve svv to assistants by the Model Context Protocol, over standard input and output."),
-    "bench": (
-        "bench",
-        "Measure accuracy against time, stability, consistency between frames, and the effect of each part.",
-    ),
 }
 """Each command's name, its module in :mod:`svv.cli.commands` and the first paragraph of its help, in its order."""
 
 
-GROUPS = ("look", "bench")
+GROUPS = ("look",)
 """Commands that are groups of commands: ``app`` of their module."""
 
 
@@ -102,14 +99,13 @@ class Commands(TyperGroup):
     """The commands, each imported when it is called: help and every command would wait for all of them otherwise."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names in the order of the help: ParaView's programs after our own, measuring last."""
-        *ours, last = COMMANDS
-        return [*ours, *super().list_commands(ctx), last]
+        """Return the names in the order of the help: ParaView's programs after our own, then other distributions'."""
+        return list(dict.fromkeys((*COMMANDS, *super().list_commands(ctx), *added())))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command of a name, or None."""
         if cmd_name not in COMMANDS:
-            return super().get_command(ctx, cmd_name)
+            return super().get_command(ctx, cmd_name) or added_command(cmd_name)
         if cmd_name in GROUPS:
             return typer.main.get_command(importlib.import_module(f"svv.cli.{cmd_name}").app)
         command, lines = command_of(cmd_name)
@@ -125,7 +121,7 @@ class Commands(TyperGroup):
         """Write what each command does, without importing it."""
         programs = {name: self.get_command(ctx, name).help for name in super().list_commands(ctx)}
         with formatter.section("Commands"):
-            said = {name: told for name, (_, told) in COMMANDS.items()} | programs
+            said = {name: told for name, (_, told) in (added() | COMMANDS).items()} | programs
             formatter.write_dl([(name, said[name]) for name in self.list_commands(ctx)])
 
 

@@ -120,7 +120,7 @@ def check_gpu(device: torch.device) -> Verdict:
     """Check a GPU in a process of its own, and keep the result if it says something about the GPU."""
     python = _python()
     if python is None:
-        return Verdict(False, "it has not been checked yet: run `svv bench gpu --short` once")
+        return Verdict(False, "it has not been checked yet: run `svv render` or `svv train` once outside ParaView")
     environment = {**os.environ, SKIP_CHECK: "0", "SVV_COMPILE_AHEAD": "0", "CUDA_VISIBLE_DEVICES": _visible(device)}
     print(f"Checking the GPU ({describe_gpu(device)}), once: about 25 seconds.", file=sys.stderr)
     try:

@@ -40,9 +40,11 @@ class FigureOptions:
     """Journal whose column widths and size of text are used."""
     columns: ColumnsName = "single"
     """Whether the figure is as wide as one column or as two."""
-    width: Annotated[float | None, Setting(metavar="MM", unset=0.0, unset_says="0: the column's.")] = None
+    width: Annotated[float | None, Setting(metavar="MM", advanced=True, unset=0.0, unset_says="0: the column's.")] = (
+        None
+    )
     """Width in mm instead, from 20 to 1000."""
-    dpi: int = 300
+    dpi: Annotated[int, Setting(advanced=True)] = 300
     """Pixels per inch of the pictures, from 50 to 1200; journals ask for 300, or for 600 with fine lines."""
     across: Annotated[int | None, Setting(metavar="N", least=1, panel="")] = None
     """Panels beside each other; by default all of up to three, and otherwise as square a grid as possible."""
@@ -62,13 +64,13 @@ class FigureOptions:
     """Draw a scale bar; under perspective, it holds in the plane through the middle of the volume."""
     axes: Annotated[str | None, Setting(metavar="X,Y,Z|none")] = "x,y,z"
     """Names of the volume's axes in the corner that shows how they lie; none leaves them out."""
-    parallel: bool = False
+    parallel: Annotated[bool, Setting(advanced=True)] = False
     """Look along parallel rays, so that the scale bar holds everywhere."""
     background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour", panel="")] = (
         None
     )
     """white, black or '#rrggbb', behind the whole figure; white by default."""
-    transparent: bool = False
+    transparent: Annotated[bool, Setting(advanced=True)] = False
     """Leave the background out: transparent PNG and TIFF, and no rectangle behind SVG and PDF."""
     font: Annotated[str | None, Setting(metavar="NAME", advanced=True)] = None
     """An installed font, such as Arial; by default DejaVu Sans, which comes with matplotlib."""

@@ -54,38 +54,20 @@ class ReconstructSettings(FitSettings):
     left out."""
     refine_known: bool = False
     """Whether a density that starts from the volume or from a tomography becomes twice as fine, too."""
-    refine_at: float = 0.5
-    """Fraction of the schedule after which the step and the density lattice become twice as fine; above 1: never."""
     density_rate: float = 0.3
     """Learning rate of the density lattice, in units of the log-extinction."""
-    density_pull: float = 3e-8
-    """Loss weight of half the squared values in the density lattice's finer levels; it decays with the learning rates.
-    Where the views say little, as in a faint shell, the coarse level then prevails over noise."""
     use_volume: bool = True
     """Whether the density is initialized from the classified volume, if the views include it."""
     tomography: bool = True
     """Whether the density of a lattice is otherwise initialized from the views' alpha by tomography."""
-    colour_every: float = 1.0 / 16.0
-    """Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
     known_density_rate: float = 0.03
     """Learning rate of a density that was initialized from the volume."""
-    translucent_density_rate: float = 0.05
-    """Learning rate of a density that was initialized by a tomography of translucent views, which is less exact."""
-    opaque_density_rate: float = 0.15
-    """Learning rate of a density that was initialized by a tomography of views of which most visible pixels are opaque:
-    what lies behind such a pixel, it does not tell."""
-    alpha_weight: float = 1.0
-    """Weight of the squared error of alpha, relative to that of colour."""
-    initial_exponent: float = 2.0
-    """Initial log-extinction: a fog in which every sample is visible."""
     keep: float = 0.05
     """Fraction of the invisible samples that are trained nevertheless."""
     prune_every: int = 100
     """Number of steps between prunings of the occupancy."""
     prune_least: float = PRUNED
     """Optical depth per step below which a cell is pruned."""
-    faint_prune_least: float = 0.001
-    """The same where a tomography of translucent views found the extinction: it is exact enough for a skin of 2 %."""
     cells: int = 128
     """Number of occupancy cells along the longest side."""
 
@@ -105,21 +87,11 @@ class RecolourSettings(FitSettings):
     offset_start: float = 10.0
     """Initial factor on ``offset_weight``, which falls to 1 halfway: a palette colour that another one's offsets
     replace early never recovers, and its region is lost."""
-    palette_weight: float = 0.001
-    """Weight of the palette's squared distance to its initial colours."""
     shade_weight: float = 0.003
     """Weight of (m - 1)^2, which keeps the material's brightness in the intensity I and the light's in the shade m."""
-    phong_shade_weight: float = 0.0003
-    """Weight of (m - 1)^2 for an explicit light, which is less expressive and so needs more freedom."""
-    phong_rate: float = 0.03
-    """Learning rate of an explicit light's coefficients."""
     mixing_weight: float = 0.01
     """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
-    must not bleed into another. If the volume determines the range, ``owner_weight`` applies instead."""
-    owner_weight: float = 0.1
-    """Weight of -ln w of a sample's own range, averaged over the samples of each range and over the ranges. Without
-    a volume, for a palette made by hand or of more than three colours: weight of the cross entropy of their shares in
-    a pixel, averaged over the colours."""
+    must not bleed into another. If the volume determines the range, stage 2 asks for that instead."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A short form of the long runs in ParaView: operations leave nothing behind (tests/campaign/paraview_long.py)."""
+"""A short form of the long runs in ParaView: operations leave nothing behind (campaign/paraview_long.py)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.campaign.paraview_long import HOLDS, run, slope
+from campaign.paraview_long import HOLDS, run, slope
 
 MOST = {"malloc": 20_000, "resident": 200_000, "python": 60}
 """Bytes, bytes and blocks an operation. ParaView's own filters take 3,000 bytes (displays), and 20,000 resident ones in

@@ -17,7 +17,8 @@ from svv.styles.textures import style_picture
 from tests.paraview.filter_script import LITTLE
 from tests.paraview.stirred_files import write_stirred
 
-SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS, COMPARE = ROOT / "paraview_scripts", ROOT / "bench" / "paraview_scripts" / "compare_dvr_pcn.py"
 QUICK = ("--preset", "draft", "--views", 12, "--test", 2, "--size", 96)
 SMALL = ("--orbit", 3, "--orbit-size", 48)
 
@@ -138,7 +139,7 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     (tmp_path / "tf.json").write_text('{"bumps": [{"centre": 8, "width": 6, "opacity": 0.5}]}')
     own = ("--volume", tmp_path / "ball.npy", "--tf", tmp_path / "tf.json", "--spacing", "2,2,2", "--views-only")
     quick = ("--images", 48, 64, "--preset", "draft", "--views", 12)
-    done = pvpython(LITTLE, SCRIPTS / "compare_dvr_pcn.py", *own, *quick, "--out", tmp_path / "own")
+    done = pvpython(LITTLE, COMPARE, *own, *quick, "--out", tmp_path / "own")
     rows = list(csv.DictReader((tmp_path / "own" / "compare.csv").read_text().splitlines()))
     assert [(r["side"], r["volume"], r["image"]) for r in rows] == [
         (side, "26", image) for side in ("DVR", "bricks", "PCN") for image in ("48", "64")
@@ -156,7 +157,7 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
         assert ((chart[:, one] - chart[:, other]) > 100).sum() > 40
     assert Scene.load(tmp_path / "own" / "26" / "scene.svv").made["learned_from"] == "views only"
     stamp = (tmp_path / "own" / "26" / "pcn.json").stat().st_mtime_ns
-    pvpython(LITTLE, SCRIPTS / "compare_dvr_pcn.py", *own, *quick, "--out", tmp_path / "own")
+    pvpython(LITTLE, COMPARE, *own, *quick, "--out", tmp_path / "own")
     assert (tmp_path / "own" / "26" / "pcn.json").stat().st_mtime_ns == stamp
 
 
@@ -171,8 +172,8 @@ BAD = {
     ("edit_palette.py", "out/scene.svv", "--opacity", "0=-1"): "at least 0",
     ("batch_styles.py", "out/scene.svv", "out/orbit", "--out", "painted"): "contains no pictures",
     ("batch_styles.py", "out/scene.svv", "brush.png", "out/../brush.png", "--out", "painted"): "rename one",
-    ("compare_dvr_pcn.py", "--volumes", "4", "--out", "compared"): "at least 16",
-    ("compare_dvr_pcn.py", "--volume", "none.vti", "--out", "compared"): "no volume none.vti",
+    (str(COMPARE), "--volumes", "4", "--out", "compared"): "at least 16",
+    (str(COMPARE), "--volume", "none.vti", "--out", "compared"): "no volume none.vti",
     ("extract_views.py", "none.vti", "--out", "none.cdb"): "no file none.vti",
     ("extract_views.py", "volume.vti", "--phi", "361", "--out", "none.cdb"): "1 to 360 for phi",
 }
@@ -208,16 +209,16 @@ def test_bad_input_is_a_sentence(made: Path, pvpython) -> None:
     (made / "notes.txt").write_text("no volume")
     for (command, said), (code, _, err) in zip(BAD.items(), in_turn(pvpython, BAD, cwd=made), strict=True):
         last = err.strip().splitlines()[-1]
-        assert code == 2 and last.startswith(f"{command[0]}: ") and said in last, (command, code, err)
+        assert code == 2 and last.startswith(f"{Path(command[0]).name}: ") and said in last, (command, code, err)
         assert "Traceback" not in err
     assert not any((made / name).exists() for name in ("orbit", "painted", "compared", "none.cdb"))
 
 
 def test_help_has_examples(pvpython) -> None:
-    commands = [(path.name, "--help") for path in sorted(SCRIPTS.glob("*.py"))]
+    commands = [(str(path), "--help") for path in (*sorted(SCRIPTS.glob("*.py")), COMPARE)]
     assert len(commands) == 6
     for (script, _), (code, out, _) in zip(commands, in_turn(pvpython, commands), strict=True):
-        assert code == 0 and "examples:" in out and f"svv pvpython {script}" in out
+        assert code == 0 and "examples:" in out and f"svv pvpython {Path(script).name}" in out
 
 
 def test_a_script_knows_the_program_that_runs_it(pvpython: Callable) -> None:

@@ -179,17 +179,20 @@ def test_the_shim_goes_only_where_it_is_needed(version, python, needed: bool, tm
     assert (str(ROOT / "plugin" / "compat") in folders) == needed
 
 
-def test_of_a_folder_with_another_vtk_only_svv_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("ours", [["svv"], ["svv", "svv_bench"]])
+def test_of_a_folder_with_another_vtk_only_svv_is_shown(
+    ours: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     packages, environment = tmp_path / "site-packages", tmp_path / "environment"
-    for name in ("svv", "vtkmodules"):
+    for name in (*ours, "vtkmodules"):
         (packages / name).mkdir(parents=True)
     environment.mkdir()
     monkeypatch.setattr(programs, "_home", lambda: packages)
     for _ in range(2):
         linked, *others = programs.python_path(programs.ParaView(tmp_path, (6, 0), (3, 12)), environment, {})
         assert others == [str(environment)]
-        assert os.listdir(linked) == ["svv"]
-        assert (Path(linked) / "svv").resolve() == packages / "svv"
+        assert sorted(os.listdir(linked)) == ours
+        assert all((Path(linked) / name).resolve() == packages / name for name in ours)
 
 
 @pytest.mark.parametrize(

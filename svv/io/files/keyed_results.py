@@ -1,9 +1,8 @@
 """Results that are computed once and identified by a key: a hash of everything that they depend on.
 
 A key is made from content, never from sums, sizes or paths: from the bytes of arrays and files, from settings and
-other plain values, and from the version (:func:`key_of`). Measurements also depend on the code that is measured
-(:func:`key_of_measure`). Results are kept as JSON records that contain the key (:func:`write_record`) or in folders
-with such a record (:func:`kept`); a result with another key is computed again.
+other plain values, and from the version (:func:`key_of`). Results are kept as JSON records that contain the key
+(:func:`write_record`) or in folders with such a record (:func:`kept`); a result with another key is computed again.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import hashlib
 import json
 import shutil
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +32,6 @@ FILES = 64
 
 BLOCK = 1 << 20
 """Number of bytes of a file that are read at a time."""
-
-CALCULATES = ("core", "dvr", "fields", "io", "kernels", "render", "styles", "train")
-"""Layers of the package whose code affects measurements."""
 
 _files: dict[tuple[str, int, int], str] = {}
 
@@ -81,19 +76,6 @@ def digest_of_file(path: str | Path) -> str:
     except OSError as error:
         raise BadInput(f"Cannot read {path}: {error.strerror or error}.") from error
     return _files[place]
-
-
-def key_of_measure(*parts: object) -> str:
-    """Return the :func:`key_of` of these values and of the code that is measured."""
-    return key_of(code(), *parts)
-
-
-@cache
-def code() -> str:
-    """Return a hash of the code of the layers in ``CALCULATES``, because the version seldom changes."""
-    root = Path(__file__).resolve().parents[2]
-    files = sorted(path for layer in CALCULATES for path in (root / layer).rglob("*.py"))
-    return digest({path.relative_to(root).as_posix(): path for path in files})
 
 
 def read_record(path: Path, key: str) -> dict[str, Any] | None:

@@ -25,6 +25,7 @@ from svv.pv.client.connection import client_gone
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
 from svv.pv.results.time_steps import Steps
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 Result = TypeVar("Result")
 
@@ -75,7 +76,7 @@ class Filter(VTKPythonAlgorithmBase):
 
     # --- the pipeline's requests --------------------------------------------------------------------------------------
 
-    def ProcessRequest(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def ProcessRequest(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Answer a request of the pipeline; an error in it is said, for it would not get past VTK."""
         try:
             return int(super().ProcessRequest(request, in_info, out_info))
@@ -83,12 +84,12 @@ class Filter(VTKPythonAlgorithmBase):
             self.say(sentence_on(error))
             return 1
 
-    def FillInputPortInformation(self, port: int, info: Any) -> int:
+    def FillInputPortInformation(self, port: int, info: Request) -> int:
         """Accept any data, so that the filter itself can explain which input it needs."""
         info.Set(self.INPUT_REQUIRED_DATA_TYPE(), "vtkDataObject")
         return 1
 
-    def RequestUpdateExtent(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestUpdateExtent(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Request the whole input, because the output's extent is that of an image and unrelated to the input's.
 
         All ranks do, or the filters before this one would not be executed on the same ranks: those that draw a volume
@@ -108,7 +109,7 @@ class Filter(VTKPythonAlgorithmBase):
                 info.Set(executive.UPDATE_NUMBER_OF_PIECES(), 1)
         return 1
 
-    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestData(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Do the work on the first rank only; the other ranks would do the same work."""
         if not self.first_rank:
             return 1
@@ -133,7 +134,7 @@ class Filter(VTKPythonAlgorithmBase):
         self.UpdateProgress(1.0)
         return 1
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str | None:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str | None:
         """Fill the outputs; return a line for the panel.
 
         Raises:
@@ -142,7 +143,7 @@ class Filter(VTKPythonAlgorithmBase):
         """
         raise NotImplementedError
 
-    def before(self, outputs: list[Any]) -> None:
+    def before(self, outputs: list[Data]) -> None:
         """Fill the outputs with the previous result after the work has failed; by default do nothing."""
 
     # --- for subclasses -----------------------------------------------------------------------------------------------
@@ -253,7 +254,7 @@ def _forgetter(kept: MutableMapping[Any, Any], results: MutableMapping[Any, Any]
     return forget
 
 
-def set_image_information(filter: Filter, out_info: Any, width: int, height: int, port: int = 0) -> None:
+def set_image_information(filter: Filter, out_info: OutInfo, width: int, height: int, port: int = 0) -> None:
     """Announce the size of the output image to the pipeline.
 
     It is empty on all ranks but the first. Otherwise, those ranks would be executed at every update, without the first.
@@ -278,12 +279,12 @@ class ViewsOutput(Filter):
     last_view = 0
     """Number of the last view that exists or will exist."""
 
-    def FillOutputPortInformation(self, port: int, info: Any) -> int:
+    def FillOutputPortInformation(self, port: int, info: Request) -> int:
         """Declare the outputs: an image, and points."""
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
         return 1
 
-    def show(self, views: Any, outputs: list[Any], key: str = "") -> None:
+    def show(self, views: Any, outputs: list[Data], key: str = "") -> None:
         """Output views; show the last one if the panel asks for a later one. ``key`` is as for ``put_views``."""
         image, cameras = outputs
         put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), image, cameras, key)
@@ -296,7 +297,7 @@ class ViewsOutput(Filter):
 class ImageOutput(Filter):
     """A filter whose output is an image of a scene."""
 
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Announce the image's size; the time steps are those of the input."""
         set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
         return 1
@@ -309,7 +310,7 @@ class VolumeOutput(Filter):
         """Return the grid of the output for a scene's table; raises BadInput if there is none."""
         raise NotImplementedError
 
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Announce the grid of the input's scene.
 
         The input is therefore updated first: filters behind this one need to know the grid before they ask for data.
@@ -323,7 +324,7 @@ class VolumeOutput(Filter):
         self.announce(out_info, grid)
         return 1
 
-    def announce(self, out_info: Any, grid: Any) -> None:
+    def announce(self, out_info: OutInfo, grid: Any) -> None:
         """Announce a grid to the pipeline, or an empty one (see :func:`set_image_information`)."""
         info = out_info.GetInformationObject(0)
         shape = (0, 0, 0) if grid is None else grid.shape

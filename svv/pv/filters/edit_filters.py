@@ -27,6 +27,7 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, button, file, integer, panel, status, switch, text
 from svv.pv.results.cached import Keeping
+from svv.pv.vtk_types import Data, OutInfo, Request
 
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
 
@@ -63,7 +64,7 @@ class SceneOutput(Keeping):
         else:
             self._status = f"Saved as {name}."
 
-    def before(self, outputs: list[Any]) -> None:
+    def before(self, outputs: list[Data]) -> None:
         if self.last("given") is not None:
             put_scene(self.last("given"), outputs[0])
 
@@ -121,7 +122,7 @@ class StyleRFEdit(SceneOutput):
         """Return the point in space that the last click went to; empty if nothing is visible there."""
         return self._picked
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.editing import as_edited, told
 
         scene = as_edited(scene_of(inputs[0]), self.values, self.progress)
@@ -141,12 +142,12 @@ class StyleRFJoin(SceneOutput):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
 
-    def FillInputPortInformation(self, port: int, info: Any) -> int:
+    def FillInputPortInformation(self, port: int, info: Request) -> int:
         """Accept several scenes."""
         info.Set(self.INPUT_IS_REPEATABLE(), 1)
         return super().FillInputPortInformation(port, info)
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.scene.joined import joined, members
         from svv.pv.filters.editing import told
 

@@ -15,6 +15,7 @@ from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_image
 from svv.pv.panel.groups import keep_input_visible, menu, seen_with, takes_scene
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import button, file, number, numbers, panel, status, switch
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 __all__ = ["StyleRFFigure"]
 
@@ -44,7 +45,7 @@ class StyleRFFigure(Filter):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
 
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Announce the figure's size, which is known when it is drawn."""
         connection = self.GetInputConnection(0, 0)
         connection.GetProducer().Update(connection.GetIndex())
@@ -57,7 +58,7 @@ class StyleRFFigure(Filter):
         set_image_information(self, out_info, width, height)
         return 1
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.engine import as_seen_with
 
         pixels = self._pixels(inputs[0])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from paraview.util.vtkAlgorithm import smproxy
 
 from svv.pv.display.volume_display import set_unit_distance
@@ -11,6 +9,7 @@ from svv.pv.filters.base import Filter
 from svv.pv.filters.parallel import DividedInput, do_next_job
 from svv.pv.panel.groups import takes_volume
 from svv.pv.panel.properties import display, number, panel, scalars
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 __all__ = ["StyleRFPieces", "StyleRFUnitDistance"]
 
@@ -24,7 +23,7 @@ class StyleRFPieces(DividedInput):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
         do_next_job(inputs[0])
 
 
@@ -38,7 +37,7 @@ class StyleRFUnitDistance(Filter):
 
         super().__init__(0, 1, "vtkTable")
 
-    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestData(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Set it, on every rank."""
         set_unit_distance(self.values["Display"], self.values["Distance"])
         return 1

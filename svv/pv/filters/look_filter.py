@@ -15,6 +15,7 @@ from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene
 from svv.pv.panel.groups import device, menu, takes_scene
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import button, choice, file, panel, status, text
+from svv.pv.vtk_types import Data, OutInfo
 from svv.render.looks.offered import LOOKS
 
 __all__ = ["StyleRFLook"]
@@ -46,7 +47,7 @@ class StyleRFLook(SceneOutput):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.kernels.dispatch import device_named
         from svv.pv.filters.editing import told
         from svv.render.looks.look import Look

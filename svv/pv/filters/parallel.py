@@ -14,6 +14,7 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 from svv.dvr.parallel.ranks import ranks_here
 from svv.errors import BadInput
 from svv.pv.filters.base import Filter
+from svv.pv.vtk_types import InInfo, OutInfo, Request
 
 if TYPE_CHECKING:
     from svv.dvr.parallel.crew import Crew
@@ -38,7 +39,7 @@ def crew_of(data: vtkDataObject | None) -> Crew | None:
 class DividedInput(Filter):
     """A filter that reads a volume in its first input, which may be divided among the ranks."""
 
-    def RequestUpdateExtent(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestUpdateExtent(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Request this rank's part of a volume; of anything else, request the whole on the first rank."""
         ranks, whole = ranks_here(), self._extent_of_volume(in_info)
         info, executive = in_info[0].GetInformationObject(0), self.GetExecutive()
@@ -51,7 +52,7 @@ class DividedInput(Filter):
         info.Set(executive.UPDATE_NUMBER_OF_PIECES(), ranks.count)
         return 1
 
-    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestData(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Do the work on the first rank; the others do what it orders until it is done."""
         ranks = ranks_here()
         if ranks is None or self._extent_of_volume(in_info) is None:
@@ -70,7 +71,7 @@ class DividedInput(Filter):
             finally:
                 del _crews[data.__this__]
 
-    def _extent_of_volume(self, in_info: Any) -> list[int] | None:
+    def _extent_of_volume(self, in_info: InInfo) -> list[int] | None:
         """Return the extent of the whole input if it is a volume; None for images and all that has no extent."""
         info, key = in_info[0].GetInformationObject(0), self.GetExecutive().WHOLE_EXTENT()
         data = self.GetInputDataObject(0, 0)

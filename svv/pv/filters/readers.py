@@ -13,6 +13,7 @@ from svv.pv.filters.base import Filter, ViewsOutput, set_image_information
 from svv.pv.filters.vtk_data import finished_scene_of, put_scene
 from svv.pv.panel.groups import takes_scene
 from svv.pv.panel.properties import file, panel, shown_view, status
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 __all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader"]
 
@@ -26,7 +27,7 @@ class StyleRFSceneWriter(Filter):
     def __init__(self) -> None:
         super().__init__(1, 0, "vtkTable")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
         finished_scene_of(inputs[0]).save(self.values["FileName"])
 
     def Write(self) -> None:
@@ -45,7 +46,7 @@ class StyleRFSceneReader(Filter):
     def __init__(self) -> None:
         super().__init__(0, 1, "vtkTable")
 
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         info, executive = out_info.GetInformationObject(0), self.GetExecutive()
         info.Remove(executive.TIME_STEPS())
         info.Remove(executive.TIME_RANGE())
@@ -58,7 +59,7 @@ class StyleRFSceneReader(Filter):
             info.Set(executive.TIME_RANGE(), [times[0], times[-1]], 2)
         return 1
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.values.followed_scene import at_step, step_at
 
         scene, told = self._read(), ""
@@ -112,7 +113,7 @@ class StyleRFViewsReader(ViewsOutput):
     def __init__(self) -> None:
         super().__init__(0, 2, "vtkImageData")
 
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         try:
             views = self._read()
         except BadInput:
@@ -121,7 +122,7 @@ class StyleRFViewsReader(ViewsOutput):
         self.last_view = len(views) - 1
         return 1
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         views = self._read()
         self.show(views, outputs)
         return f"{len(views)} views."

@@ -62,6 +62,7 @@ from svv.pv.panel.properties import (
 from svv.pv.results.cached import FOUND
 from svv.pv.results.keys import digest_of_edits, digest_of_scene, digest_of_views, settings_in
 from svv.pv.results.time_steps import Moment
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 PAINTING = "painting "
 """Prefix of the slots in which StyleRF Stylize keeps paintings; the painting's name follows."""
@@ -101,7 +102,7 @@ class StyleRFPalette(SceneOutput):
     def __init__(self) -> None:
         super().__init__(2, 1, "vtkTable")
 
-    def FillInputPortInformation(self, port: int, info: Any) -> int:
+    def FillInputPortInformation(self, port: int, info: Request) -> int:
         """Make both inputs optional: the scene, and the views."""
         info.Set(self.INPUT_IS_OPTIONAL(), port)
         return super().FillInputPortInformation(port, info)
@@ -114,7 +115,7 @@ class StyleRFPalette(SceneOutput):
     def ResetPalette(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.editing import correct, correction_in
 
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
@@ -207,12 +208,12 @@ class StyleRFStylize(SceneOutput, Beside):
         super().__init__(1, 2, "vtkTable")
         self._reset, self._round = False, 0
 
-    def FillOutputPortInformation(self, port: int, info: Any) -> int:
+    def FillOutputPortInformation(self, port: int, info: Request) -> int:
         """Declare the outputs: a scene's table, and an image."""
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkTable", "vtkImageData")[port])
         return 1
 
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Report the size of the picture that the second output shows."""
         try:
             height, width = self._preview()[0].shape[:2]
@@ -231,7 +232,7 @@ class StyleRFStylize(SceneOutput, Beside):
         self._reset = True
         self.Modified()
 
-    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.engine import style_key
         from svv.pv.filters.style_masks import write_masks
         from svv.pv.filters.styling import Painting, goes_on, painted, paintings_on
@@ -287,7 +288,7 @@ class StyleRFStylize(SceneOutput, Beside):
         for slot in [slot for slot in self._kept if slot.startswith(PAINTING)]:
             del self._kept[slot]
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
         if not self.put_newest(outputs[0]):
             self.before(outputs)
             if not outputs[0].GetNumberOfRows():

@@ -63,6 +63,7 @@ from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 __all__ = [
     "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",
@@ -91,12 +92,12 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     def __init__(self) -> None:
         super().__init__(1, 2, "vtkImageData")
 
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+    def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         set_image_information(self, out_info, self.values["ViewSize"], self.values["ViewSize"])
         self.last_view = self.values["Views"] - 1
         return 1
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.engine import draw_views, moment_of, volume_of
 
         now, folder = moment_of(inputs[0], self.values, time_asked_for(self)), self.values["Folder"]
@@ -125,7 +126,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
         said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
         return said + told_of(inputs[0], self.values) + self.note + self.steps.told(now, "Drawn", "draws them again")
 
-    def before(self, outputs: list[Any]) -> None:
+    def before(self, outputs: list[Data]) -> None:
         if self.steps.result is not None:
             views, name = self.steps.result
             self.show(views[0], outputs, key_in(name))
@@ -157,7 +158,7 @@ class StyleRFTrain(DividedInput, Beside):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
 
-    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.engine import followed, follows, regions_said, train, training_moment
 
         present, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
@@ -196,12 +197,12 @@ class StyleRFTrain(DividedInput, Beside):
         said = " ".join([said, *scene.made.get("warnings", [])])
         return said + told_of(inputs[0], self.values) + self.note + told
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
         if not self.put_newest(outputs[0]):
             self.before(outputs)
             mark_unfinished(outputs[0])
 
-    def before(self, outputs: list[Any]) -> None:
+    def before(self, outputs: list[Data]) -> None:
         if self.last("table") is not None:
             outputs[0].ShallowCopy(self.last("table"))
 
@@ -219,7 +220,7 @@ class StyleRFRender(ImageOutput):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.engine import camera_for, draw
 
         scene = scene_of(inputs[0])
@@ -246,7 +247,7 @@ class StyleRFPlaceInView(Filter):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkPolyData")
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.core.geometry.depth_mesh import depth_mesh
 
         mesh = depth_mesh(*drawn_in(inputs[0]), self.values["Opaque"])
@@ -276,7 +277,7 @@ class StyleRFVolume(VolumeOutput):
         device_named(options.device)
         return grid_for(scene, options)
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.kernels.dispatch import device_named
         from svv.pv.filters.engine import as_cut
         from svv.render.baking.baked import Baker
@@ -291,7 +292,7 @@ class StyleRFVolume(VolumeOutput):
         self.announce(out_info, self.last("volume").grid)
         return f"{self.last('volume').told()}."
 
-    def before(self, outputs: list[Any]) -> None:
+    def before(self, outputs: list[Data]) -> None:
         if self.last("volume") is not None:
             put_baked(self.last("volume"), outputs[0])
 
@@ -313,7 +314,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         super().__init__(1, 1, "vtkImageData")
         self._status = expected()
 
-    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.engine import (
             camera_for,
             draw,
@@ -379,6 +380,6 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         super().release()
         self._kept.pop("paintings", None)
 
-    def before(self, outputs: list[Any]) -> None:
+    def before(self, outputs: list[Data]) -> None:
         if self.last("image") is not None:
             outputs[0].ShallowCopy(self.last("image"))

@@ -183,17 +183,21 @@ def holds_second_vtk(folder: Path) -> bool:
 
 
 def _svv_alone(environment: Path) -> Path:
-    """Return a folder with ``svv`` and without modules that ParaView must not see: its own, or one with a link."""
+    """Return a folder with ``svv`` and without modules that ParaView must not see: its own, or one with links.
+
+    What measures svv, if it is installed, is linked, too: some of it runs in ParaView.
+    """
     home = _home()
     if not (home.name.endswith("-packages") or holds_second_vtk(home)):
         return home
     folder = environment / "linked"
-    link = folder / "svv"
-    if not link.is_symlink() or link.resolve() != home / "svv":
-        folder.mkdir(exist_ok=True)
-        partial = folder / f".svv-{os.getpid()}"
-        partial.symlink_to(home / "svv")
-        partial.replace(link)
+    for name in ("svv", "svv_bench"):
+        link = folder / name
+        if (home / name).is_dir() and not (link.is_symlink() and link.resolve() == home / name):
+            folder.mkdir(exist_ok=True)
+            partial = folder / f".{name}-{os.getpid()}"
+            partial.symlink_to(home / name)
+            partial.replace(link)
     return folder
 
 

@@ -26,6 +26,7 @@ from svv.pv.results.cached import FOUND, Keeping
 from svv.pv.results.keys import key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
+from svv.pv.vtk_types import Data, OutInfo
 
 ONLY_SHOWN = (
     "Live", "InWindow", "Late", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera",
@@ -72,11 +73,11 @@ class Beside(Keeping):
 
     # --- for subclasses ---------------------------------------------------------------------------------------------
 
-    def result(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         """Do the work, as :meth:`Filter.work`; raises :class:`NotYet` from :meth:`found_or_made`."""
         raise NotImplementedError
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
         """Fill the outputs with the best there is, while there is no result yet."""
         raise NotImplementedError
 
@@ -104,7 +105,7 @@ class Beside(Keeping):
 
     # --- the work ---------------------------------------------------------------------------------------------------
 
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         """Output the result, or what there is of it."""
         self._data = inputs[0]
         lives = self._lives()
@@ -246,7 +247,7 @@ class DrawnBeside(Beside):
     draws = True
     nothing = "The volume is shown as it is."
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Any], learner: Ordered) -> None:
+    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
         self.drawn_beside(inputs[0], outputs[0], learner.picture(self.values))
 
     def drawn_beside(self, data: Any, image: Any, drawn: Drawn | None) -> None:

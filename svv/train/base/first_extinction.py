@@ -25,6 +25,10 @@ from svv.train.run.checkpoint import Arrays
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of an extinction reconstructed from views."""
 
+FAINT_PRUNE_LEAST = 0.001
+"""Optical depth per step below which a cell is pruned where a tomography of translucent views found the extinction: it
+is exact enough for a skin of 2 %."""
+
 KNOWN_CELLS = 4
 """Maximum number of cells of an extinction that the volume tells, per cell of the finest features.
 
@@ -128,7 +132,7 @@ def begin(
     def pruned(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
         corners, device = lattice.resolutions[-1] <= where.cells, lattice.table.device
         extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, device, corners=corners)
-        least = least_extinction(settings.faint_prune_least * min(finest, MOST_CELLS), float(extinction.max()))
+        least = least_extinction(FAINT_PRUNE_LEAST * min(finest, MOST_CELLS), float(extinction.max()))
         left = where.pruned(extinction, least, grow)
         return left if left.occupied.any() else where
 

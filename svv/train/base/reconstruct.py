@@ -20,7 +20,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.types import Samples
-from svv.train.base.first_extinction import Beginning, largest_extinction, log_extinction
+from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
 from svv.train.config import ReconstructSettings
 from svv.train.run import ranks
@@ -31,6 +31,29 @@ from svv.train.run.loop import Loop, Running, falling, network_adam
 LEAST_GAIN = 0.1
 """Gain in dB over the last tenth of a schedule, before learning rates fall to nothing, from which a longer schedule is
 reported as worthwhile."""
+
+REFINE_AT = 0.5
+"""Fraction of the schedule after which the step and the density lattice become twice as fine."""
+
+DENSITY_PULL = 3e-8
+"""Loss weight of half the squared values in the density lattice's finer levels; it decays with the learning rates.
+Where the views say little, as in a faint shell, the coarse level then prevails over noise."""
+
+COLOUR_EVERY = 1.0 / 16.0
+"""Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
+
+TRANSLUCENT_DENSITY_RATE = 0.05
+"""Learning rate of a density that was initialized by a tomography of translucent views, which is less exact."""
+
+OPAQUE_DENSITY_RATE = 0.15
+"""Learning rate of a density that was initialized by a tomography of views of which most visible pixels are opaque:
+what lies behind such a pixel, it does not tell."""
+
+ALPHA_WEIGHT = 1.0
+"""Weight of the squared error of alpha, relative to that of colour."""
+
+INITIAL_EXPONENT = 2.0
+"""Initial log-extinction: a fog in which every sample is visible."""
 
 DENSITY_COST = 0.25
 """Cost of a sample that only the density learns from, relative to a sample with a colour."""
@@ -57,9 +80,9 @@ class Reconstruction:
         if self.known and not beginning.measured:
             self.density_rate = settings.known_density_rate
         elif self.known and mostly_opaque(views):
-            self.density_rate = settings.opaque_density_rate
+            self.density_rate = OPAQUE_DENSITY_RATE
         elif self.known:
-            self.density_rate, self.prune_least = settings.translucent_density_rate, settings.faint_prune_least
+            self.density_rate, self.prune_least = TRANSLUCENT_DENSITY_RATE, FAINT_PRUNE_LEAST
         self.refined: Occupancy | None = None
         self.occupancy = occupancy = beginning.occupancy
         levels = None if known is None else known.resolutions
@@ -73,7 +96,7 @@ class Reconstruction:
         density = self.field.density
         if density is not None and known is None:
             with torch.no_grad():
-                density.table[density.rows_of_level(0)] = settings.initial_exponent
+                density.table[density.rows_of_level(0)] = INITIAL_EXPONENT
         finest = field.resolutions[-1] if density is not None else 512
         if density is not None and settings.refine_known:
             finest = min(finest, density.resolutions[-1])  # finer steps would see the same cells of the density again
@@ -88,7 +111,7 @@ class Reconstruction:
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
-        if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
+        if fraction >= REFINE_AT and self.refined is None and self.field.density is not None:
             self.refine()
         batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, number + 1, batch.first)
@@ -96,7 +119,7 @@ class Reconstruction:
         self.budget.adjust(number, cost)
         out, transmittance, _ = composite(samples, sigma, colour)
         each, fused = (
-            numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, s.alpha_weight], out.device),
+            numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA_WEIGHT], out.device),
             kernels_for(out).TRAINING,
         )
         if fused is not None:
@@ -125,7 +148,7 @@ class Reconstruction:
             samples, seen = not_hidden(samples, sigma, self.marching)
             colour = self.field(geometry[seen], encode_directions(rays.lit_along, samples.ray))
             return samples, sigma[seen], colour, cost
-        rows, place = representatives(samples, self.settings.colour_every, number, batch.first)
+        rows, place = representatives(samples, COLOUR_EVERY, number, batch.first)
         sigma = Extinction.apply(samples, self.field.density.table, self.field.density)
         geometry = self.field.encoding(samples.position[rows])
         colour = self.field(geometry, encode_directions(rays.lit_along, samples.ray[rows]))
@@ -140,7 +163,7 @@ class Reconstruction:
         if self.field.density is None:
             self.tables.step([s.feature_rate * rate])
         else:
-            self.tables.step([self.density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
+            self.tables.step([self.density_rate * rate, s.feature_rate * rate], [DENSITY_PULL * rate, 0.0])
 
     def refine(self) -> None:
         """Halve the step and add a density level twice as fine, in the cells that pruning left.

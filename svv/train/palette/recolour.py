@@ -34,6 +34,20 @@ from svv.train.run.loop import Loop, Running, falling, network_adam
 PALETTE_PIXELS = 400_000
 """Maximum number of visible pixels from which the palette is extracted."""
 
+PALETTE_WEIGHT = 0.001
+"""Weight of the palette's squared distance to its initial colours."""
+
+PHONG_SHADE_WEIGHT = 0.0003
+"""Weight of (m - 1)^2 for an explicit light, which is less expressive and so needs more freedom."""
+
+PHONG_RATE = 0.03
+"""Learning rate of an explicit light's coefficients."""
+
+OWNER_WEIGHT = 0.1
+"""Weight of -ln w of a sample's own range, averaged over the samples of each range and over the ranges. Without
+a volume, for a palette made by hand or of more than three colours: weight of the cross entropy of their shares in
+a pixel, averaged over the colours."""
+
 
 @dataclass
 class Recolouring:
@@ -67,9 +81,9 @@ class Recolouring:
         ]
         encodings = [self.field.encoding]
         if self.field.phong is not None:
-            groups.append({"params": [self.field.phong.raw], "full": s.phong_rate})
+            groups.append({"params": [self.field.phong.raw], "full": PHONG_RATE})
             encodings.append(self.field.phong.normals)
-        self.shade_weight = s.shade_weight if self.field.phong is None else s.phong_shade_weight
+        self.shade_weight = s.shade_weight if self.field.phong is None else PHONG_SHADE_WEIGHT
         self.start = self.field.colours.detach().clone()
         self.networks = network_adam(groups)
         self.tables = LatticeAdam(encodings)
@@ -95,7 +109,7 @@ class Recolouring:
         penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
         loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
         drift = (self.field.colours - self.start).square().sum()
-        loss = loss + s.palette_weight * batch.share * drift
+        loss = loss + PALETTE_WEIGHT * batch.share * drift
         if self.owners is not None:
             loss = loss + self._foreign(self.owners, weights, samples.position)
         if self.given is not None:
@@ -145,7 +159,7 @@ class Recolouring:
             return weights.sum()
         owner, own = owners.told(weights, position)
         each = 1.0 / ranks.summed(torch.bincount(owner, minlength=count)).clamp(min=1)[owner]
-        return -self.settings.owner_weight * (each * own.log()).sum() / count
+        return -OWNER_WEIGHT * (each * own.log()).sum() / count
 
     def _not_as_given(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
         """Return the penalty of palette shares in pixels, ``mixtures`` (R, P), other than those given, a scalar."""
@@ -154,7 +168,7 @@ class Recolouring:
         shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
         total = ranks.summed(shares.sum(dim=0))  # here, too, a thin layer counts as much as a thick one
         told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-12)
-        return -self.settings.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
+        return -OWNER_WEIGHT * told.sum() / (total > 0).sum().clamp_min(1)
 
     @torch.no_grad()
     def shares(self, rays: int = 16384) -> NDArray[np.float64]:

@@ -1,0 +1,1 @@
+"""What measures svv, which does not import it: ``svv bench``, a distribution of its own (``pip install ./bench``)."""

@@ -1,1 +1,0 @@
-"""Measurements of the rest of the package, which does not import them."""

@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 
 from svv.bench.styles.consistency import draw_frames, means, measure_frames, straight
 from svv.bench.styles.likeness import FIGURES, caption, judge_of, painted_figures
+from svv.bench.styles.paper import seen_means
 from svv.bench.styles.path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, finely
 from svv.bench.styles.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
 from svv.bench.styles.rivals import arf_like, snerf_like
 from svv.bench.styles.table import (
     JUDGED,
     averaged,
+    both_protocols,
     consistency_columns,
     contact_sheet,
     markdown,
@@ -204,6 +206,8 @@ class _CaseWork:
         frames, seconds = self.frames(mode, part(progress, 0.0, 0.7))
         self.folders[mode] = frames
         flat = flat_means(measure_frames(self.path, frames, part(progress, 0.7, 0.97)))
+        seen = seen_means(self.path, frames, part(progress, 0.97, 0.99)).items()
+        flat |= {f"{flow} {n} {name}": value for (flow, n), row in seen for name, value in row.items()}
         judged = likeness(self.path, frames, self.style)
         return {"scene": self.case.scene.stem, "style": self.case.style.stem, "mode": mode, "seconds": seconds,
                 **flat, **judged}  # fmt: skip
@@ -320,6 +324,7 @@ def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
     columns = consistency_columns(how.protocol)
     parts = [
         markdown(averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]),
+        both_protocols(averaged(rows, "mode"), how.protocol),
         *(victories(rows, own, [m for m in RIVALS if m in how.modes], columns) for own in OURS if own in how.modes),
         "\n".join(f"- **{name}**: {MODES[name]}" for name in how.modes),
     ]

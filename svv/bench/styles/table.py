@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.bench.styles.paper import PAPER
 from svv.bench.styles.path import OrbitPath, Protocol
 from svv.io.files.atomic import atomic_path, write_json
 from svv.io.pictures.output import to_bytes, write_png
@@ -28,6 +29,18 @@ JUDGED = ("neighbours", "adain", "lines", "patches 1/1", "patches 1/2", "colour"
 def consistency_columns(protocol: Protocol) -> list[str]:
     """Return the names of the consistency figures that the table shows, in order."""
     return [f"{flow} {n} {name}" for flow in protocol.flows for n in protocol.intervals for name in SHOWN]
+
+
+def both_protocols(rows: Sequence[Row], protocol: Protocol) -> str:
+    """Format MSE and LPIPS of each mode by svv's protocol and, for estimated flows, by the paper's beside it."""
+    columns = {
+        f"{flow} {n} {name}": f"{'' if name in PAPER else 'svv '}{name}, {flow} {n}"
+        for flow in protocol.flows
+        for name in ("mse", "lpips", *(PAPER if flow != "depth" else ()))
+        for n in protocol.intervals
+    }
+    shown = [{"mode": row["mode"], **{title: row.get(name) for name, title in columns.items()}} for row in rows]
+    return markdown(shown, "mode", list(columns.values()))
 
 
 def averaged(rows: Sequence[Row], by: str) -> list[Row]:

@@ -446,7 +446,7 @@ def test_bad_guides_and_motions(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"no flow for frame01\.png: it would be frame01\.flo"):
         folder_consistency(folder, out, FolderJob(Compared((1,)), motion=given))
     (given / "transforms.json").write_text(json.dumps({"camera_angle_x": 0.5, "frames": [{"file_path": "frame00"}]}))
-    with pytest.raises(BadInput, match="no depth for frame01.png"):
+    with pytest.raises(BadInput, match=r"no depth for frame01\.png"):
         folder_consistency(folder, out, FolderJob(Compared((1,)), motion=given))
     assert not out.exists()
 

@@ -100,7 +100,8 @@ def figures(frames: FrameFolder, source: Source, first: int, second: int, networ
     seen = float(guide.visible(second).mean())
     values["lpips"] = lpips_within(network, *warp.compared(one, two))
     before, after = frames.whole(first), frames.whole(second)
-    values |= paper_figures(network, before, after, motion.there, motion.importance)
+    # Where the flow is unknown, as behind everything that has a depth, nothing moves.
+    values |= paper_figures(network, before, after, np.nan_to_num(motion.there), motion.importance)
     values |= {"followed": values["share"] / seen if seen else None, "same": bool(np.array_equal(before, after))}
     return {name: None if isinstance(v, float) and not np.isfinite(v) else v for name, v in values.items()}
 

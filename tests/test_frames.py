@@ -279,6 +279,13 @@ def test_two_frames_have_a_short_range_only(tmp_path: Path) -> None:
     assert "There are no pairs 10 apart: there are only 2 frames." in found["notes"]
 
 
+def test_of_empty_frames_it_says_that_there_is_nothing_to_measure(tmp_path: Path) -> None:
+    white = [np.full((SIZE, SIZE, 3), 255, np.uint8)] * 2
+    found = folder_consistency(write(tmp_path / "white", white), tmp_path / "out", NEAR)
+    assert row(found, 1)["mse"] is None
+    assert any("nothing to measure" in note for note in found["notes"])
+
+
 def test_without_weights_it_says_how_to_get_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(results, "load_lpips", lambda: None)
     found = folder_consistency(write(tmp_path / "two", shifted(2)), tmp_path / "out", NEAR)
@@ -402,6 +409,10 @@ def some_alpha(folder: Path) -> None:
     write(folder, [np.dstack([pattern(), pattern()[..., 0] // 2])])
 
 
+def deep(folder: Path) -> None:
+    write(folder, [pattern()[..., 0].astype(np.uint16) * 257] * 2)
+
+
 def apart(folder: Path) -> None:
     write(folder, shifted(2), "{}.png")
 
@@ -421,6 +432,7 @@ def apart(folder: Path) -> None:
         (same_number, NEAR, "have the same number"),
         (tiny, NEAR, "at least 16 x 16"),
         (animated, NEAR, "holds 3 pictures"),
+        (deep, NEAR, "save the frames with 8 bits"),
         (some_alpha, NEAR, "save all frames alike"),
         (apart, FolderJob(Compared((5, 7))), r"No two of the 2 frames in .* are 5 or 7 apart"),
     ],
@@ -495,7 +507,8 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
         (["{f}", "--flows", "depth"], "Frames have no depth"),
         (["{f}", "--style", "{p}", "--modes", "ours"], "no mode 'ours' that paints frames"),
         (["{f}", "--intervals", "0"], "--intervals"),
-        (["{p}", "--guide", "{f}"], "--guide: only for folders of frames"),
+        (["{s}", "--guide", "{f}"], "--guide: only for folders of frames"),
+        (["{p}"], "is a picture or a movie"),
     ],
 )
 def test_bad_use(
@@ -503,7 +516,7 @@ def test_bad_use(
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     folder = write(tmp_path / "frames", shifted(3))
-    given = [a.format(f=folder, p=folder / "frame00.png") for a in arguments]
+    given = [a.format(f=folder, p=folder / "frame00.png", s=tmp_path / "scene.svv") for a in arguments]
     assert call(*given, "--out", tmp_path / "out", monkeypatch=monkeypatch) == 2
     assert words in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "out").exists()

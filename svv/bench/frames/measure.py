@@ -118,6 +118,10 @@ def rows_of(records: Sequence[Record], frames: str) -> list[Record]:
 def doubts(records: Sequence[Record], frames: FrameFolder, name: str) -> list[str]:
     """Return a sentence for everything that makes figures doubtful or meaningless."""
     files, found = dict(zip(frames.numbers, frames.files)), []
+    if all(r["followed"] is None for r in records):
+        return [
+            f"{name}: the later frame of every pair shows nothing but its background, so there is nothing to measure."
+        ]
     if all(r["same"] for r in records):
         return [f"{name}: all compared frames are the same picture, which agrees with itself."]
     for flow, interval in dict.fromkeys((r["flow"], r["interval"]) for r in records):

@@ -15,7 +15,7 @@ from svv.bench.frames.motion import Source
 from svv.bench.frames.sequence import FrameFolder
 from svv.bench.styles.consistency import draw_frames, straight
 from svv.bench.styles.modes import FRAMES, SCHEDULE
-from svv.bench.styles.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
+from svv.bench.styles.rival_frames import FORMS, Before, frame_after, frame_alone, frame_of_statistics
 from svv.errors import BadInput, Progress, silent
 from svv.io.files.keyed_results import key_of_measure
 from svv.styles.features import load_features
@@ -81,7 +81,13 @@ def paint_frames(
         warp = source.between(earlier, number).warp(frames.visible(earlier), frames.visible(number))
         return frame_after(rgba, Before(warp.moved(straight(folder, earlier)), warp.mask), *made_with)
 
-    settings = {"mode": mode, "how": asdict(replace(how, modes=())), "loss": asdict(loss), "style": style}
+    settings = {
+        "mode": mode,
+        "form": FORMS.get(mode),
+        "how": asdict(replace(how, modes=())),
+        "loss": asdict(loss),
+        "style": style,
+    }
     follow = [source.name, numbers] if mode == "video" else []
     draw_frames(folder, key_of_measure(key, settings, follow), numbers, make, progress)
     return frames.painted(folder, numbers)

@@ -217,6 +217,8 @@ def _size(file: Path) -> tuple[int, int]:
         with Image.open(file) as image:
             if (count := getattr(image, "n_frames", 1)) > 1:
                 raise BadInput(f"{file} holds {count} pictures: save each as a file of its own.")
+            if image.mode.startswith(("I", "F")):
+                raise BadInput(f"{file} has grey levels of more than 8 bits: save the frames with 8 bits.")
             return image.size
     except BadInput:
         raise

@@ -23,7 +23,7 @@ from svv.bench.styles.consistency import draw_frames, means, measure_frames, str
 from svv.bench.styles.likeness import FIGURES, caption, judge_of, painted_figures
 from svv.bench.styles.paper import seen_means
 from svv.bench.styles.path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, finely
-from svv.bench.styles.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
+from svv.bench.styles.rival_frames import FORMS, Before, frame_after, frame_alone, frame_of_statistics
 from svv.bench.styles.rivals import arf_like, snerf_like
 from svv.bench.styles.table import (
     JUDGED,
@@ -215,7 +215,8 @@ class _CaseWork:
     def frames(self, mode: str, progress: Progress) -> tuple[Path, float]:
         """Return the folder of a mode's frames, and the seconds that stylizing took."""
         how, numbers = self.how, self.how.protocol.frames
-        parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), **how.depends_on(mode),
+        form = {"form": FORMS[mode]} if mode in FORMS else {}
+        parts = {"mode": mode, **form, **self.hashes, "protocol": asdict(how.protocol), **how.depends_on(mode),
                  "seed": how.seed, "sampling": FINE,
                  **({"paint_light": PAINT_LIGHT} if mode in ("ours", "pieces") else {})}  # fmt: skip
         key, folder = key_of_measure(parts), self.folder / mode

@@ -39,6 +39,9 @@ LEAST_DETAIL = 0.01
 """Lower bound of a style's squared detail, as a fraction of its squared mean feature; paintings have 0.15. Without it,
 a style of one colour gives an unbounded loss."""
 
+FORMS = {"adain": 2}
+"""To be raised when a mode paints otherwise; frames that are kept are then painted again."""
+
 LEAST_VARIANCE = 1e-5
 """Term added to the variance of a channel before dividing by it."""
 

@@ -142,5 +142,7 @@ def _text(value: object) -> str:
     if value is None:
         return "-"
     if isinstance(value, float):
+        if 0 < abs(value) < 0.01:  # mean squares
+            return f"{value:.2g}"
         return f"{value:.1f}" if abs(value) >= 10 else f"{value:.4f}"
     return str(value)

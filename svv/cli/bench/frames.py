@@ -89,6 +89,19 @@ def estimators(flows: str, given: bool) -> str:
     return ",".join(names)
 
 
+def check_scene(path: Path, options: OfFrames) -> None:
+    """Raise BadInput if options of folders are given for a scene, or a picture or movie in its place."""
+    from svv.bench.frames.sequence import MOVIES, PICTURES
+
+    if path.suffix.lower() in (*PICTURES, *MOVIES):
+        raise BadInput(
+            f"{path} is a picture or a movie: give a scene or a folder of frames; ffmpeg -i MOVIE FOLDER/%04d.png takes "
+            "a movie apart."
+        )
+    if own := changed(options):
+        raise BadInput(f"{' and '.join(own)}: only for folders of frames, and {path} is not a folder.")
+
+
 def measure_folder(
     folder: Path, out: Path, of: OfFrames, intervals: str, every: int, flows: str, json: Path | None
 ) -> None:

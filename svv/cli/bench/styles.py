@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from svv.cli.bench.frames import OfFrames, changed, measure_folder
+from svv.cli.bench.frames import OfFrames, changed, check_scene, measure_folder
 from svv.cli.option_group import spread
 from svv.cli.options import Json, Out, SceneFile, parse_whole
 from svv.errors import BadInput
@@ -141,8 +141,7 @@ def consistency(
         if own := own + (["--oversample"] if oversample != 1 else []):
             raise BadInput(f"{' and '.join(own)}: only for scenes; a folder's frames are measured as they are.")
         return measure_folder(scene, out, of, frames.intervals, frames.every, flows, json)
-    if own := changed(of):
-        raise BadInput(f"{' and '.join(own)}: only for folders of frames, and {scene} is not a folder.")
+    check_scene(scene, of)
     from svv.bench.styles.consistency import consistency
     from svv.bench.styles.paper import SEEN
     from svv.bench.styles.path import METRICS

@@ -95,8 +95,8 @@ def check_scene(path: Path, options: OfFrames) -> None:
 
     if path.suffix.lower() in (*PICTURES, *MOVIES):
         raise BadInput(
-            f"{path} is a picture or a movie: give a scene or a folder of frames; ffmpeg -i MOVIE FOLDER/%04d.png takes "
-            "a movie apart."
+            f"{path} is a picture or a movie: give a scene, or a folder of frames, into which ffmpeg -i MOVIE "
+            "FOLDER/%04d.png takes a movie apart."
         )
     if own := changed(options):
         raise BadInput(f"{' and '.join(own)}: only for folders of frames, and {path} is not a folder.")

@@ -1,12 +1,9 @@
-"""``svv bench consistency FRAMES``: laws of the figures, given and estimated motion, other methods, and bad input."""
+"""``svv bench consistency FRAMES``: laws of the figures, given and estimated motion, and other methods."""
 
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,70 +11,21 @@ from PIL import Image
 
 from svv.bench.frames import result as results
 from svv.bench.frames.measure import LEAST_FOLLOWED, Compared
-from svv.bench.frames.motion import FLO, given_motion, read_flow
+from svv.bench.frames.motion import given_motion
 from svv.bench.frames.painted import Painting
 from svv.bench.frames.result import FolderJob, folder_consistency, write_result
 from svv.bench.frames.sequence import read_folder
 from svv.bench.styles.paper import lpips_within, paper_figures
-from svv.cli import app as cli
 from svv.core.geometry.cameras import sphere_cameras
-from svv.errors import BadInput
 from svv.io.pictures.output import to_bytes
 from svv.io.views.transforms import intrinsics_of
 from svv.train.lpips import Lpips, lpips
+from tests.frame_folders import NEAR, SIZE, alexnet, flows, pattern, row, shifted, write
 
-SIZE = 48
+__all__ = ["alexnet"]
+
 ERRORS = ("rmse", "mse", "flip", "lpips", "rmse_part", "flip_part", "paper mse", "paper lpips")
-NEAR = FolderJob(Compared(intervals=(1,)))
-
-
-@pytest.fixture(autouse=True)
-def alexnet(monkeypatch: pytest.MonkeyPatch) -> Lpips:
-    """LPIPS with random weights: its laws hold with any."""
-    import torch
-
-    torch.manual_seed(0)
-    network = Lpips().eval()
-    monkeypatch.setattr(results, "load_lpips", lambda: network)
-    return network
-
-
-def pattern(across: int = SIZE, seed: int = 0) -> np.ndarray:
-    """A smooth colourful picture, which an estimator can follow. (SIZE, across, 3)"""
-    coarse = np.random.default_rng(seed).integers(0, 256, (SIZE // 6, across // 6, 3), dtype=np.uint8)
-    return np.asarray(Image.fromarray(coarse).resize((across, SIZE), Image.Resampling.BICUBIC))
-
-
-def write(folder: Path, pictures: list[np.ndarray], name: str = "frame{:02d}.png") -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    for number, picture in enumerate(pictures):
-        Image.fromarray(picture).save(folder / name.format(number))
-    return folder
-
-
-def shifted(count: int, by: int = 2, seed: int = 0) -> list[np.ndarray]:
-    """A window that moves to the left over a wide picture: what it shows moves to the right, ``by`` pixels a frame."""
-    wide = pattern(SIZE + by * count // 6 * 6 + 12, seed)
-    left = by * (count - 1)
-    return [wide[:, left - by * k : left - by * k + SIZE] for k in range(count)]
-
-
-def flows(folder: Path, count: int, by: int = 2, name: str = "frame{:02d}.npy") -> Path:
-    folder.mkdir(exist_ok=True)
-    for number in range(count):
-        flow = np.zeros((SIZE, SIZE, 2), np.float32)
-        flow[..., 0] = by
-        if name.endswith(".npy"):
-            np.save(folder / name.format(number), flow)
-        else:
-            head = np.float32(FLO).tobytes() + np.array([SIZE, SIZE], "<i4").tobytes()
-            (folder / name.format(number)).write_bytes(head + flow.tobytes())
-    return folder
-
-
-def row(found: dict[str, Any], interval: int, frames: str | None = None) -> dict[str, Any]:
-    (one,) = [r for r in found["rows"] if r["interval"] == interval and frames in (None, r["frames"])]
-    return one
+pytestmark = pytest.mark.usefixtures("alexnet")
 
 
 # --- laws --------------------------------------------------------------------------------------------------------
@@ -269,6 +217,7 @@ def test_of_unrelated_frames_it_is_said_that_the_flow_explains_nothing(tmp_path:
     found = folder_consistency(write(tmp_path / "unrelated", unrelated), tmp_path / "out", NEAR)
     assert row(found, 1)["followed"] < LEAST_FOLLOWED
     assert any("the flow explains nothing in 1 of 1 pairs (frame00.png and frame01.png)" in n for n in found["notes"])
+    assert sum("explains nothing" in note for note in found["notes"]) == 1
     related = folder_consistency(write(tmp_path / "related", shifted(2)), tmp_path / "out2", NEAR)
     assert not any("explains nothing" in note for note in related["notes"])
 
@@ -349,174 +298,3 @@ def test_methods_paint_the_frames_and_video_is_steadier_than_frame_by_frame(tmp_
         pictures = [np.asarray(Image.open(tmp_path / "out" / mode / f"{k:04d}.png").convert("RGB")) for k in range(3)]
         assert np.abs(pictures[0].astype(int) - shifted(3)[0]).mean() > 8, mode
     assert (tmp_path / "out" / "consistency.png").exists()
-
-
-# --- bad input ---------------------------------------------------------------------------------------------------
-
-
-def empty(folder: Path) -> None:
-    folder.mkdir()
-
-
-def one_frame(folder: Path) -> None:
-    write(folder, [pattern()])
-
-
-def two_sizes(folder: Path) -> None:
-    write(folder, [pattern(), pattern(), pattern(60)])
-
-
-def broken(folder: Path) -> None:
-    path = write(folder, shifted(3)) / "frame01.png"
-    path.write_bytes(path.read_bytes()[:200])
-
-
-def no_picture(folder: Path) -> None:
-    (write(folder, shifted(3)) / "frame01.png").write_text("thesis")
-
-
-def only_text(folder: Path) -> None:
-    folder.mkdir()
-    (folder / "notes.txt").write_text("")
-
-
-def a_movie(folder: Path) -> None:
-    folder.mkdir()
-    (folder / "orbit.mp4").write_bytes(b"")
-
-
-def folders(folder: Path) -> None:
-    write(folder / "ours", shifted(2))
-
-
-def same_number(folder: Path) -> None:
-    write(folder, shifted(2))
-    write(folder, shifted(2), "frame{}.png")
-
-
-def tiny(folder: Path) -> None:
-    write(folder, [p[:8] for p in shifted(2)])
-
-
-def animated(folder: Path) -> None:
-    write(folder, shifted(2))
-    first, *rest = (Image.fromarray(p) for p in shifted(3))
-    first.save(folder / "frame02.tif", save_all=True, append_images=rest)
-
-
-def some_alpha(folder: Path) -> None:
-    write(folder, shifted(2))
-    write(folder, [np.dstack([pattern(), pattern()[..., 0] // 2])])
-
-
-def deep(folder: Path) -> None:
-    write(folder, [pattern()[..., 0].astype(np.uint16) * 257] * 2)
-
-
-def apart(folder: Path) -> None:
-    write(folder, shifted(2), "{}.png")
-
-
-@pytest.mark.parametrize(
-    ("made", "job", "words"),
-    [
-        (lambda _: None, NEAR, "There is no folder"),
-        (empty, NEAR, "holds no pictures"),
-        (only_text, NEAR, "holds no pictures"),
-        (a_movie, NEAR, "ffmpeg -i orbit.mp4"),
-        (folders, NEAR, "give one of its folders, ours"),
-        (one_frame, NEAR, "at least two"),
-        (two_sizes, NEAR, "frame02.png has 60 x 48 pixels and frame00.png 48 x 48: give frames of one size"),
-        (broken, NEAR, "frame01.png"),
-        (no_picture, NEAR, "frame01.png"),
-        (same_number, NEAR, "have the same number"),
-        (tiny, NEAR, "at least 16 x 16"),
-        (animated, NEAR, "holds 3 pictures"),
-        (deep, NEAR, "save the frames with 8 bits"),
-        (some_alpha, NEAR, "save all frames alike"),
-        (apart, FolderJob(Compared((5, 7))), r"No two of the 2 frames in .* are 5 or 7 apart"),
-    ],
-)
-def test_bad_folders(made: Callable[[Path], None], job: FolderJob, words: str, tmp_path: Path) -> None:
-    made(tmp_path / "frames")
-    with pytest.raises(BadInput, match=words):
-        folder_consistency(tmp_path / "frames", tmp_path / "out", job)
-    assert not (tmp_path / "out").exists()
-
-
-def test_bad_guides_and_motions(tmp_path: Path) -> None:
-    folder, out = write(tmp_path / "frames", shifted(3)), tmp_path / "out"
-    fewer, other = write(tmp_path / "fewer", shifted(2)), write(tmp_path / "other", [pattern(60)] * 3)
-    for guide, words in ((fewer, "no frame for frame02.png"), (other, "60 x 48 pixels and the others 48 x 48")):
-        with pytest.raises(BadInput, match=words):
-            folder_consistency(folder, out, FolderJob(Compared((1,)), guide=guide))
-    with pytest.raises(BadInput, match="not both"):
-        folder_consistency(folder, out, FolderJob(Compared((1,)), guide=folder, style=folder / "frame00.png"))
-    with pytest.raises(BadInput, match="no folder"):
-        folder_consistency(folder, out, FolderJob(Compared((1,)), motion=tmp_path / "nowhere"))
-    given = flows(tmp_path / "flows", 1)
-    with pytest.raises(BadInput, match=r"no flow for frame01\.png: it would be frame01\.flo"):
-        folder_consistency(folder, out, FolderJob(Compared((1,)), motion=given))
-    (given / "transforms.json").write_text(json.dumps({"camera_angle_x": 0.5, "frames": [{"file_path": "frame00"}]}))
-    with pytest.raises(BadInput, match=r"no depth for frame01\.png"):
-        folder_consistency(folder, out, FolderJob(Compared((1,)), motion=given))
-    assert not out.exists()
-
-
-def test_bad_flow_files(tmp_path: Path) -> None:
-    good = flows(tmp_path, 1, name="{}.flo") / "0.flo"
-    assert read_flow(good, (SIZE, SIZE)).shape == (SIZE, SIZE, 2)
-    for content, words in ((good.read_bytes()[:-8], "truncated"), (b"PNG" * 40, "Middlebury")):
-        (tmp_path / "bad.flo").write_bytes(content)
-        with pytest.raises(BadInput, match=words):
-            read_flow(tmp_path / "bad.flo", (SIZE, SIZE))
-    np.save(tmp_path / "bad.npy", np.zeros((SIZE, SIZE)))
-    with pytest.raises(BadInput, match="not a flow of 48 x 48 x 2"):
-        read_flow(tmp_path / "bad.npy", (SIZE, SIZE))
-    (tmp_path / "text.npy").write_text("0 1")
-    with pytest.raises(BadInput, match="array of numbers"):
-        read_flow(tmp_path / "text.npy", (SIZE, SIZE))
-
-
-# --- the command -------------------------------------------------------------------------------------------------
-
-
-def call(*arguments: str | Path, monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(sys, "argv", ["svv", "bench", "consistency", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    return int(ended.value.code or 0)
-
-
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = write(tmp_path / "frames", shifted(3))
-    arguments = (folder, "--intervals", "1,2", "--json", tmp_path / "c.json", "--out", tmp_path / "out")
-    assert call(*arguments, monkeypatch=monkeypatch) == 0
-    content = json.loads((tmp_path / "c.json").read_text())
-    assert [r["interval"] for r in content["rows"]] == [1, 2] and len(content["pairs"]) == 3
-    assert content["protocol"]["flow_from"] == "frames"
-    assert "| frames/ tvl1 2 |" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["{f}", "--orbit", "11"], "--orbit: only for scenes"),
-        (["{f}", "--oversample", "2", "--network", "pcn"], "--network and --oversample: only for scenes"),
-        (["{f}", "--flows", "raft"], "--flows has no 'raft'"),
-        (["{f}", "--flows", "depth"], "Frames have no depth"),
-        (["{f}", "--style", "{p}", "--modes", "ours"], "no mode 'ours' that paints frames"),
-        (["{f}", "--intervals", "0"], "--intervals"),
-        (["{s}", "--guide", "{f}"], "--guide: only for folders of frames"),
-        (["{p}"], "is a picture or a movie"),
-    ],
-)
-def test_bad_use(
-    arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    folder = write(tmp_path / "frames", shifted(3))
-    given = [a.format(f=folder, p=folder / "frame00.png", s=tmp_path / "scene.svv") for a in arguments]
-    assert call(*given, "--out", tmp_path / "out", monkeypatch=monkeypatch) == 2
-    assert words in " ".join(capsys.readouterr().err.split())
-    assert not (tmp_path / "out").exists()

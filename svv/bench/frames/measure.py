@@ -115,30 +115,34 @@ def rows_of(records: Sequence[Record], frames: str) -> list[Record]:
     return rows
 
 
-def doubts(records: Sequence[Record], frames: FrameFolder, name: str) -> list[str]:
-    """Return a sentence for everything that makes figures doubtful or meaningless."""
-    files, found = dict(zip(frames.numbers, frames.files)), []
+def doubts(records: Sequence[Record], guide: FrameFolder, name: str) -> list[str]:
+    """Return a sentence for everything that makes figures doubtful or meaningless.
+
+    Args:
+        records: Figures of all pairs.
+        guide: The frames that decide what is visible.
+        name: Name of the measured frames, for what concerns them and not their motion.
+    """
+    files, found = dict(zip(guide.numbers, guide.files)), []
     if all(r["followed"] is None for r in records):
-        return [
-            f"{name}: the later frame of every pair shows nothing but its background, so there is nothing to measure."
-        ]
+        return ["The later frame of every pair shows nothing but its background, so there is nothing to measure."]
     if all(r["same"] for r in records):
         return [f"{name}: all compared frames are the same picture, which agrees with itself."]
     for flow, interval in dict.fromkeys((r["flow"], r["interval"]) for r in records):
         own = [r for r in records if (r["flow"], r["interval"]) == (flow, interval)]
-        where = f"{name}, {flow}, {interval}"
+        where = f"{flow}, {interval} apart"
         lost = [r for r in own if r["followed"] is None or r["followed"] < LEAST_FOLLOWED]
         if lost:
             one, two = (files[lost[0][k]].name for k in ("first", "second"))
             found.append(
-                f"{where} apart: the flow explains nothing in {len(lost)} of {len(own)} pairs ({one} and {two}): less "
+                f"{where}: the flow explains nothing in {len(lost)} of {len(own)} pairs ({one} and {two}): less "
                 f"than {LEAST_FOLLOWED:.0%} of what they show can be followed; the frames are unrelated or move too "
                 "far, and such figures mean nothing."
             )
         worse = [r for r in own if r not in lost and (r["rmse_part"] or 0.0) >= 1.0]
         if worse:
             found.append(
-                f"{where} apart: in {len(worse)} of {len(own)} pairs the later frame differs more from the warped one "
+                f"{name}, {where}: in {len(worse)} of {len(own)} pairs the later frame differs more from the warped one "
                 "than from its own mean colour."
             )
     return found

@@ -68,7 +68,8 @@ def folder_consistency(folder: Path, out: Path, job: FolderJob, progress: Progre
     work = _Work(folder, out, job, part(progress, 0.0, 0.1))
     shown = work.shown(part(progress, 0.1, 0.7))
     records = work.measured(shown, part(progress, 0.7, 0.98))
-    notes = work.notes + [sentence for name, own in records.items() for sentence in doubts(own, shown[name], name)]
+    doubtful = [sentence for name, own in records.items() for sentence in doubts(own, work.guide, name)]
+    notes = list(dict.fromkeys([*work.notes, *doubtful]))  # all methods have the same motion
     write_sheet(out / "consistency.png", shown, work.sources[0], work.pairs)
     progress(1.0, "measured")
     return {

@@ -142,8 +142,8 @@ def doubts(records: Sequence[Record], guide: FrameFolder, name: str) -> list[str
         worse = [r for r in own if r not in lost and (r["rmse_part"] or 0.0) >= 1.0]
         if worse:
             found.append(
-                f"{name}, {where}: in {len(worse)} of {len(own)} pairs the later frame differs more from the warped one "
-                "than from its own mean colour."
+                f"{name}, {where}: in {len(worse)} of {len(own)} pairs the later frame differs more from the warped "
+                "one than from its own mean colour."
             )
     return found
 

@@ -147,3 +147,16 @@ def test_statistics_count_by_weight(seed: int, count: int, channels: int) -> Non
     torch.testing.assert_close(weighted[0], repeated.mean(0), atol=1e-5, rtol=1e-4)
     variance = repeated.var(0, unbiased=False) + LEAST_VARIANCE
     torch.testing.assert_close(weighted[1], variance.sqrt(), atol=1e-4, rtol=1e-3)
+
+
+def test_adain_gives_early_layers_the_style_s_statistics(stripes: torch.Tensor) -> None:
+    """They carry the hue, about which the later ones say little; features that are not VGG-16's have none."""
+    rgba = ball(0)[0]
+    colours, mask = (torch.from_numpy(rgba).permute(2, 0, 1)[k] for k in (slice(3), 3))
+    measure = StatisticsLoss(StyleTarget(NETWORK, stripes, LOSS), colours, mask)
+    assert [len(mean) for mean, _ in measure.early] == [64, 128]
+    made = torch.from_numpy(frame_of_statistics(rgba, NETWORK, stripes, LOSS, 2 * STEPS, 0)).permute(2, 0, 1)
+    assert measure.early_loss(made[:3], mask) < 0.5 * measure.early_loss(colours, mask)
+    assert (
+        float(StatisticsLoss(StyleTarget(PatchFeatures(), stripes, LOSS), colours, mask).early_loss(colours, mask)) == 0
+    )

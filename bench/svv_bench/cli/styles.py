@@ -14,6 +14,7 @@ from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.making import NetworkName, PresetName
 from svv.progress import shown
+from svv_bench.cli.frames import OfFrames, changed, check_scene, measure_folder
 
 if TYPE_CHECKING:
     from svv_bench.styles.path import Protocol
@@ -22,6 +23,8 @@ CONSISTENCY = (
     "svv bench consistency styled.svv --json consistency.json --out consistency",
     "svv bench consistency styled.svv --size 200 --every 10 --flows depth --json c.json --out quick",
     "svv bench consistency scene.svv --network pcn --json unstyled.json --out unstyled",
+    "svv bench consistency frames/ --guide unstyled/ --json c.json --out consistency",
+    "svv bench consistency frames/ --style brush.png --modes adain,video --every 5 --out methods",
 )
 """Examples in the help."""
 COMPARE = (
@@ -102,12 +105,14 @@ class Others:
     """Let the other methods match plainly, as the paper does."""
 
 
-TRAINING = Training()
+TRAINING, OF_FRAMES = Training(), OfFrames()
 
 
 @spread
 def consistency(
-    scene: SceneFile,
+    scene: Annotated[
+        Path, typer.Argument(metavar="SCENE.svv|FRAMES", help="A trained scene, or a folder of any frames.")
+    ],
     out: Out,
     frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
@@ -122,17 +127,26 @@ def consistency(
         ),
     ] = 1,
     which: Shown = Shown(),
+    of: OfFrames = OF_FRAMES,
     json: Json = None,
 ) -> None:
-    """Measure how consistent the frames of an orbit are: RMSE, MSE and FLIP, short- and long-range.
+    """Measure how consistent frames are, of a scene's orbit or in a folder: MSE, LPIPS and FLIP, short- and long-range.
 
-    A frame is warped onto a later one along the optical flow and compared where both show the same points. After
-    Ctrl-C, the same command resumes.
+    A frame is warped onto a later one along the optical flow and compared where both show the same points, and as the
+    paper does it. --guide to --features are for folders; --orbit, --size, --oversample and --network are for scenes.
+    After Ctrl-C, the same command resumes.
     """
+    if scene.is_dir():
+        own = changed(which) + [name for name in changed(frames) if name in ("--orbit", "--size")]
+        if own := own + (["--oversample"] if oversample != 1 else []):
+            raise BadInput(f"{' and '.join(own)}: only for scenes; a folder's frames are measured as they are.")
+        return measure_folder(scene, out, of, frames.intervals, frames.every, flows, json)
+    check_scene(scene, of)
     from svv.fields.scene.scene import Scene
     from svv.io.files.atomic import check_writable, write_json
     from svv.io.files.keyed_results import digest
     from svv_bench.styles.consistency import consistency
+    from svv_bench.styles.paper import SEEN
     from svv_bench.styles.path import METRICS
     from svv_bench.styles.table import markdown
 
@@ -148,7 +162,7 @@ def consistency(
     if json is not None:
         write_json(json, {"scene": scene.name, "network": name, "protocol": vars(protocol), **found})
     named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]
-    print(markdown(named, "flow, interval", (*METRICS, "share", "pairs")))
+    print(markdown(named, "flow, interval", (*METRICS, *SEEN, "share", "pairs")))
     for kind, errors in found["flow_error"].items():
         apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
         print(f"{kind} differs from the flow of the depth by {apart} frames.")

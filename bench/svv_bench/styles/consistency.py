@@ -30,6 +30,7 @@ from svv.io.pictures.output import write_png
 from svv.render.pictures import read_png
 from svv_bench.keys import key_of_measure
 from svv_bench.styles.flow import camera_flow, is_consistent
+from svv_bench.styles.paper import seen_means
 from svv_bench.styles.path import METRICS, OrbitPath, Protocol, finely
 
 Frame = Callable[[int], NDArray[np.floating]]
@@ -121,7 +122,8 @@ def consistency(
         progress: Called several times per second; the work stops if it raises, and the same call resumes it.
 
     Returns:
-        ``rows``: the result of :func:`means`; ``flow_error``: the result of :func:`flow_error` for each estimator.
+        ``rows``: the result of :func:`means`, with the figures of :func:`svv_bench.styles.paper.seen_means`;
+        ``flow_error``: the result of :func:`flow_error` for each estimator.
     """
     how = key_of_measure({"scene": key, "protocol": asdict(protocol)})
     path = OrbitPath(scene, protocol, out / "geometry", how, part(progress, 0.0, 0.2))
@@ -129,7 +131,9 @@ def consistency(
         out / "frames", f"{how}-{network}", protocol.frames,
         partial(path.render, finely(scene), network), part(progress, 0.2, 0.4),
     )  # fmt: skip
-    rows = means(measure_frames(path, frames, part(progress, 0.4, 0.95)))
+    rows = means(measure_frames(path, frames, part(progress, 0.4, 0.9)))
+    seen = seen_means(path, frames, part(progress, 0.9, 0.95))
+    rows = [{**row, **seen[row["flow"], row["interval"]]} for row in rows]
     errors = {}
     for kind in protocol.flows:
         if kind != "depth":

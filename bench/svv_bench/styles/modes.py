@@ -39,12 +39,14 @@ from svv.train.quilt.pieces import PieceSettings
 from svv_bench.keys import key_of_measure
 from svv_bench.styles.consistency import draw_frames, means, measure_frames, straight
 from svv_bench.styles.likeness import FIGURES, caption, judge_of, painted_figures
+from svv_bench.styles.paper import seen_means
 from svv_bench.styles.path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, finely
-from svv_bench.styles.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
+from svv_bench.styles.rival_frames import FORMS, Before, frame_after, frame_alone, frame_of_statistics
 from svv_bench.styles.rivals import arf_like, snerf_like
 from svv_bench.styles.table import (
     JUDGED,
     averaged,
+    both_protocols,
     consistency_columns,
     contact_sheet,
     markdown,
@@ -205,6 +207,8 @@ class _CaseWork:
         frames, seconds = self.frames(mode, part(progress, 0.0, 0.7))
         self.folders[mode] = frames
         flat = flat_means(measure_frames(self.path, frames, part(progress, 0.7, 0.97)))
+        seen = seen_means(self.path, frames, part(progress, 0.97, 0.99)).items()
+        flat |= {f"{flow} {n} {name}": value for (flow, n), row in seen for name, value in row.items()}
         judged = likeness(self.path, frames, self.style)
         return {"scene": self.case.scene.stem, "style": self.case.style.stem, "mode": mode, "seconds": seconds,
                 **flat, **judged}  # fmt: skip
@@ -212,7 +216,8 @@ class _CaseWork:
     def frames(self, mode: str, progress: Progress) -> tuple[Path, float]:
         """Return the folder of a mode's frames, and the seconds that stylizing took."""
         how, numbers = self.how, self.how.protocol.frames
-        parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), **how.depends_on(mode),
+        form = {"form": FORMS[mode]} if mode in FORMS else {}
+        parts = {"mode": mode, **form, **self.hashes, "protocol": asdict(how.protocol), **how.depends_on(mode),
                  "seed": how.seed, "sampling": FINE,
                  **({"paint_light": PAINT_LIGHT} if mode in ("ours", "pieces") else {})}  # fmt: skip
         key, folder = key_of_measure(parts), self.folder / mode
@@ -321,6 +326,7 @@ def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
     columns = consistency_columns(how.protocol)
     parts = [
         markdown(averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]),
+        both_protocols(averaged(rows, "mode"), how.protocol),
         *(victories(rows, own, [m for m in RIVALS if m in how.modes], columns) for own in OURS if own in how.modes),
         "\n".join(f"- **{name}**: {MODES[name]}" for name in how.modes),
     ]

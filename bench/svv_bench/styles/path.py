@@ -120,10 +120,7 @@ class Warp:
         colour, because pale pictures always differ little. 0 is agreement, 1 no better than a plain colour. FLIP also
         depends on neighbours; for it, pixels that are not compared are white in both pictures.
         """
-        mask = self._averaged(self.mask[..., None].astype(np.float64))[..., 0] == 1.0
-        moved, there = (
-            self._averaged(np.where(self.mask[..., None], p, 0.0)) for p in (self.moved(first), second / 255.0)
-        )
+        moved, there, mask = self.compared(first, second)
         error = np.square(moved - there)[mask]
         if not len(error):
             return {**dict.fromkeys(METRICS, float("nan")), "share": 0.0}
@@ -134,6 +131,14 @@ class Warp:
         plain_flip = float(flip_map(shown[2], shown[1])[mask].mean())
         parts = {"rmse_part": mse**0.5 / max(plain, TINY), "flip_part": flip / max(plain_flip, TINY)}
         return {"rmse": mse**0.5, "mse": mse, "flip": flip, **parts, "share": float(mask.mean())}
+
+    def compared(self, first: NDArray[np.uint8], second: NDArray[np.uint8]) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return the first frame, warped, and the second, both in [0, 1] (h, w, 3), and the pixels compared (h, w)."""
+        mask = self._averaged(self.mask[..., None].astype(np.float64))[..., 0] == 1.0
+        moved, there = (
+            self._averaged(np.where(self.mask[..., None], p, 0.0)) for p in (self.moved(first), second / 255.0)
+        )
+        return moved, there, mask
 
     def _averaged(self, values: Array) -> Array:
         """Average (h, w, C) over squares of ``oversample`` pixels."""
@@ -198,15 +203,18 @@ class OrbitPath:
             flow, back = camera_flow(a, b, depth), camera_flow(b, a, other)
             importance = -NEARER * np.nan_to_num(depth, nan=0.0).astype(np.float64) / self.diameter
         else:
-            flow, back, importance = self._estimated(kind, first, second)
+            flow, back, importance = self.estimated(kind, first, second)
             flow = np.where(seen[..., None], flow, np.nan)
             back = np.where(seen_there[..., None], back, np.nan)
         mask = is_consistent(back, flow) & ~is_motion_boundary(back)
         _, arrived = splatted(np.zeros((*seen.shape, 1)), flow, importance)
         return Warp(flow, importance, mask & (arrived >= LEAST_ARRIVED), self.protocol.oversample)
 
-    def _estimated(self, kind: str, first: int, second: int) -> tuple[Array, Array, Array]:
-        """Return flow there and back, and importance, estimated from the unstyled pictures; kept as half floats."""
+    def estimated(self, kind: str, first: int, second: int) -> tuple[Array, Array, Array]:
+        """Return flow there and back, and importance, estimated from the unstyled pictures; kept as half floats.
+
+        The flows are those of all pixels, also of the background.
+        """
         file = self.folder / f"{kind}-{first:04d}-{second:04d}.npz"
         one, two = (self.picture(frame).mean(axis=-1) / 255.0 for frame in (first, second))
         if not file.exists():

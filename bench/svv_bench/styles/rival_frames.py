@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from svv.core.images.nnfm import cell_weights, colour_statistics, colour_transfer, total_variation
-from svv.styles.features import STRIDE
+from svv.styles.features import STRIDE, VggFeatures
 from svv.train.match.style_loss import LEAST_SHARE, StyleLossSettings, StyleTarget, solid
 from svv.train.match.stylize import RIM
 
@@ -38,6 +38,9 @@ STATISTICS = 10.0
 LEAST_DETAIL = 0.01
 """Lower bound of a style's squared detail, as a fraction of its squared mean feature; paintings have 0.15. Without it,
 a style of one colour gives an unbounded loss."""
+
+FORMS = {"adain": 2}
+"""To be raised when a mode paints otherwise; frames that are kept are then painted again."""
 
 LEAST_VARIANCE = 1e-5
 """Term added to the variance of a channel before dividing by it."""
@@ -111,6 +114,9 @@ def frame_of_statistics(
     original features of the frame, and towards mean mu_s and deviation sigma_s of the features (ibid., eq. 13; as style
     losses: Li et al. 2017, Demystifying neural style transfer). Only the style size and the total variation of ``loss``
     are used; the latter replaces the decoder's knowledge of pictures.
+
+    With VGG-16, relu1_1 and relu2_1 must have the style's mean and deviation, too, as in AdaIN's style loss (ibid.; its
+    relu4_1 is not among the weights used here): without them, hues drift from the style's.
     """
     target = StyleTarget(network, style, loss, seed)
 
@@ -138,25 +144,62 @@ class StatisticsLoss:
             features, weights = self.features(colours, mask)
             (mean, deviation), (wanted, spread) = statistics_of(features, weights), self.statistics
             self.features_wanted = spread * (features - mean) / deviation + wanted
-        self.scale = spread.square().sum().clamp_min(LEAST_DETAIL * float(wanted.square().sum()) + LEAST_VARIANCE)
+            early = [maps[0].flatten(1).T for maps in early_maps(target.network, target.picture[None])]
+            self.early = [statistics_of(maps, torch.ones_like(maps[:, 0])) for maps in early]
+        self.scale = _scale(wanted, spread)
         """Scale that makes losses of all kinds of features equally large."""
 
     def features(self, colours: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         """Return features (N, C) of cells, and their weights (N,)."""
-        behind = self.target.background
-        seen, cover = solid(colours * mask + behind * (1 - mask), mask, behind)
+        seen, cover = self._seen(colours, mask)
         weights = cell_weights(cover, STRIDE)
         return self.target.network(seen[None])[0].flatten(1).T, weights * (weights > LEAST_SHARE)
+
+    def _seen(self, colours: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        behind = self.target.background
+        return solid(colours * mask + behind * (1 - mask), mask, behind)
+
+    def early_loss(self, colours: Tensor, mask: Tensor) -> Tensor:
+        """Return the loss on mean and deviation of VGG-16's early layers, a scalar; 0 for other networks."""
+        seen, cover = self._seen(colours, mask)
+        losses = [seen.new_zeros(())]
+        for level, (maps, wanted) in enumerate(zip(early_maps(self.target.network, seen[None]), self.early)):
+            weights = cell_weights(cover, 1 << level)
+            found = statistics_of(maps[0].flatten(1).T, weights * (weights > LEAST_SHARE))
+            losses.append(_apart(found, wanted) / _scale(*wanted))
+        return torch.stack(losses).sum()
 
     def loss(self, picture: Tensor, mask: Tensor) -> Tensor:
         """Return the loss of straight colours (3, h, w), a scalar."""
         features, weights = self.features(picture, mask)
         total = weights.sum().clamp_min(1e-6)
         content = ((features - self.features_wanted).square().sum(1) * weights).sum() / total
-        pairs = zip(statistics_of(features, weights), self.statistics, strict=True)
-        style = torch.stack([(found - wanted).square().sum() for found, wanted in pairs]).sum()
+        style = _apart(statistics_of(features, weights), self.statistics) / self.scale + self.early_loss(picture, mask)
         smooth = self.target.settings.variation * total_variation(picture, mask)
-        return (content + STATISTICS * style) / self.scale + smooth
+        return content / self.scale + STATISTICS * style + smooth
+
+
+def early_maps(network: nn.Module, image: Tensor) -> list[Tensor]:
+    """Return relu1_1 (n, 64, h, w) and relu2_1 (n, 128, h // 2, w // 2) of images (n, 3, h, w) in [0, 1].
+
+    Returns:
+        The maps; none if the network is not VGG-16.
+    """
+    if not isinstance(network, VggFeatures):
+        return []
+    (first, second), (third, _) = network.layers[:2]
+    one = torch.relu(first((image - network.mean) / network.deviation))
+    return [one, torch.relu(third(F.max_pool2d(torch.relu(second(one)), 2)))]
+
+
+def _apart(found: tuple[Tensor, Tensor], wanted: tuple[Tensor, Tensor]) -> Tensor:
+    """Return the squared distance of means and of deviations, a scalar."""
+    return torch.stack([(a - b).square().sum() for a, b in zip(found, wanted, strict=True)]).sum()
+
+
+def _scale(mean: Tensor, deviation: Tensor) -> Tensor:
+    """Return the squared detail of features with these statistics (C,), a scalar."""
+    return deviation.square().sum().clamp_min(LEAST_DETAIL * float(mean.square().sum()) + LEAST_VARIANCE)
 
 
 def statistics_of(features: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:

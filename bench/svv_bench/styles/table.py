@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from svv.io.files.atomic import atomic_path, write_json
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet
+from svv_bench.styles.paper import PAPER
 from svv_bench.styles.path import OrbitPath, Protocol
 
 Row = dict[str, Any]
@@ -28,6 +29,18 @@ JUDGED = ("neighbours", "adain", "lines", "patches 1/1", "patches 1/2", "colour"
 def consistency_columns(protocol: Protocol) -> list[str]:
     """Return the names of the consistency figures that the table shows, in order."""
     return [f"{flow} {n} {name}" for flow in protocol.flows for n in protocol.intervals for name in SHOWN]
+
+
+def both_protocols(rows: Sequence[Row], protocol: Protocol) -> str:
+    """Format MSE and LPIPS of each mode by svv's protocol and, for estimated flows, by the paper's beside it."""
+    columns = {
+        f"{flow} {n} {name}": f"{'' if name in PAPER else 'svv '}{name}, {flow} {n}"
+        for flow in protocol.flows
+        for name in ("mse", "lpips", *(PAPER if flow != "depth" else ()))
+        for n in protocol.intervals
+    }
+    shown = [{"mode": row["mode"], **{title: row.get(name) for name, title in columns.items()}} for row in rows]
+    return markdown(shown, "mode", list(columns.values()))
 
 
 def averaged(rows: Sequence[Row], by: str) -> list[Row]:
@@ -129,5 +142,7 @@ def _text(value: object) -> str:
     if value is None:
         return "-"
     if isinstance(value, float):
+        if 0 < abs(value) < 0.01:  # mean squares
+            return f"{value:.2g}"
         return f"{value:.1f}" if abs(value) >= 10 else f"{value:.4f}"
     return str(value)

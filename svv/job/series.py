@@ -56,6 +56,7 @@ def with_time_steps(
             are equal.
     """
     from svv.fields.scene.joined import members
+    from svv.fields.values.carried_paint import with_lives
     from svv.fields.values.followed_scene import at_step, check_follows
 
     if function is not None and not function.placed:
@@ -75,9 +76,13 @@ def with_time_steps(
             raise BadInput(f"{before.name} and {after.name} have the same time, {before.time:g}.")
     own, bounds, notes = _survey(scene, steps, functions, part(progress, 0.0, 0.3))
     box, cells = _box_over(scene, bounds)
-    found = _grids(steps, own, (box, cells, interval), part(progress, 0.3, 0.98))
+    found = _grids(steps, own, (box, cells, interval), part(progress, 0.3, 0.9))
     layers = tuple(replace(layer, steps=None) for layer in scene.layers)
     result = at_step(replace(scene, steps=found, layers=layers), own, anew=True)
+    for member in members(result):
+        for network in (member.styled, *(other.network for other in member.others)):
+            if network is not None:
+                with_lives(network, found, part(progress, 0.9, 1.0))
     progress(1.0, "time steps")
     return replace(result, steps=found), notes
 

@@ -89,13 +89,14 @@ def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     if listed and len(volumes) > 1:
         raise BadInput(f"{listed[0]} lists time steps itself: name no other volumes.")
     told = read_series(listed[0]) if listed else [(float(number), path) for number, path in enumerate(volumes)]
+    array = reading.only_array
     if len(told) < 2:
         raise BadInput("A series needs at least two time steps, one of them that of the scene.")
     return [
         Step(
             path.name, time,
             partial(
-                read_volume, path, reading.dims, reading.dtype, reading.spacing, None, reading.array, reading.channel,
+                read_volume, path, reading.dims, reading.dtype, reading.spacing, None, array, reading.channel,
                 reading.time, reading.resample_to,
             ),
         )

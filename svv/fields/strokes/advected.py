@@ -26,6 +26,9 @@ Places = Callable[[Points], Points]
 ROUNDS, DAMPED = 16, 0.8
 """Iterations in which a displacement is inverted, and how far each one goes."""
 
+SMOOTHED = 2
+"""How often the displacements of a stroke's points are averaged along it."""
+
 LANDINGS, FARTHEST = 6, 1.5
 """Newton steps to a surface, and the longest way there, in widths of a stroke."""
 
@@ -73,6 +76,8 @@ def advected(
     """
     before, after = fields
     place, missed = _inverse(backward, was, start, size)
+    for _ in range(SMOOTHED):  # a brush is stiff: what moves single points apart is noise of the flow
+        place = start + along_strokes(place - start, strokes)
     laid = strokes.where.astype(np.float64)
     place = place + along_strokes(landed(place, before.at(laid), after, size * strokes.unit) - place, strokes)
     slope = after.slope(place)

@@ -27,8 +27,8 @@ GROWN = 3
 GONE = 0.8
 """Distance of a stroke from the surface of its value from which its matter is gone, in widths."""
 
-STRETCHED = 2.2
-"""Length of a stroke, in those it was laid with, from which it is removed."""
+STRETCHED = 2.0
+"""Length of a stroke, in those it was laid with, from which it is removed; as it is if it is crumpled as much."""
 
 BARE, LEAST_BARE = 3.0, 0.7
 """Distance to the nearest stroke from which a surface is bare: in medians of the painting's own, and in widths."""
@@ -142,9 +142,9 @@ def lived(strokes: Strokes, stage: Stage, seed: int) -> Lives:
                 if there.any():
                     living.append(chosen(moved, there))
                 laid += len(group)
-            if laid > MOST_BORN * len(strokes) or not living:
+            if laid > (1.0 + MOST_BORN) * len(strokes):
                 continue
-            new = bare.laid(joined(living), step, np.random.default_rng([seed, step]))
+            new = bare.laid(joined(living) if living else None, step, np.random.default_rng([seed, step]))
             if new is not None:
                 span = np.tile([step, last] if way > 0 else [last, step], (len(new), 1))
                 flock.append((step, new, span))
@@ -190,14 +190,16 @@ def _narrow(strokes: Strokes, size: NDArray[np.floating]) -> Strokes:
 def _gone(laid: Strokes, moved: Strokes, off: Points) -> NDArray[np.bool_]:
     """Return which strokes have left their surface, or are stretched too far. (N,)"""
     far = np.add.reduceat(off, laid.start[:-1]) / np.diff(laid.start) > GONE * laid.unit
-    return np.asarray(far | (moved.length > STRETCHED * np.maximum(laid.length, laid.unit)))
+    stretched = moved.length > STRETCHED * np.maximum(laid.length, laid.unit)
+    crumpled = STRETCHED * moved.length < laid.length
+    return np.asarray(far | stretched | crumpled)
 
 
 class _Bare:
     """Sets down copies of strokes where a surface has become bare."""
 
     def __init__(self, strokes: Strokes, stage: Stage) -> None:
-        self.stage, self.width = stage, strokes.unit
+        self.stage, self.width, self.painted = stage, strokes.unit, strokes
         where = strokes.where.astype(np.float64)
         self.level = float(np.median(stage.field(stage.painted).at(where)))
         self.tree, self.far = cKDTree(where), LEAST_BARE * self.width
@@ -214,12 +216,13 @@ class _Bare:
         _, first = np.unique((found / (self.width / 3.0)).astype(np.int64), axis=0, return_index=True)
         return np.asarray(found[np.sort(first)], np.float64)
 
-    def laid(self, living: Strokes, step: int, generator: np.random.Generator) -> Strokes | None:
+    def laid(self, living: Strokes | None, step: int, generator: np.random.Generator) -> Strokes | None:
         """Return strokes for what is bare at a step, among those that live; None if nothing is."""
         place = self._surface(step)
         if not len(place):
             return None
-        place = place[cKDTree(living.where).query(place)[0] > self.far]
+        if living is not None:
+            place = place[cKDTree(living.where).query(place)[0] > self.far]
         if not len(place):
             return None
         # What lay bare in the painting stays so: nobody sees it.
@@ -229,7 +232,7 @@ class _Bare:
         off = np.abs(painted.at(surface) - self.level) / np.maximum(np.linalg.norm(painted.slope(surface), axis=1), 1e-3)
         there = (off < SAME * width) & (np.linalg.norm(surface - was, axis=1) < SAME * width)
         place = place[~(there & (self.tree.query(surface)[0] > self.far))]
-        return self._copied(place, living, step, generator)
+        return self._copied(place, self.painted if living is None else living, step, generator)
 
     def _copied(
         self, place: Points, living: Strokes, step: int, generator: np.random.Generator

@@ -56,11 +56,13 @@ def at_step(scene: Painted, step: int, anew: bool = False) -> Painted:
         count = 0 if steps is None else len(steps)
         told = f"it has the steps 0 to {count - 1}" if count > 1 else "it has no time steps; svv follow adds them"
         raise BadInput(f"The scene has no time step {step}: {told}.")
+    if scene.layers:
+        alone = steps.only(step)
+        found = [(member, at_step(member, step, anew)) for member in members(scene)]
+        # Arrays and members of an ensemble have values of their own; transfer functions share one volume's.
+        return with_members(scene, [replace(s, steps=alone) if m.steps is steps else s for m, s in found])
     if step == steps.own and not anew:
         return replace(scene, steps=steps.only(step))
-    if scene.layers:
-        found = with_members(scene, [at_step(member, step, anew) for member in members(scene)])
-        return replace(found, steps=steps.only(step))
     function, _ = check_follows(scene)
     try:
         grid = steps.grid(step, function.visible).over(function.interval, function.visible)

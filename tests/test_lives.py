@@ -30,7 +30,10 @@ def field_of(balls: list[tuple[tuple[float, float, float], float]]) -> Field:
     return Field(soft(vertices, balls).astype(np.float32), float(CELLS), np.zeros(3))
 
 
-def stage_of(balls: Balls, motion: Callable[[float], tuple[float, float, float]] = lambda time: (0.0, 0.0, 0.0)) -> Stage:
+Motion = Callable[[float], tuple[float, float, float]]
+
+
+def stage_of(balls: Balls, motion: Motion = lambda time: (0.0, 0.0, 0.0)) -> Stage:
     """A series of balls whose matter has moved as a whole by ``motion`` since the painted step."""
     times = np.linspace(0.0, 1.0, STEPS)
 
@@ -83,7 +86,7 @@ def grows(time: float) -> list[tuple[tuple[float, float, float], float]]:
     return [((0.5, 0.5, 0.5), 0.12 + 0.2 * time)]
 
 
-def story(balls: Balls, **motion: Callable[[float], tuple[float, float, float]]) -> tuple[Strokes, Lives, Stage]:
+def story(balls: Balls, **motion: Motion) -> tuple[Strokes, Lives, Stage]:
     stage = stage_of(balls, **motion)
     strokes = painted(balls(PAINTED / (STEPS - 1)))
     return strokes, lived(strokes, stage, 0), stage

@@ -60,9 +60,7 @@ def layers(volumes: Sequence[Path], reading: ShownVolumeOptions) -> dict[str, tu
         }
     names = [_stem(path) for path in volumes]
     _check(names, "Volumes", "rename one of the files, or name each once")
-    return {
-        name: (path, replace(reading, tf=tf)) for name, path, tf in zip(names, volumes, own, strict=True)
-    }
+    return {name: (path, replace(reading, tf=tf)) for name, path, tf in zip(names, volumes, own, strict=True)}
 
 
 def _check(names: Sequence[str], what: str, advice: str) -> None:

@@ -56,8 +56,8 @@ def joined(scenes: Sequence[Painted]) -> Painted:
     own = {scene.steps.own for scene in scenes if scene.steps is not None}
     if times and len(own) > 1:
         raise BadInput(
-            f"The scenes were trained on different time steps, {' and '.join(map(str, sorted(own)))}: train all of them "
-            "on the same one, so that they show one time together."
+            f"The scenes were trained on different time steps, {' and '.join(map(str, sorted(own)))}: train all of "
+            "them on the same one, so that they show one time together."
         )
     if times and any(scene.steps is None or len(scene.steps) < 2 for scene in scenes):
         raise BadInput("Only some of the scenes have time steps: follow all of them to the same times, or none.")

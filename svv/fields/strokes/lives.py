@@ -229,7 +229,8 @@ class _Bare:
         was = self.stage.matter(step)(place)
         painted, width = self.stage.field(self.stage.painted), self.width
         surface = landed(was, np.full(len(was), self.level), painted, width)
-        off = np.abs(painted.at(surface) - self.level) / np.maximum(np.linalg.norm(painted.slope(surface), axis=1), 1e-3)
+        steep = np.linalg.norm(painted.slope(surface), axis=1)
+        off = np.abs(painted.at(surface) - self.level) / np.maximum(steep, 1e-3)
         there = (off < SAME * width) & (np.linalg.norm(surface - was, axis=1) < SAME * width)
         place = place[~(there & (self.tree.query(surface)[0] > self.far))]
         return self._copied(place, self.painted if living is None else living, step, generator)

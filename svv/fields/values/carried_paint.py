@@ -50,7 +50,8 @@ def carried(
     finer = occupancy.cells // scene.occupancy.cells
     resolutions = tuple(finer * number for number in network.resolutions)
     result = UnrestrictedField(scene.settings, occupancy, resolutions, direct=True)
-    result.painted_in = network.painted_in or replace(scene, styled=network)
+    painted = replace(scene, styled=network)
+    result.painted_in = network.painted_in or (lambda: painted)
     laid = network.brushed
     brushed = None if laid is None or scene.steps is None else _moved(laid, scene, over, step, matter)
     if brushed is None or laid is None or not laid.complete:

@@ -1,4 +1,4 @@
-"""The pictures of "Show several variables": a storm of three variables in one scene, and four members side by side.
+"""The pictures of "Show several variables": a storm of three variables in one scene, and three members side by side.
 
 ``python -m docs.variables`` in the checkout writes ``docs/images/variables.jpg`` and ``docs/images/members.jpg``.
 Trained and painted scenes are kept in ``build/variables``, so that it can be stopped and repeated: about ten minutes of
@@ -32,17 +32,23 @@ KEPT = IMAGES.parents[1] / "build" / "variables"
 Array = NDArray[np.float64]
 
 SHOWN = {
-    "cloud": (0.5, 0.7, 0.16, (0.75, 0.8, 0.88), "watercolour"),
+    "cloud": (0.34, 0.22, 0.4, (0.75, 0.8, 0.88), "watercolour"),
     "updraft": (0.6, 0.7, 0.95, (0.9, 0.35, 0.15), "impasto"),
-    "rain": (0.6, 0.7, 0.6, (0.15, 0.4, 0.75), "pointillism"),
+    "rain": (0.6, 0.7, 0.6, (0.15, 0.4, 0.75), "ink-wash"),
 }
 """Variable -> centre and width of its visible values, opacity, colour, and the gallery's picture that paints it."""
+
+SHEAR = 0.35
+"""How far the wind carries the storm's top, relative to its height."""
+
+MIDDLE = -0.08
+"""Height of the pictures' middle."""
 
 LARGE, SMALL = 900, 300
 """Width and height of the picture of all variables, and of those beside it."""
 
 
-def storm(voxels: int = 80, shear: float = 0.35, seed: int = 4) -> dict[str, vtkImageData]:
+def storm(voxels: int = 80, shear: float = SHEAR, seed: int = 4) -> dict[str, vtkImageData]:
     """Return three variables of a generated thunderstorm in the cube [-1, 1]^3, each in [0, 1]; y is up.
 
     A cloud whose anvil the wind shears away, an updraft that winds up inside of it, and shafts of rain below.
@@ -100,7 +106,9 @@ def layer(name: str, kept: str, volume: vtkImageData) -> Scene:
 def camera_of(scene: Scene, size: int, turn: int = 100) -> Camera:
     """Return the camera from which all pictures are taken."""
     seen = scene.rig.orbit(181, size)[turn]
-    return Camera(seen.camera_to_world, 0.62 * seen.fov_x, size, size)
+    pose = seen.camera_to_world.copy()
+    pose[1, 3] += MIDDLE - scene.occupancy.box.to_world(0.5 * np.asarray([scene.occupancy.box.extent]))[0, 1]
+    return Camera(pose, 0.8 * seen.fov_x, size, size)
 
 
 def drawn(scene: Scene, camera: Camera) -> Array:
@@ -126,12 +134,12 @@ def variables() -> None:
 
 
 def members() -> None:
-    """The clouds of four members of an ensemble, which differ in their wind shear, in one look and from one camera."""
-    pictures, shears = [], (0.0, 0.2, 0.35, 0.5)
+    """Cloud and updraft of three members, which differ in their wind shear, in one look and from one camera."""
+    pictures, shears = [], (0.0, 0.35, 0.7)
     camera: Camera | None = None
     for number, shear in enumerate(shears):
-        volumes = storm(shear=shear, seed=4 + number)
-        whole = joined([layer(name, f"member{number}-{name}", volumes[name]) for name in ("cloud", "updraft")])
+        volumes, kept = storm(shear=shear), "" if shear == SHEAR else f"member{number}-"
+        whole = joined([layer(name, kept + name, volumes[name]) for name in ("cloud", "updraft")])
         camera = camera or camera_of(whole, 400)
         pictures.append(drawn(whole, camera))
     labels = labelled([f"wind shear {shear:g}" for shear in shears], 400)

@@ -24,7 +24,7 @@ from svv.io.views.camera_file import read_camera
 
 COMMANDS = [
     "demo", "run", "views", "train", "edit", "palette", "stylize", "styles", "style-mask", "render", "evaluate", "info",
-    "follow", "features", "cache", "bench", *(f"bench {name}" for name in bench.COMMANDS),
+    "follow", "opacities", "features", "cache", "bench", *(f"bench {name}" for name in bench.COMMANDS),
 ]  # fmt: skip
 
 

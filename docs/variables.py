@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 SHOWN = {
     "cloud": (0.34, 0.22, 0.4, (0.75, 0.8, 0.88), "watercolour"),
     "updraft": (0.6, 0.7, 0.95, (0.9, 0.35, 0.15), "impasto"),
-    "rain": (0.6, 0.7, 0.6, (0.15, 0.4, 0.75), "ink-wash"),
+    "rain": (0.6, 0.7, 0.6, (0.15, 0.4, 0.75), "pastel"),
 }
 """Variable -> centre and width of its visible values, opacity, colour, and the gallery's picture that paints it."""
 
@@ -108,7 +108,7 @@ def camera_of(scene: Scene, size: int, turn: int = 100) -> Camera:
     seen = scene.rig.orbit(181, size)[turn]
     pose = seen.camera_to_world.copy()
     pose[1, 3] += MIDDLE - scene.occupancy.box.to_world(0.5 * np.asarray([scene.occupancy.box.extent]))[0, 1]
-    return Camera(pose, 0.8 * seen.fov_x, size, size)
+    return Camera(pose, 0.7 * seen.fov_x, size, size)
 
 
 def drawn(scene: Scene, camera: Camera) -> Array:

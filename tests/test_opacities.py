@@ -53,7 +53,7 @@ def test_the_same_opacities_change_nothing(scene: Scene) -> None:
 
 @pytest.mark.parametrize(("shell", "core"), [(0.4, 0.8), (0.02, 0.8), (0.1, 0.2), (0.0, 0.8), (0.3, 0.0)])
 def test_other_opacities_are_those_of_the_volume_rendering(scene: Scene, shell: float, core: float) -> None:
-    """Much nearer to it than the scene as it was, and about as near as that was to its own function, though hardly trained."""
+    """Much nearer to it than the scene was, and about as near as that to its own function, though hardly trained."""
     shown = function(scene, shell, core)
     changed = psnr(with_opacities(scene, shown), shown)
     assert changed > psnr(scene, shown) + 3.0

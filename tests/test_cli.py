@@ -26,7 +26,7 @@ from tests.wheels import make_installed
 
 COMMANDS = [
     "demo", "run", "views", "train", "edit", "palette", "stylize", "styles", "style-mask", "render", "evaluate", "info",
-    "follow", "features", "cache", "bench", *(f"bench {name}" for name in bench.COMMANDS),
+    "follow", "opacities", "features", "cache", "bench", *(f"bench {name}" for name in bench.COMMANDS),
 ]  # fmt: skip
 
 

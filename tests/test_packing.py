@@ -92,6 +92,6 @@ def test_time_steps_that_do_not_fit_are_refused(wrong: dict[str, Any]) -> None:
 def test_damaged_displacements_are_one_sentence() -> None:
     box, content = Box((0.0,) * 3, 1.0, (1.0,) * 3), packed_codes(np.ones((5, 5, 5), np.uint16))
     steps = TimeSteps(box, 4, (0.0, 1.0), (0.0, 1.0), (content, content), (None, content[:-3]))
-    assert np.array_equal(steps.matter(0, np.ones((2, 3))), np.ones((2, 3)))
+    assert np.array_equal(steps.place(0)(np.ones((2, 3))), np.ones((2, 3)))
     with pytest.raises(BadInput, match="Time step 1"):
-        steps.matter(1, np.ones((2, 3)))
+        steps.place(1)

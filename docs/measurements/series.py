@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.registration import optical_flow_tvl1
 from skimage.transform import warp
-from values import flow
+from values import balls, flow
 
 from svv.core.colour.colour import WHITE, over
 from svv.dvr.draw.views import make_views, render_views
@@ -26,6 +27,7 @@ from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.fields.values.followed_scene import at_step
+from svv.fields.values.time_steps import TimeSteps
 from svv.io.pictures.style_picture import read_style
 from svv.job.series import Step, with_time_steps
 from svv.train.evaluate import evaluate_scene
@@ -92,25 +94,69 @@ def accuracy(series: Scene) -> None:
         print(f"| {step} | {' | '.join(f'{dB:.1f}' for dB in found)} | {spent:.2f} s |", flush=True)
 
 
+def exactly(steps: TimeSteps, step: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return where the matter at places of a step was in the trained one, from the balls' own motion."""
+    then, now = balls(APART * TRAINED), balls(APART * step)
+
+    def place(position: NDArray[np.float64]) -> NDArray[np.float64]:
+        world = steps.box.to_world(position)
+        away = np.square(world[:, None] - now[None, :, :3]).sum(axis=2) / np.square(now[:, 3])
+        own = away.argmin(axis=1)
+        larger = (then[own, 3] / now[own, 3])[:, None]
+        return steps.box.to_box(then[own, :3] + (world - now[own, :3]) * larger)
+
+    return place
+
+
 def flicker(series: Scene) -> None:
-    """Print how much neighbouring frames differ after the earlier one is warped by the optical flow of the DVR's."""
-    assert series.steps is not None
+    """Print how much neighbouring frames differ after the earlier one is warped by the optical flow of the DVR's.
+
+    Fine paint differs from itself when it is warped, so paint that is carried exactly is measured beside ours, and
+    paint at rest before a camera that moves.
+    """
+    assert series.steps is not None and series.styled is not None and series.styled.brushed is not None
     camera = series.rig.orbit(181, 320)[90].resized(320, 320)
-    still = replace(series, steps=replace(series.steps, moves=(None,) * COUNT))
-    frames: dict[str, list[NDArray[np.float32]]] = {
-        "volume rendering": [],
-        "palette": [],
-        "paint": [],
-        "paint, not moved": [],
-    }
+    frames: dict[str, list[NDArray[np.float32]]] = {}
+
+    def add(name: str, picture: NDArray[np.floating]) -> None:
+        frames.setdefault(name, []).append(over(picture, WHITE))
+
     for step in range(TRAINED - 4, TRAINED + 5):
-        drawn = render_views(flow(APART * step), FUNCTIONS[0], [camera], "cpu")[0] / np.float32(255.0)
-        moved, fixed = at_step(series, step), at_step(still, step)
-        pictures = drawn, *(s.render(camera, n).rgba for s, n in ((moved, "pcn"), (moved, "styled"), (fixed, "styled")))
-        for name, picture in zip(frames, pictures, strict=True):
-            frames[name].append(over(picture, WHITE))
+        add("volume rendering", render_views(flow(APART * step), FUNCTIONS[0], [camera], "cpu")[0] / np.float32(255.0))
+        moved = at_step(series, step)
+        add("palette network", moved.render(camera, "pcn").rgba)
+        add("paint that moves with the matter", moved.render(camera, "styled").rgba)
+        add("its lattice, as while the camera moves", replace(moved, still=False).render(camera, "styled").rgba)
+    found, lives = TimeSteps.place, series.styled.brushed.lives
+    series.styled.brushed.lives = {}
+    for name, way in (("paint carried exactly", exactly), ("paint that stays in space", lambda *_: lambda at: at)):
+        TimeSteps.place = way  # type: ignore[method-assign]
+        for step in range(TRAINED - 4, TRAINED + 5):
+            moved = at_step(series, step)
+            add(name, moved.render(camera, "styled").rgba)
+            if way is exactly:
+                add("its lattice, carried exactly", replace(moved, still=False).render(camera, "styled").rgba)
+    TimeSteps.place, series.styled.brushed.lives = found, lives  # type: ignore[method-assign]
+    told("steps 6 to 14", frames)
+    frames.clear()
+    own, right = at_step(series, TRAINED), camera.camera_to_world[:3, 0]
+    pixel = camera.pixel_at(float(np.linalg.norm(camera.position)))
+    for number in range(5):
+        pose = camera.camera_to_world.copy()
+        pose[:3, 3] += 2.3 * number * pixel * right
+        there = replace(camera, camera_to_world=pose)
+        drawn = render_views(flow(APART * TRAINED), FUNCTIONS[0], [there], "cpu")[0] / np.float32(255.0)
+        add("volume rendering", drawn)
+        add("palette network", own.render(there, "pcn").rgba)
+        add("paint", own.render(there, "styled").rgba)
+        add("its lattice", replace(own, still=False).render(there, "styled").rgba)
+    told("one step, from a camera that moves by 2.3 pixels", frames)
+
+
+def told(title: str, frames: dict[str, list[NDArray[np.float32]]]) -> None:
+    """Print the warped differences of frames, relative to the volume rendering's own."""
     found = dict.fromkeys(frames, 0.0)
-    for k in range(len(frames["palette"]) - 1):
+    for k in range(len(frames["volume rendering"]) - 1):
         before, after = (frames["volume rendering"][k + i].mean(axis=2) for i in (0, 1))
         down, right = optical_flow_tvl1(after, before, attachment=30)
         rows, columns = np.indices(after.shape)
@@ -118,9 +164,9 @@ def flicker(series: Scene) -> None:
             place = np.array([rows + down, columns + right])
             warped = np.stack([warp(pictures[k][..., c], place, mode="edge") for c in range(3)], axis=2)
             found[name] += float(np.abs(warped - pictures[k + 1])[after < 0.995].mean())
-    print("| picture | warped difference, relative to the volume rendering's |")
+    print(f"| {title} | warped difference, relative to the volume rendering's |")
     for name, total in found.items():
-        print(f"| {name} | {total / found['volume rendering']:.2f} |")
+        print(f"| {name} | {total / found['volume rendering']:.2f} |", flush=True)
 
 
 def picture(style: Path) -> None:

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.dvr.draw.views import make_views
@@ -42,13 +43,17 @@ def flow(time: float, voxels: int = 64) -> vtkImageData:
     z, y, x = np.meshgrid(axis, axis, axis, indexing="ij")
     values = 0.12 * np.sin(9 * x + 0.3 * time) * np.sin(8 * y) * np.sin(7 * z - 0.2 * time)
     values = values * np.exp(-2.0 * (x**2 + y**2 + z**2))
-    for ball in range(5):
-        angle = 2.0 * np.pi * ball / 5 + 0.3 * time
-        centre = 0.5 * np.cos(angle), 0.5 * np.sin(angle), 0.35 * np.sin(2 * angle + 0.2 * time)
-        radius = 0.16 + 0.03 * np.sin(ball + 0.2 * time)
-        squared = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2
-        values += np.exp(-0.5 * squared / radius**2)
+    for a, b, c, radius in balls(time):
+        values += np.exp(-0.5 * ((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2) / radius**2)
     return from_array(values.astype(np.float32), (2.0 / (voxels - 1),) * 3, (-1.0,) * 3)
+
+
+def balls(time: float) -> NDArray[np.float64]:
+    """Return centre and radius of the balls of :func:`flow`. (5, 4)"""
+    ball = np.arange(5)
+    angle = 2.0 * np.pi * ball / 5 + 0.3 * time
+    middle = 0.5 * np.cos(angle), 0.5 * np.sin(angle), 0.35 * np.sin(2 * angle + 0.2 * time)
+    return np.stack([*middle, 0.16 + 0.03 * np.sin(ball + 0.2 * time)], axis=1)
 
 
 if __name__ == "__main__":

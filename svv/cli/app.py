@@ -49,8 +49,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "look",
         "Save how a scene looks to a file, and give other scenes that look: colours, styles, light, outlines.",
     ),
-    "join": ("join", "Join scenes of several transfer functions of one volume, to show them alone or together."),
+    "join": ("join", "Join scenes of several transfer functions, arrays or members, to show them alone or together."),
     "follow": ("follow", "Add the other time steps of its volume to a scene, without views or training."),
+    "opacities": ("follow", "Show a scene with other opacities of its transfer function, without views or training."),
     "render": ("render", "Render a scene: an orbit as a movie or frames, a single view, or its time steps."),
     "figure": (
         "figure",

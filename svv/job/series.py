@@ -17,6 +17,7 @@ from svv.core.volumes.classified import COARSE, ValueGrid
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.time_series import beyond, values_over, visible_bounds
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.strokes.advected import Field
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
 
 SAME = 0.995
 """Fraction of a grid's values that agree if a scene was trained on a volume."""
+
+SAMPLES, DIFFERENT = 4096, 0.05
+"""Places at which two scenes are compared, and the mean difference of their values, relative to those that both have,
+from which they are of different volumes."""
 
 BEYOND = 0.01
 """Fraction of a step's visible voxels beyond the known values from which the user is told."""
@@ -56,6 +61,7 @@ def with_time_steps(
             are equal.
     """
     from svv.fields.scene.joined import members
+    from svv.fields.values.carried_paint import with_lives
     from svv.fields.values.followed_scene import at_step, check_follows
 
     if function is not None and not function.placed:
@@ -64,6 +70,11 @@ def with_time_steps(
             "knows its transfer function, or export it from ParaView with its opacities."
         )
     every = members(scene)
+    if any(not _same_values(every[0], member) for member in every[1:]):
+        raise BadInput(
+            "The scene shows several arrays or volumes, whose values differ: follow the scene of each with its own "
+            "volumes, and join the results with svv join."
+        )
     functions = []
     for member in every:
         check_follows(member)
@@ -75,11 +86,32 @@ def with_time_steps(
             raise BadInput(f"{before.name} and {after.name} have the same time, {before.time:g}.")
     own, bounds, notes = _survey(scene, steps, functions, part(progress, 0.0, 0.3))
     box, cells = _box_over(scene, bounds)
-    found = _grids(steps, own, (box, cells, interval), part(progress, 0.3, 0.98))
+    found = _grids(steps, own, (box, cells, interval), part(progress, 0.3, 0.9))
     layers = tuple(replace(layer, steps=None) for layer in scene.layers)
     result = at_step(replace(scene, steps=found, layers=layers), own, anew=True)
+    for member in members(result):
+        for network in (member.styled, *(other.network for other in member.others)):
+            if network is not None:
+                with_lives(network, found, part(progress, 0.9, 1.0))
     progress(1.0, "time steps")
     return replace(result, steps=found), notes
+
+
+def _same_values(first: Scene, other: Scene) -> bool:
+    """Return whether two scenes are of the same volume: their values agree wherever both have some."""
+    mine, its = first.steps, other.steps
+    if mine is None or its is None or mine is its:
+        return True  # without values, it is said that they cannot follow
+    (low, high), (start, stop) = (np.asarray(box.bounds) for box in (mine.box, its.box))
+    low, high = np.maximum(low, start), np.minimum(high, stop)
+    place = low + (high - low) * np.random.default_rng(0).random((SAMPLES, 3))
+    found = [Field.of(s.grid(s.own, (0.0, 1.0)), s.box, s.box).at(s.box.to_box(place)) for s in (mine, its)]
+    world = [v * (s.interval[1] - s.interval[0]) + s.interval[0] for v, s in zip(found, (mine, its), strict=True)]
+    # Beyond an interval, values count as its nearest one.
+    bottom, top = (pick(pair) for pick, pair in zip((max, min), zip(mine.interval, its.interval, strict=True)))
+    if bottom >= top:
+        return True
+    return bool(np.abs(np.diff(np.clip(world, bottom, top), axis=0)).mean() <= DIFFERENT * (top - bottom))
 
 
 def _interval(scenes: Sequence[Scene]) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -39,8 +39,8 @@ class VolumeOptions:
 
     tf: Annotated[tuple[Path, ...], Setting(metavar="TF.json")] = ()
     """Transfer function: a preset exported from ParaView, or a list of opacity bumps."""
-    array: str | None = None
-    """Name of the array, if the file has several."""
+    array: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
+    """Name of the array, if the file has several; of several arrays, svv views makes layers of one scene."""
     channel: Annotated[str | None, Setting(metavar="N|NAME")] = None
     """Number (from 0) or name of the channel, if the file has several."""
     time: Annotated[int | None, Setting(least=0, metavar="N")] = None
@@ -55,9 +55,14 @@ class VolumeOptions:
     """For grids that are no images: points along the longest side to which they are resampled; by default, as the cells
     and the memory suggest."""
 
-    def each(self) -> list[VolumeOptions]:
-        """Return the options of each transfer function alone."""
-        return [replace(self, tf=(tf,)) for tf in self.tf] or [self]
+    @property
+    def only_array(self) -> str | None:
+        """The array; None if none is named. BadInput is raised if there are several."""
+        if len(self.array) > 1:
+            raise BadInput(
+                "Give one --array here: svv views takes several, and svv train makes one scene of their views."
+            )
+        return self.array[0] if self.array else None
 
     @property
     def only(self) -> Path | None:
@@ -68,7 +73,7 @@ class VolumeOptions:
 
     def to_read(self) -> dict[str, Any]:
         """Return the arguments of :class:`svv.job.source.VolumeSource`, apart from the volume."""
-        return {**vars(self), "tf": self.only}
+        return {**vars(self), "tf": self.only, "array": self.only_array}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The command ``svv follow``; see :mod:`svv.cli.app`."""
+"""The commands ``svv follow`` and ``svv opacities``; see :mod:`svv.cli.app`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 
 from svv.cli.files import load
 from svv.cli.option_group import spread
-from svv.cli.options import SceneFile
+from svv.cli.options import Out, SceneFile
 from svv.errors import BadInput, part
 from svv.options.making import VolumeOptions
 from svv.progress import shown
@@ -24,6 +24,12 @@ FOLLOW = (
     "svv follow scene.svv blob_*.vti --out series.svv",
     "svv follow scene.svv flow.pvd --array pressure --out series.svv",
     "svv follow scene.svv blob_01.vti blob_02.vti blob_03.vti --out steps",
+)
+"""Examples in the help."""
+
+OPACITIES = (
+    "svv opacities scene.svv --tf fainter.json --out fainter.svv",
+    "svv opacities series.svv --tf core-alone.json --out core.svv",
 )
 """Examples in the help."""
 
@@ -79,6 +85,28 @@ def follow(
     )
 
 
+def opacities(
+    scene: SceneFile,
+    tf: Annotated[
+        Path, typer.Option("--tf", metavar="TF.json", help="The transfer function, with the scene's colours.")
+    ],
+    out: Out,
+) -> None:
+    """Show a scene with other opacities of its transfer function, without views or training.
+
+    The scene must have been trained with --encoding values, and one transfer function. Values that were transparent
+    then have no colour in the scene, so they stay so; svv edit changes colours. Paint, edits and time steps stay.
+    """
+    from svv.dvr.functions.transfer_functions import TransferFunction
+    from svv.io.files.atomic import check_writable
+    from svv.job.opacities import with_opacities
+
+    loaded = load(scene)
+    check_writable(out)
+    with_opacities(loaded, TransferFunction.read(tf)).save(out)
+    print(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+
+
 def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     """Return the time steps that are named; the times of files without any are their numbers."""
     from svv.dvr.read.volumes import read_volume
@@ -89,13 +117,14 @@ def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     if listed and len(volumes) > 1:
         raise BadInput(f"{listed[0]} lists time steps itself: name no other volumes.")
     told = read_series(listed[0]) if listed else [(float(number), path) for number, path in enumerate(volumes)]
+    array = reading.only_array
     if len(told) < 2:
         raise BadInput("A series needs at least two time steps, one of them that of the scene.")
     return [
         Step(
             path.name, time,
             partial(
-                read_volume, path, reading.dims, reading.dtype, reading.spacing, None, reading.array, reading.channel,
+                read_volume, path, reading.dims, reading.dtype, reading.spacing, None, array, reading.channel,
                 reading.time, reading.resample_to,
             ),
         )

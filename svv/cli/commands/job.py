@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from svv.cli.option_group import spread
-from svv.cli.options import Out, VolumeFile
+from svv.cli.options import Out
 from svv.errors import BadInput
 from svv.options.making import OrbitOptions, ShownVolumeOptions, TrainOptions, ViewOptions
 from svv.progress import duration, shown
@@ -33,6 +33,8 @@ RUN = (
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
     "svv views foot.vti --tf bones.json --tf skin.json --out views",
+    "svv views flow.vti --array speed --array pressure --tf speed.json --tf pressure.json --out views",
+    "svv views member_1.vti member_2.vti member_3.vti --tf rain.json --out views",
     "svv views pressure.vti --tf jet.json --rescale --out views",
     "svv views head.raw --dims 256,256,128 --dtype uint16 --spacing 1,1,1.5 --tf skin.json --out views",
     "torchrun --nproc-per-node 4 -m svv views large.mhd --tf skin.json --out views",
@@ -112,14 +114,17 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
 
 @spread
 def views(
-    volume: VolumeFile,
+    volumes: Annotated[
+        list[Path], typer.Argument(metavar="VOLUME...", help="A volume: .vti, .nrrd, .nii.gz, .raw, .tif ...")
+    ],
     out: Out,
     reading: ShownVolumeOptions = ShownVolumeOptions(),
     drawing: ViewOptions = ViewOptions(),
 ) -> None:
     """Render views of a volume: training views on a sphere around it, test views on the orbit.
 
-    With several --tf, each has a folder of its own in OUT, and svv train makes one scene of them.
+    Several --tf, several --array or several volumes (members of an ensemble) have a folder each in OUT, and svv train
+    makes one scene of them, with a layer of each. Give one --tf for all arrays or volumes, or one for each.
 
     After Ctrl-C, the same command resumes. Processes that torchrun starts share the views; OUT must be in a folder that
     all of them see.
@@ -127,21 +132,22 @@ def views(
     from svv.dvr.draw.large import memory_allowed
     from svv.io.views.view_meta import known
     from svv.job.compile_ahead import compile_beside
+    from svv.job.layers import check_layers, layers
     from svv.job.source import VolumeSource
     from svv.train.run import ranks
 
     local = ranks.place().local_count
-    every = {out if len(reading.tf) < 2 else out / one.tf[0].stem: one for one in reading.each()}
-    if len(every) < len(reading.tf):
-        raise BadInput("Transfer functions of the same name would share a folder: rename one of their files.")
+    every = {out / name if name else out: one for name, one in layers(volumes, reading).items()}
+    sources = {folder: VolumeSource(volume, **one.to_read()) for folder, (volume, one) in every.items()}
+    if len(sources) > 1:
+        check_layers(list(sources.values()))
     with ranks.joined():
         if ranks.is_first():
             compile_beside()  # whoever draws views trains on them next
         if ranks.many() and drawing.memory is None:  # the level that is drawn depends on it: the same for all
             drawing = replace(drawing, memory=ranks.once(lambda: memory_allowed(None) / 1e9 / local))
-        for folder, one in every.items():
+        for folder, source in sources.items():
             with shown("Drawing", quiet=not ranks.is_first()) as progress:
-                source = VolumeSource(volume, **one.to_read())
                 made = source.make_views(folder, drawing, progress, ranks.sharing())
             if ranks.is_first():
                 took = duration(known(made.seconds, "seconds"))

@@ -18,10 +18,10 @@ JOIN = (
 
 
 def join(
-    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv...", help="Scenes of one volume, two to eight.")],
+    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv...", help="Scenes of one place, two to eight.")],
     out: Out,
 ) -> None:
-    """Join scenes of several transfer functions of one volume, to show them alone or together.
+    """Join scenes of several transfer functions, arrays or members, to show them alone or together.
 
     The regions of all become regions of one scene, in the order of the files, with their edits and the paintings that
     they show; hide and show them to see one function or another. Together, extinctions add, also where functions

@@ -18,6 +18,7 @@ from svv.options.making import DeviceName, NetworkName, TrainOptions
 from svv.progress import shown
 
 if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
 
 TRAIN = (
@@ -56,7 +57,8 @@ def train(
 
     Views made by `svv views` come with the volume's extinction, and by default, training starts from it. With
     --views-only, or if there is no volume, everything is learned from views only. A folder with the views of several
-    transfer functions gives one scene of all, and one of each beside it. After Ctrl-C, the same command resumes.
+    transfer functions, arrays or volumes gives one scene of all, whose regions have their names, and one of each beside
+    it. After Ctrl-C, the same command resumes.
     torchrun trains with several processes on one machine or more.
     """
     from svv.fields.scene.joined import joined
@@ -98,8 +100,15 @@ def train(
                 finish(scene, report, file, told, checkpoint_of(file))
                 sketch_of(file).unlink(missing_ok=True)
             if len(made) > 1:
-                joined([scene for scene, _ in made]).save(out)
-                print(f"{out}: the scenes of {len(made)} transfer functions")
+                joined([_named(scene, folder.name) for folder, (scene, _) in zip(folders, made, strict=True)]).save(out)
+                print(f"{out}: the scenes of {len(made)} layers")
+
+
+def _named(scene: Scene, name: str) -> Scene:
+    """Return a scene whose regions have the name of its layer, with numbers if there are several."""
+    count = len(scene.regions)
+    names = [name if count < 2 else f"{name} {number + 1}" for number in range(count)]
+    return replace(scene, regions=tuple(replace(r, name=r.name or n) for r, n in zip(scene.regions, names)))
 
 
 def _sketch(views: ViewSet, options: TrainOptions, file: Path, progress: Progress) -> None:

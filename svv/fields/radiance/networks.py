@@ -9,6 +9,7 @@ import copy
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -296,6 +297,8 @@ class UnrestrictedField(nn.Module):
         """Strokes of which the lattice is made; None if it was painted otherwise."""
         self.edited: dict[Hashable, UnrestrictedField] = {}
         """The paint with edits of its strokes (:mod:`svv.fields.strokes.stroke_edits`)."""
+        self.painted_in: Callable[[], Any] | None = None
+        """Returns the scene that was painted, if this is its paint at another time step (:mod:`svv.fields.values`)."""
         self._unbaked: Callable[[Floats, float], Floats] | None = None
         self._occupancy = occupancy
         encoding: Encoding

@@ -1,4 +1,4 @@
-"""Scenes of several transfer functions of one volume, joined into one and shown alone or together.
+"""Scenes of several transfer functions, arrays or members of an ensemble, joined into one, shown alone or together.
 
 Each member keeps its networks, and its regions become regions of the whole, so hiding and showing regions shows one
 function or another. Together, extinctions add: the samples of all members along a ray are composited in the order of
@@ -39,17 +39,28 @@ def joined(scenes: Sequence[Painted]) -> Painted:
     """Return one scene of several, whose regions are those of all, in their order.
 
     Args:
-        scenes: Scenes of the same volume. Each keeps its edits, its parts and the painting that it shows; histories are
+        scenes: Scenes of one place. Each keeps its edits, its parts and the painting that it shows; histories are
             dropped, and all are lit by the light of the first.
 
     Raises:
         BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of
-            different places.
+            different places or have other time steps.
     """
     scenes = [member for scene in scenes for member in members(scene)]
     if not 2 <= len(scenes) <= MOST:
         raise BadInput(f"Give 2 to {MOST} scenes to join, not {len(scenes)}.")
     first = scenes[0]
+    times = {scene.steps.times for scene in scenes if scene.steps is not None and len(scene.steps) > 1}
+    if len(times) > 1:
+        raise BadInput("The scenes have time steps at different times: follow all of them to the same times.")
+    own = {scene.steps.own for scene in scenes if scene.steps is not None}
+    if times and len(own) > 1:
+        raise BadInput(
+            f"The scenes were trained on different time steps, {' and '.join(map(str, sorted(own)))}: train all of "
+            "them on the same one, so that they show one time together."
+        )
+    if times and any(scene.steps is None or len(scene.steps) < 2 for scene in scenes):
+        raise BadInput("Only some of the scenes have time steps: follow all of them to the same times, or none.")
     regions: list[Region] = []
     for number, scene in enumerate(scenes):
         if scene.palette_network is None:
@@ -88,7 +99,10 @@ def with_members(scene: Painted, changed: Sequence[Painted]) -> Painted:
     own = [iter(member.every_region) for member in changed]
     every = tuple(replace(next(own[r.layer]), layer=r.layer, part_of=r.part_of) for r in scene.every_region)
     count = len(scene.regions)
-    layers = tuple(replace(s, regions=(), unsplit=(), steps=None, others=()) for s in changed[1:])
+    shared = changed[0].steps
+    layers = tuple(
+        replace(s, regions=(), unsplit=(), steps=None if s.steps is shared else s.steps, others=()) for s in changed[1:]
+    )
     return replace(
         changed[0],
         regions=every[:count], unsplit=every[count:], lamp=scene.lamp, history=scene.history, others=(), layers=layers,

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from svv.core.strokes.strokes import Brush, Floats, Strokes
 from svv.errors import Progress, silent
+from svv.fields.strokes.lives import Lives
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.kernels.constants import on_device
 from svv.kernels.dispatch import kernels_for
@@ -46,6 +47,8 @@ class Brushed:
     glazes: Mapping[int, float] = field(default_factory=dict)
     """How much the opacity of translucent regions is to follow their strokes. Only known when they are laid: the scene
     keeps it as an edit of the region (:mod:`svv.fields.strokes.stroke_opacity`)."""
+    lives: Mapping[int, Lives] = field(default_factory=dict)
+    """When the strokes of regions live, in a scene with time steps that was followed."""
     _paints: dict[int, StrokePaint] = field(default_factory=dict)
 
     @property
@@ -164,6 +167,8 @@ class Brushed:
             for k, (strokes, _) in self.regions.items()
             for key, array in strokes.packed().items()
         }
+        for k, lives in self.lives.items():
+            arrays |= {f"brushed.{name}.{k}.{key}": array for key, array in lives.to_arrays().items()}
         if (owner := self.owner) is not None:
             arrays[f"brushed.{name}.owner"] = owner[:, None]
         return told, arrays
@@ -173,11 +178,13 @@ class Brushed:
         cls, name: str, told: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], vertices: int
     ) -> Brushed:
         """Invert :meth:`to_file`; raises KeyError, TypeError or ValueError if the content does not fit."""
-        regions = {}
+        regions, every = {}, {}
         for key, brush in told["regions"].items():
             start = f"brushed.{name}.{int(key)}."
             own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
             regions[int(key)] = Strokes.unpacked(own), Brush.from_json(brush)
+            if (lives := Lives.from_arrays(own, len(regions[int(key)][0]))) is not None:
+                every[int(key)] = lives
         flats = np.asarray(told["flats"], np.float32).reshape(-1, 3)
         owner = None
         if told["complete"]:
@@ -186,7 +193,7 @@ class Brushed:
                 raise ValueError("the owners of paint do not fit the lattice")
         if not all(0 <= k < NOBODY for k in regions) or len(flats) > NOBODY:
             raise ValueError("strokes belong to regions that cannot be")
-        return cls(regions, owner, flats)
+        return cls(regions, owner, flats, lives=every)
 
 
 def sheets_of(

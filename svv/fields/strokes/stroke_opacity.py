@@ -85,6 +85,9 @@ def strokes_of(scene: Model) -> Tensor | None:
     paint = scene.paint_shown
     if paint is None or not any(amounts):
         return None
+    if paint.painted_in is not None:  # solved anew in each time step, opacities would flicker
+        known_there = strokes_of(replace(paint.painted_in(), regions=scene.regions))
+        return None if known_there is None else known_there.to(scene.device)
     known = _known.setdefault(paint, {})
     parts = "" if scene.parts is None else scene.parts.digest
     key = (parts, *((amount, r.seen_opacity) for amount, r in zip(amounts, scene.regions, strict=True)))

@@ -14,7 +14,6 @@ from typing import TypeVar
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from svv.core.geometry.box import Box
 from svv.core.volumes.classified import ClassifiedVolume, ValueGrid, grid_shape
@@ -25,6 +24,8 @@ from svv.fields.radiance.occupancy import PRUNED, Occupancy, largest_in, least_e
 from svv.fields.scene.joined import members, with_members
 from svv.fields.scene.model import Model
 from svv.fields.scene.variants import PaintedModel
+from svv.fields.strokes.kept_strokes import NOBODY
+from svv.fields.values.carried_paint import carried
 from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_base, fill_palette
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
@@ -55,17 +56,19 @@ def at_step(scene: Painted, step: int, anew: bool = False) -> Painted:
         count = 0 if steps is None else len(steps)
         told = f"it has the steps 0 to {count - 1}" if count > 1 else "it has no time steps; svv follow adds them"
         raise BadInput(f"The scene has no time step {step}: {told}.")
+    if scene.layers:
+        alone = steps.only(step)
+        found = [(member, at_step(member, step, anew)) for member in members(scene)]
+        # Arrays and members of an ensemble have values of their own; transfer functions share one volume's.
+        return with_members(scene, [replace(s, steps=alone) if m.steps is steps else s for m, s in found])
     if step == steps.own and not anew:
         return replace(scene, steps=steps.only(step))
-    if scene.layers:
-        found = with_members(scene, [at_step(member, step, anew) for member in members(scene)])
-        return replace(found, steps=steps.only(step))
     function, _ = check_follows(scene)
     try:
         grid = steps.grid(step, function.visible).over(function.interval, function.visible)
     except ValueError as error:
         raise BadInput(f"Time step {step} of the scene cannot be read: {error}.") from error
-    return _over(scene, grid, steps.box, steps.only(step), lambda position: steps.matter(step, position))
+    return _over(scene, grid, steps.box, steps.only(step), steps.place(step), step)
 
 
 def at_time(scene: Painted, time: float) -> Painted:
@@ -124,8 +127,10 @@ def check_follows(scene: PaintedModel) -> tuple[ValueFunction, PaletteField]:
 
 
 @torch.no_grad()
-def _over(scene: Painted, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter) -> Painted:
-    """Return the scene over a grid of values."""
+def _over(
+    scene: Painted, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter, step: int | None = None
+) -> Painted:
+    """Return the scene over a grid of values, one of its own ``step`` or another."""
     function, palette = check_follows(scene)
     device, old = scene.device, scene.base.density
     assert old is not None
@@ -142,15 +147,22 @@ def _over(scene: Painted, grid: ValueGrid, box: Box, steps: TimeSteps, matter: M
     moved.load_state_dict(learned, strict=False)
 
     def painted(network: UnrestrictedField) -> UnrestrictedField:
-        return _carried(network, scene, occupancy, matter).to(device)
+        return carried(network, scene, (occupancy, grid), step, matter, owners).to(device)
 
-    return replace(
+    def owners(place: NDArray[np.float32]) -> NDArray[np.uint8]:
+        region = result._painted_at(place)
+        return np.where(region < 0, NOBODY, region).astype(np.uint8)
+
+    result = replace(
         scene, occupancy=occupancy, base=base.requires_grad_(False).to(device), steps=steps, parts=None,
         settings=settings, marching=replace(scene.marching, step=scene.marching.step / finer),
         palette_network=moved.requires_grad_(False).to(device),
+    )  # fmt: skip
+    return replace(
+        result,
         styled=None if scene.styled is None else painted(scene.styled),
         others=tuple(replace(other, network=painted(other.network)) for other in scene.others),
-    )  # fmt: skip
+    )
 
 
 def _times(factor: int, numbers: Sequence[int]) -> tuple[int, ...]:
@@ -211,29 +223,3 @@ def _at_cells(marked: NDArray[np.bool_], cells: int, wanted: int) -> NDArray[np.
     padded = np.pad(marked, [(0, -n % k) for n in marked.shape])
     x, y, z = (n // k for n in padded.shape)
     return np.asarray(padded.reshape(x, k, y, k, z, k).any(axis=(1, 3, 5)))
-
-
-def _carried(network: UnrestrictedField, scene: Model, occupancy: Occupancy, matter: Matter) -> UnrestrictedField:
-    """Return paint on the vertices of other cells, on the CPU.
-
-    Each gets the paint of the place that its matter came from: interpolated where the scene is painted there, otherwise
-    that of the nearest vertex.
-    """
-    old, box = network.encoding, scene.occupancy.box
-    finer = occupancy.cells // scene.occupancy.cells
-    result = UnrestrictedField(scene.settings, occupancy, _times(finer, network.resolutions), direct=True)
-    new = result.encoding
-    assert isinstance(old, SparseLattice) and isinstance(new, SparseLattice)
-    vertices = new.vertices_of_level(0, occupancy.occupied, occupancy.cells) / new.resolutions[0]
-    place = box.to_box(occupancy.box.to_world(matter(vertices))).astype(np.float32)
-    cell = np.floor(place * scene.occupancy.cells).astype(np.int64)
-    shape = np.array(scene.occupancy.occupied.shape)
-    within = np.asarray(((cell >= 0) & (cell < shape)).all(axis=1))
-    painted = within & (scene.occupancy.occupied[tuple(np.where(within[:, None], cell, 0).T)] > 0)
-    there, elsewhere = np.flatnonzero(painted), np.flatnonzero(~painted)
-    table = old.table.detach()
-    new.table[there] = old.look_up(torch.from_numpy(place[there]).to(table.device)).cpu()
-    known = old.vertices_of_level(0, scene.occupancy.occupied, scene.occupancy.cells) / old.resolutions[0]
-    _, nearest = cKDTree(known).query(place[elsewhere], workers=-1)
-    new.table[elsewhere] = table.cpu()[torch.from_numpy(nearest)]
-    return result.requires_grad_(False)

@@ -6,6 +6,7 @@ step follows from these (:mod:`svv.fields.values.followed_scene`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,15 +96,15 @@ class TimeSteps:
         codes = np.where(codes > 0, 1 + COARSE * (np.minimum(codes, 1024) - 1), 0).astype(np.uint16)
         return ValueGrid(self.cells, codes, self.interval, visible)
 
-    def matter(self, step: int, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where the matter at positions in the box was in the own step, box coordinates. (S, 3) -> (S, 3)
+    def place(self, step: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+        """Return a function from positions in the box to where their matter was in the own step, (S, 3) -> (S, 3).
 
         Raises:
             BadInput: The displacements are damaged.
         """
         content = self.moves[step]
         if content is None:
-            return position
+            return lambda position: position
         from scipy.ndimage import map_coordinates
 
         shape = move_shape(self.shape)
@@ -112,9 +113,13 @@ class TimeSteps:
         except ValueError as error:
             raise BadInput(f"Time step {step} of the scene cannot be read: {error}.") from error
         extent = np.array([(n - 1) / self.cells for n in self.shape])
-        place = (position / extent * (np.array(shape) - 1)).T
-        moved = np.stack([map_coordinates(axis, place, order=1, mode="nearest") for axis in moves], axis=1)
-        return np.asarray(position + moved)
+
+        def found(position: NDArray[np.float64]) -> NDArray[np.float64]:
+            place = (position / extent * (np.array(shape) - 1)).T
+            moved = np.stack([map_coordinates(axis, place, order=1, mode="nearest") for axis in moves], axis=1)
+            return np.asarray(position + moved)
+
+        return found
 
     def to_json(self) -> dict[str, Any]:
         """Return what the header of a scene's file tells about the steps."""

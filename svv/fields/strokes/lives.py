@@ -1,0 +1,289 @@
+"""The lives of strokes in a series of time steps: laid once, moved with the matter, born and removed.
+
+From the step that was painted, strokes are followed to both ends of the series. One whose matter is gone, or that is
+stretched too far, is removed; where a surface is left bare, a copy of a stroke that lies near is set down, which lives
+on from there. No stroke is laid again, and none appears or vanishes at once: they grow and shrink over a few steps. A
+place counts as bare only from well beyond the largest gap of the painting, and a stroke as gone only if it is so in two
+steps in a row, so that nothing comes and goes. Letters: K points of strokes, N strokes, B places on a surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from skimage.measure import marching_cubes
+
+from svv.core.strokes.strokes import Strokes, joined
+from svv.fields.strokes.advected import Field, Places, Points, advected, landed, unit
+
+GROWN = 3
+"""Steps in which a stroke grows or shrinks."""
+
+GONE = 0.8
+"""Distance of a stroke from the surface of its value from which its matter is gone, in widths."""
+
+STRETCHED = 2.0
+"""Length of a stroke, in those it was laid with, from which it is removed; as it is if it is crumpled as much."""
+
+BARE, LEAST_BARE = 3.0, 0.7
+"""Distance to the nearest stroke from which a surface is bare: in medians of the painting's own, and in widths."""
+
+SAME = 0.5
+"""Distance of a place from the surface in the painted step below which it was part of it, in widths."""
+
+DONORS = 24
+"""Number of nearest strokes among which the one is chosen that is copied."""
+
+MOST_BORN = 4.0
+"""Largest number of strokes that are born, relative to those that were painted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lives:
+    """Strokes of one region in all time steps."""
+
+    own: NDArray[np.int64]
+    """First and last step of each stroke of the painting. (N, 2)"""
+    born: Strokes | None = None
+    """Strokes that were laid later, each at its own step; None if there are none."""
+    when: NDArray[np.int64] | None = None
+    """Step at which each of these was laid, its first and its last. (M, 3)"""
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays of a scene's file."""
+        found = {"alive": self.own.astype(np.uint16)}
+        if self.born is not None and self.when is not None:
+            found |= {f"born.{key}": array for key, array in self.born.packed().items()}
+            found["born.when"] = self.when.astype(np.uint16)
+        return found
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]], count: int) -> Lives | None:
+        """Invert :meth:`to_arrays`; None if there are none. Raises KeyError or ValueError if they do not fit."""
+        if "alive" not in arrays:
+            return None
+        own = np.asarray(arrays["alive"]).astype(np.int64)
+        born = {key.removeprefix("born."): a for key, a in arrays.items() if key.startswith("born.")}
+        if own.shape != (count, 2):
+            raise ValueError("the lives of strokes do not fit them")
+        if not born:
+            return cls(own)
+        strokes, when = Strokes.unpacked(born), np.asarray(born["when"]).astype(np.int64)
+        if when.shape != (len(strokes), 3):
+            raise ValueError("the lives of strokes do not fit them")
+        return cls(own, strokes, when)
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What strokes need to know about a series; positions are box coordinates."""
+
+    count: int
+    """Number of steps."""
+    painted: int
+    """The step that was painted."""
+    field: Callable[[int], Field]
+    """The values of a step."""
+    matter: Callable[[int], Places]
+    """Where the matter at places of a step was in the painted one."""
+
+    def moved(self, strokes: Strokes, laid: int, step: int) -> tuple[Strokes, Points]:
+        """Return strokes that were laid at one step at another one, and how far each point is off its surface. (K,)"""
+        where = strokes.where.astype(np.float64)
+        if laid == step:
+            return strokes, np.zeros(len(where))
+        return advected(
+            strokes, self.matter(laid)(where), (self.field(laid), self.field(step)), self.matter(step), where
+        )
+
+
+def at_step(strokes: Strokes, lives: Lives | None, stage: Stage, step: int) -> Strokes:
+    """Return the strokes of a region at a step: those that live, each as large as it is then."""
+    moved, _ = stage.moved(strokes, stage.painted, step)
+    if lives is None:
+        return moved
+    parts = [_as_old(moved, lives.own, step, stage.count)]
+    if lives.born is not None and lives.when is not None:
+        alive = (lives.when[:, 1] <= step) & (step <= lives.when[:, 2])
+        for laid in np.unique(lives.when[alive, 0]):
+            here = alive & (lives.when[:, 0] == laid)
+            one, _ = stage.moved(chosen(lives.born, here), int(laid), step)
+            parts.append(_as_old(one, lives.when[here, 1:], step, stage.count))
+    left = [part for part in parts if part is not None]
+    return joined(left) if left else chosen(_narrow(moved, np.full(len(moved), 1e-3)), np.arange(len(moved)) == 0)
+
+
+def lived(strokes: Strokes, stage: Stage, seed: int) -> Lives:
+    """Follow the strokes of a region from the painted step to both ends of the series."""
+    own = np.tile([0, stage.count - 1], (len(strokes), 1))
+    born: list[Strokes] = []
+    when: list[NDArray[np.int64]] = []
+    bare = _Bare(strokes, stage)
+    for way in (1, -1):
+        last = stage.count - 1 if way > 0 else 0
+        flock = [(stage.painted, strokes, own)]
+        doubt = [np.zeros(len(strokes), bool)]
+        for step in range(stage.painted + way, last + way, way):
+            living, laid = [], 0
+            for number, (begun, group, ends) in enumerate(flock):
+                moved, off = stage.moved(group, begun, step)
+                gone = _gone(group, moved, off)
+                end = 1 if way > 0 else 0
+                alive = ends[:, end] == last
+                removed = alive & gone & doubt[number]
+                ends[removed, end] = step
+                doubt[number] = gone
+                there = alive & ~removed
+                if there.any():
+                    living.append(chosen(moved, there))
+                laid += len(group)
+            if laid > (1.0 + MOST_BORN) * len(strokes):
+                continue
+            new = bare.laid(joined(living) if living else None, step, np.random.default_rng([seed, step]))
+            if new is not None:
+                span = np.tile([step, last] if way > 0 else [last, step], (len(new), 1))
+                flock.append((step, new, span))
+                doubt.append(np.zeros(len(new), bool))
+        for begun, group, ends in flock[1:]:
+            born.append(group)
+            when.append(np.column_stack([np.full(len(group), begun), ends]))
+    if not born:
+        return Lives(own)
+    return Lives(own, joined(born), np.concatenate(when))
+
+
+def chosen(strokes: Strokes, which: NDArray[np.bool_]) -> Strokes:
+    """Return some of the strokes. (N,)"""
+    points = which[strokes.stroke]
+    of_points = {"where", "normal", "radius", "inner", "outer"}
+    found: dict[str, Any] = {
+        f.name: getattr(strokes, f.name)[points if f.name in of_points else which]
+        for f in fields(Strokes)
+        if f.name != "start"
+    }
+    start = np.concatenate([[0], np.cumsum(np.diff(strokes.start)[which])]).astype(np.int64)
+    return Strokes(**found, start=start)
+
+
+def _as_old(strokes: Strokes, ends: NDArray[np.int64], step: int, count: int) -> Strokes | None:
+    """Return those that live at a step, narrower at the beginning and the end of their lives; None if none do."""
+    first, last = ends.T
+    age = np.where(first > 0, step - first + 1, GROWN)
+    left = np.where(last < count - 1, last - step + 1, GROWN)
+    size = np.minimum(age, left).clip(0, GROWN) / GROWN
+    alive = size > 0.0
+    if alive.all() and size.min() == 1.0:
+        return strokes
+    return chosen(_narrow(strokes, size), alive) if alive.any() else None
+
+
+def _narrow(strokes: Strokes, size: NDArray[np.floating]) -> Strokes:
+    radius = strokes.radius * np.maximum(size, 1e-3)[strokes.stroke].astype(np.float32)
+    return replace(strokes, radius=np.asarray(radius, np.float32))
+
+
+def _gone(laid: Strokes, moved: Strokes, off: Points) -> NDArray[np.bool_]:
+    """Return which strokes have left their surface, or are stretched too far. (N,)"""
+    far = np.add.reduceat(off, laid.start[:-1]) / np.diff(laid.start) > GONE * laid.unit
+    stretched = moved.length > STRETCHED * np.maximum(laid.length, laid.unit)
+    crumpled = STRETCHED * moved.length < laid.length
+    return np.asarray(far | stretched | crumpled)
+
+
+class _Bare:
+    """Sets down copies of strokes where a surface has become bare."""
+
+    def __init__(self, strokes: Strokes, stage: Stage) -> None:
+        self.stage, self.width, self.painted = stage, strokes.unit, strokes
+        where = strokes.where.astype(np.float64)
+        self.level = float(np.median(stage.field(stage.painted).at(where)))
+        self.tree, self.far = cKDTree(where), LEAST_BARE * self.width
+        own = self._surface(stage.painted)
+        if len(own):
+            self.far = max(self.far, BARE * float(np.median(self.tree.query(own)[0])))
+
+    def _surface(self, step: int) -> Points:
+        """Return places on the surface at a step, at most one in each cube of a third of a width. (B, 3)"""
+        field = self.stage.field(step)
+        if not field.values.min() < self.level < field.values.max():
+            return np.zeros((0, 3))
+        found = marching_cubes(field.values, self.level)[0] / field.cells + field.origin
+        _, first = np.unique((found / (self.width / 3.0)).astype(np.int64), axis=0, return_index=True)
+        return np.asarray(found[np.sort(first)], np.float64)
+
+    def laid(self, living: Strokes | None, step: int, generator: np.random.Generator) -> Strokes | None:
+        """Return strokes for what is bare at a step, among those that live; None if nothing is."""
+        place = self._surface(step)
+        if not len(place):
+            return None
+        if living is not None:
+            place = place[cKDTree(living.where).query(place)[0] > self.far]
+        if not len(place):
+            return None
+        # What lay bare in the painting stays so: nobody sees it.
+        was = self.stage.matter(step)(place)
+        painted, width = self.stage.field(self.stage.painted), self.width
+        surface = landed(was, np.full(len(was), self.level), painted, width)
+        steep = np.linalg.norm(painted.slope(surface), axis=1)
+        off = np.abs(painted.at(surface) - self.level) / np.maximum(steep, 1e-3)
+        there = (off < SAME * width) & (np.linalg.norm(surface - was, axis=1) < SAME * width)
+        place = place[~(there & (self.tree.query(surface)[0] > self.far))]
+        return self._copied(place, self.painted if living is None else living, step, generator)
+
+    def _copied(
+        self, place: Points, living: Strokes, step: int, generator: np.random.Generator
+    ) -> Strokes | None:  # fmt: skip
+        """Return copies of strokes that lie near, one after the other where it is still bare."""
+        field = self.stage.field(step)
+        middle = (living.start[:-1] + living.start[1:]) // 2
+        # Outwards is towards lower values, or, around what is hollow, towards higher ones: as in the living strokes.
+        upwards = field.slope(living.where[middle].astype(np.float64))
+        facing = -1.0 if float((unit(upwards) * living.normal[middle]).sum()) < 0.0 else 1.0
+        normal = unit(facing * field.slope(place))
+        tree, count = cKDTree(living.where[middle]), min(DONORS, len(living))
+        covered, found = np.zeros(len(place), bool), []
+        near = cKDTree(place) if len(place) else None
+        for number in generator.permutation(len(place)):
+            if covered[number] or near is None:
+                continue
+            choice = np.atleast_1d(tree.query(place[number], count)[1])
+            donor = int(choice[generator.integers(0, count)])
+            one = _copy(living, donor, place[number], normal[number], generator)
+            for reached in near.query_ball_point(one.where.astype(np.float64), 0.8 * self.far):
+                covered[reached] = True
+            covered[number] = True
+            found.append(one)
+        if not found:
+            return None
+        new = joined(found)
+        where = landed(new.where.astype(np.float64), np.full(len(new.where), self.level), field, self.width)
+        upright = unit(facing * field.slope(where))
+        return replace(new, where=where.astype(np.float32), normal=upright.astype(np.float32))
+
+
+def _copy(
+    strokes: Strokes, donor: int, place: Points, normal: Points, generator: np.random.Generator
+) -> Strokes:  # fmt: skip
+    """Return a stroke as it lies, at another place with another normal."""
+    one = chosen(strokes, np.arange(len(strokes)) == donor)
+    middle = len(one.where) // 2
+    up = one.normal[middle].astype(np.float64)
+    ahead = one.frames[0][middle].astype(np.float64)
+    turned = ahead - (ahead @ normal) * normal
+    if np.linalg.norm(turned) < 0.2:
+        turned = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
+    turned /= np.linalg.norm(turned)
+    old = np.stack([ahead, np.cross(up, ahead), up])
+    new = np.stack([turned, np.cross(normal, turned), normal])
+    turn = new.T @ old
+    away = (one.where - one.where[middle]).astype(np.float64)
+    return replace(
+        one,
+        where=(place + away @ turn.T).astype(np.float32), normal=(one.normal @ turn.T).astype(np.float32),
+        seed=generator.integers(0, 1024, 1),
+    )  # fmt: skip

@@ -1,0 +1,137 @@
+"""Paint of a scene at another time step of its volume: strokes move with the matter, other paint is looked up.
+
+Letters: V vertices of the paint's lattice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from svv.core.volumes.classified import ValueGrid
+from svv.errors import Progress, silent
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.model import Model
+from svv.fields.strokes.advected import Field, advected
+from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.lives import Stage, at_step, lived
+from svv.fields.values.time_steps import TimeSteps
+
+Matter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Where the matter at positions (S, 3), of a box or the world, was when it was painted. (S, 3)"""
+
+Owners = Callable[[NDArray[np.float32]], NDArray[np.uint8]]
+"""Box coordinates (V, 3) -> the painted region of each, 255 for none. (V,)"""
+
+
+def carried(
+    network: UnrestrictedField, scene: Model, over: tuple[Occupancy, ValueGrid], step: int | None, matter: Matter,
+    owners: Owners,
+) -> UnrestrictedField:  # fmt: skip
+    """Return paint on the vertices of other cells, on the CPU.
+
+    Args:
+        network: The paint as it was laid.
+        scene: The scene that it was laid on.
+        over: The other cells, and the values there.
+        step: Number of the scene's step that this is; None for another volume.
+        matter: Where the matter at box coordinates of the other cells was, in the same coordinates.
+        owners: The regions of places in the other cells.
+    """
+    occupancy = over[0]
+    finer = occupancy.cells // scene.occupancy.cells
+    resolutions = tuple(finer * number for number in network.resolutions)
+    result = UnrestrictedField(scene.settings, occupancy, resolutions, direct=True)
+    painted = replace(scene, styled=network)
+    result.painted_in = network.painted_in or (lambda: painted)
+    laid = network.brushed
+    brushed = None if laid is None or scene.steps is None else _moved(laid, scene, over, step, matter)
+    if brushed is None or laid is None or not laid.complete:
+        _look_up(network, result, scene, occupancy, matter)
+        result.brushed = brushed
+        return result.requires_grad_(False)
+
+    def owner() -> NDArray[np.uint8]:
+        lattice = result._modules["encoding"]
+        assert isinstance(lattice, SparseLattice)
+        return owners(lattice.places_of_level(0, occupancy.occupied, occupancy.cells))
+
+    brushed.owners = owner
+    result.bake_later(brushed, brushed.baked)
+    return result.requires_grad_(False)
+
+
+def stage_of(steps: TimeSteps) -> Stage:
+    """Return what strokes need to know about a series."""
+
+    def field(step: int) -> Field:
+        return Field.of(steps.grid(step, (0.0, 1.0)), steps.box, steps.box)
+
+    return Stage(len(steps), steps.own, cache(field), cache(steps.place))
+
+
+def with_lives(network: UnrestrictedField, steps: TimeSteps, progress: Progress = silent) -> None:
+    """Follow the strokes of paint through all time steps, so that they are born and removed."""
+    if network.brushed is None:
+        return
+    stage, found = stage_of(steps), {}
+    for number, (region, (strokes, _)) in enumerate(network.brushed.regions.items()):
+        progress(number / len(network.brushed.regions), "following strokes")
+        found[region] = lived(strokes, stage, region)
+    network.brushed.lives = found
+
+
+def _moved(
+    laid: Brushed, scene: Model, over: tuple[Occupancy, ValueGrid], step: int | None, matter: Matter
+) -> Brushed:  # fmt: skip
+    """Return strokes where their matter is."""
+    assert scene.steps is not None
+    steps, (occupancy, grid) = scene.steps, over
+    old, box = scene.occupancy.box, occupancy.box
+    if laid.lives and step is not None and old == steps.box == box:
+        stage = stage_of(steps)
+        there = {k: (at_step(s, laid.lives.get(k), stage, step), b) for k, (s, b) in laid.regions.items()}
+        return Brushed(there, None, laid.flats, laid.glazes)
+    own = steps.grid(steps.own, (0.0, 1.0)).over(grid.interval, grid.visible)
+    both = Field.of(own, steps.box, old), Field.of(grid, box, box)
+
+    def backward(place: NDArray[np.float64]) -> NDArray[np.float64]:
+        return old.to_box(box.to_world(matter(place)))
+
+    found = {}
+    for region, (strokes, brush) in laid.regions.items():
+        was = strokes.where.astype(np.float64)
+        start = box.to_box(old.to_world(was))
+        found[region] = advected(strokes, was, both, backward, start, old.size / box.size)[0], brush
+    return Brushed(found, None, laid.flats, laid.glazes)
+
+
+def _look_up(
+    network: UnrestrictedField, result: UnrestrictedField, scene: Model, occupancy: Occupancy, matter: Matter
+) -> None:
+    """Give each vertex the paint of the place that its matter came from.
+
+    It is interpolated where the scene is painted there, otherwise it is that of the nearest vertex.
+    """
+    old, box, new = network.encoding, scene.occupancy.box, result.encoding
+    assert isinstance(old, SparseLattice) and isinstance(new, SparseLattice)
+    vertices = new.vertices_of_level(0, occupancy.occupied, occupancy.cells) / new.resolutions[0]
+    place = box.to_box(occupancy.box.to_world(matter(vertices))).astype(np.float32)
+    cell = np.floor(place * scene.occupancy.cells).astype(np.int64)
+    shape = np.array(scene.occupancy.occupied.shape)
+    within = np.asarray(((cell >= 0) & (cell < shape)).all(axis=1))
+    painted = within & (scene.occupancy.occupied[tuple(np.where(within[:, None], cell, 0).T)] > 0)
+    there, elsewhere = np.flatnonzero(painted), np.flatnonzero(~painted)
+    table = old.table.detach()
+    new.table[there] = old.look_up(torch.from_numpy(place[there]).to(table.device)).cpu()
+    known = old.vertices_of_level(0, scene.occupancy.occupied, scene.occupancy.cells) / old.resolutions[0]
+    _, nearest = cKDTree(known).query(place[elsewhere], workers=-1)
+    new.table[elsewhere] = table.cpu()[torch.from_numpy(nearest)]

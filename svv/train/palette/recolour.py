@@ -182,7 +182,7 @@ def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: Palett
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
 
 
-def recolour(
+def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     views: ViewSet,
     scene: Scene,
     palette: NDArray[np.floating],
@@ -191,6 +191,7 @@ def recolour(
     owners: Labelled | None = None,
     given: Unmixing | None = None,
     values: ValueGrid | None = None,
+    start: PaletteField | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).
 
@@ -203,6 +204,7 @@ def recolour(
         owners: Region of each point, if it is known.
         given: Palette shares in the pixels, for a palette made by hand or of more than three colours.
         values: Values of the volume, if the network is to be a function of them (:mod:`svv.train.base.from_values`).
+        start: A trained network of as many colours to start from, whose palette is kept.
 
     Returns:
         The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
@@ -219,6 +221,8 @@ def recolour(
         network.phong.start(base.density, occupancy, views.meta.shading, seed)
     if values is not None:
         palette_given(network, values, occupancy)
+    if start is not None:
+        network.load_state_dict(start.state_dict())
     ranks.alike(network)
     pool = RayPool(views, occupancy.box, seed, device, scene.settings.headlight)
     work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given)

@@ -43,8 +43,8 @@ from svv.train.report import report_on
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.loop import Running
 
-AGAIN = 0.2
-"""Fraction of the steps of stage 2 that are taken where it starts from a trained network."""
+AGAIN = 50
+"""Most steps of stage 2 where it starts from a trained network: only borders of regions change."""
 
 ELSEWHERE = 0.05
 """Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
@@ -107,7 +107,7 @@ def correct_palette(
     values = _values_for(scene, volume, owners)
     how = chosen.recolour if values is None else replace(chosen.recolour, feature_rate=0.0)
     if start is not None:
-        how = replace(how, iterations=max(1, round(how.iterations * AGAIN)))
+        how = replace(how, iterations=min(how.iterations, AGAIN))
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries],
@@ -125,7 +125,9 @@ def correct_palette(
         kept: dict[str, Any] = {} if values is not None else {"values": None, "steps": None}
         plain = replace(scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None,
                         others=(), parts=None, **kept)  # fmt: skip
-        plain, reason = with_fewest_samples(plain, views.cameras)
+        reason = "images use the samples that they used before"
+        if start is None:
+            plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
     notes += _dropped(scene)
     edits = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)

@@ -360,7 +360,7 @@ def doubts(colours: NDArray[np.floating], confidence: Sequence[float]) -> list[s
     """Return a sentence for each region, of a colour (P, 3), whose confidence is below :data:`SURE`."""
     return [
         f"Region {number} ({to_hex(colour)}) may be wrong: single views and the scene agree on only {sure:.0%} of it. "
-        f"Look at it (svv render --picture region), and correct it with svv palette if need be."
+        "Look at it (svv render --what region), and correct it with svv palette if need be."
         for number, (colour, sure) in enumerate(zip(colours, confidence))
         if sure < SURE
     ]

@@ -76,6 +76,9 @@ LEAST_SOLID = 0.1
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of the grid of regions, which is worked on whole."""
 
+UNTOLD = 3.0
+"""Multiple of :data:`ANGLE` below which two regions' hues are too near for a single ray to tell which it shows."""
+
 SURE = 0.6
 """Confidence below which a region is said to be doubtful."""
 
@@ -216,14 +219,14 @@ class _Points:
         """Return how far single rays agree with the regions (V,) of their points, in [0, 1]; ``colours`` (P, 3). (P,)
 
         Each ray shows a point in a colour of its own, whose hue tells a region as well. The confidence is the
-        intersection over union of both, in terms of light; hues do not tell regions of one hue apart.
+        intersection over union of both, in terms of light. Regions of nearly one hue are not told apart by single rays.
         """
         unit = _unit(colours)
         angle = np.arccos(np.clip(_unit(self.colour) @ unit.T, -1.0, 1.0))
         told = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
         told /= told.sum(axis=1, keepdims=True)
         own = np.eye(len(colours))[region[self.vertex]]
-        alike = (np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < SAME_HUE).astype(np.float64)
+        alike = (np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE).astype(np.float64)
         told = np.where(own @ alike > 0.0, own * (told @ alike), told)
         return agreement((self.weight[:, None] * own).T, (self.weight[:, None] * told).T)
 

@@ -9,7 +9,7 @@ it reflects. Rays from many sides then correct the regions of points (:mod:`svv.
 a sum over regions, of their weights in it times their colours, and least squares over many pixels finds the colours,
 even those of regions that are never seen alone, or whose normals noise turns anywhere.
 
-Letters: S samples, R rays, V vertices of the finest grid of features, P regions.
+Letters: S samples, R rays, V vertices of the grid of regions, P regions.
 """
 
 from __future__ import annotations
@@ -73,6 +73,10 @@ LEAST_COLOUR = 0.02
 LEAST_SOLID = 0.1
 """Alpha below which what a pixel shows beyond its regions is not divided by alpha any further."""
 
+MOST_VERTICES = 200_000
+"""Number of vertices up to which regions have the grid of the extinction, which is finer than that of the features: a
+few samples of :data:`RAYS` rays see each."""
+
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of the grid of regions, which is worked on whole."""
 
@@ -126,7 +130,7 @@ class _Points:
         occupancy, settings = scene.occupancy, scene.settings
         self._shading = views.meta.shading
         assert scene.base.density is not None
-        cells = min((settings.resolutions + settings.finer)[-1], MOST_CELLS)
+        cells = _cells_for(scene)
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
         empty = self.labels(np.zeros(len(self._places), np.int64))
@@ -304,6 +308,17 @@ class _Points:
             grid[at] = column
             found[:, channel] = gaussian_filter(grid, BLUR, mode="constant")[at]
         return found
+
+
+def _cells_for(scene: Scene) -> int:
+    """Return the cells of the grid of regions: those of the finest features, or of the extinction if rays suffice."""
+    occupancy, density = scene.occupancy, scene.base.density
+    assert density is not None
+    cells = (scene.settings.resolutions + scene.settings.finer)[-1]
+    finer = max(density.resolutions)
+    if int(occupancy.occupied.sum()) * (finer / occupancy.cells) ** 3 <= MOST_VERTICES:
+        cells = max(cells, finer)
+    return min(cells, MOST_CELLS)
 
 
 def _unit(colours: Array) -> Array:

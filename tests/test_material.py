@@ -110,7 +110,7 @@ def test_a_region_of_low_confidence_is_named_with_what_to_do() -> None:
     colours = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     (said,) = doubts(colours, (0.9, 0.31))
     assert said.startswith("Region 1 (#0000ff) may be wrong") and "31%" in said and "svv palette" in said
-    assert doubts(colours, (0.6, 1.0)) == [] and doubts(colours, ()) == []
+    assert doubts(colours, (0.7, 1.0)) == [] and doubts(colours, ()) == []
 
 
 # --- scenes ------------------------------------------------------------------------------------------------------

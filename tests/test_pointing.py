@@ -22,9 +22,7 @@ def test_a_place_is_a_region_or_one_with_another_place(text: str, meant: object)
     assert parse_pointed(text) == meant
 
 
-@pytest.mark.parametrize(
-    "text", ["", "1,2", "1=2", "1,2=", "=1", "1,2=bone", "1,2,3,4=0", "1,2=-1", "1;2=0"]
-)
+@pytest.mark.parametrize("text", ["", "1,2", "1=2", "1,2=", "=1", "1,2=bone", "1,2,3,4=0", "1,2=-1", "1;2=0"])
 def test_what_points_nowhere_is_refused(text: str) -> None:
     with pytest.raises(BadInput, match="does not point at a place: write place=region"):
         parse_pointed(text)

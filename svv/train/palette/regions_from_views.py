@@ -83,7 +83,7 @@ MOST_CELLS = 256
 UNTOLD = 3.0
 """Multiple of :data:`ANGLE` below which two regions' hues are too near for a single ray to tell which it shows."""
 
-SURE = 0.6
+SURE = 0.7
 """Confidence below which a region is said to be doubtful."""
 
 SAME_HUE = 0.06

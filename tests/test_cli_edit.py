@@ -192,6 +192,8 @@ def test_info_lists_variants_and_history(svv: Run, capsys: pytest.CaptureFixture
         (["palette", "cube.svv", "--views", "none", "--set", "x=#ff0000"], "does not set a colour"),
         (["palette", "cube.svv", "--views", "none", "--merge", "0;1"], "whole numbers"),
         (["palette", "cube.svv", "--views", "none", "--add", "red"], "is not a colour"),
+        (["palette", "cube.svv", "--views", "none", "--point", "1,2"], "does not point at a place"),
+        (["palette", "cube.svv", "--views", "none", "--merge", "0,1", "--size", "64"], "need --point"),
         (["palette", "cube.svv", "--views", "none", "--add", "#ff0000"], "none"),
         (["stylize", "two.svv", "--style", "none.png", "--variant", "ink"], "none.png"),
     ],

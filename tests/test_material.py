@@ -21,7 +21,7 @@ from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.palette.ranges import KnownRegions, Owners
 from svv.train.palette.recolour import palette_of
-from svv.train.palette.regions_from_views import Labels, owners_of, regions_in
+from svv.train.palette.regions_from_views import Labels, doubts, owners_of, regions_in
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import RayPool
 from svv_bench.stability.measures import palette_error
@@ -103,6 +103,16 @@ def test_a_point_has_the_region_of_the_nearest_vertex() -> None:
     torch.testing.assert_close(own, weights[torch.arange(200), torch.from_numpy(expected)])
 
 
+# --- confidence --------------------------------------------------------------------------------------------------
+
+
+def test_a_region_of_low_confidence_is_named_with_what_to_do() -> None:
+    colours = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    (said,) = doubts(colours, (0.9, 0.31))
+    assert said.startswith("Region 1 (#0000ff) may be wrong") and "31%" in said and "svv palette" in said
+    assert doubts(colours, (0.7, 1.0)) == [] and doubts(colours, ()) == []
+
+
 # --- scenes ------------------------------------------------------------------------------------------------------
 
 
@@ -148,6 +158,7 @@ def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) ->
     assert palette_error(palette.colours, truth) > palette_error(found.palette.colours, truth)
     assert found.palette.share.sum() == pytest.approx(1.0)
     assert (np.diff(found.palette.share) <= 0).all()
+    assert len(found.confidence) == len(truth) and 0.5 < min(found.confidence) <= max(found.confidence) <= 1.0
 
 
 AMBIENT = Shading(ambient=0.3, diffuse=0.6)

@@ -42,3 +42,5 @@ def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, c
     total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
     source = f", from {report['learned_from']}" if "learned_from" in report else ""  # paint is not learned from views
     print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions{source}, {total}")
+    if sure := report.get("confidence"):
+        print("Confidence of the regions: " + ", ".join(f"{k}: {part:.0%}" for k, part in enumerate(sure)))

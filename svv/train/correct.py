@@ -7,17 +7,24 @@ them, and a user who knows better separates them.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
+from svv.core.colour.colour import to_hex
 from svv.core.colour.correction import Correction, Entry, corrected
+from svv.core.colour.palette import PaletteSettings
 from svv.core.geometry.cameras import CameraRig
 from svv.core.volumes.classified import ClassifiedVolume, ValueGrid
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import PaletteField
 from svv.fields.scene.history import History, edits_of, with_edits
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
@@ -26,6 +33,7 @@ from svv.measure import measured
 from svv.options.making import PaletteOptions
 from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset, given, preset
+from svv.train.palette.pointed import InCells, pointed
 from svv.train.palette.ranges import Labelled, Owners, membership, regions_for
 from svv.train.palette.recolour import recolour
 from svv.train.palette.regions_from_views import owners_of
@@ -34,6 +42,9 @@ from svv.train.pipeline import key_of
 from svv.train.report import report_on
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.loop import Running
+
+AGAIN = 50
+"""Most steps of stage 2 where it starts from a trained network: only borders of regions change."""
 
 ELSEWHERE = 0.05
 """Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
@@ -54,7 +65,8 @@ def correct_palette(
     If the scene knows which values its regions show and the views include the classified volume, regions remain unions
     of transfer function ranges: ranges are merged and split, and those of a removed region go to their neighbours.
     Otherwise the corrected palette is taken as given, and the views decide which colour each point has
-    (:func:`svv.train.palette.regions_from_views.owners_of`).
+    (:func:`svv.train.palette.regions_from_views.owners_of`). Places that are pointed at change the regions of the
+    connected pieces around them (:func:`svv.train.palette.pointed.pointed`).
 
     Args:
         scene: A scene with a palette network; its device does the work.
@@ -88,27 +100,24 @@ def correct_palette(
     if asked.views_only:
         views = replace(views, classified=None)
     volume = views.classified if all(region.values for region in scene.palette_regions) else None
+    entries, owners, notes, start = _planned(scene, views, volume, correction, chosen.fitted, seed)
     ranges = () if volume is None else volume.ranges
-    entries, found = corrected(_entries(scene, volume), correction, ranges)
-    notes = [*found]
     palette = np.array([entry.colour for entry in entries])
-    owners: Labelled | None = None
-    if volume is not None:
-        owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
-    elif chosen.fitted and isinstance(scene.base.encoding, SparseLattice):
-        owners = owners_of(scene, views, palette, seed)
     unmixing = Unmixing(palette, scene.device) if owners is None or owners.shared else None
     values = _values_for(scene, volume, owners)
     how = chosen.recolour if values is None else replace(chosen.recolour, feature_rate=0.0)
+    if start is not None:
+        how = replace(how, iterations=min(how.iterations, AGAIN))
     saved = None
     if checkpoint is not None:
-        key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
+        key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries],
+               "places": (correction.points, correction.same)}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network, shares, spent = recolour(
             views, scene, palette, how,
-            Running(seed, time_limit, part(progress, 0.0, 0.98), saved, notes), owners, unmixing, values,
+            Running(seed, time_limit, part(progress, 0.0, 0.98), saved, notes), owners, unmixing, values, start,
         )  # fmt: skip
         begin = time.monotonic()
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
@@ -116,7 +125,9 @@ def correct_palette(
         kept: dict[str, Any] = {} if values is not None else {"values": None, "steps": None}
         plain = replace(scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None,
                         others=(), parts=None, **kept)  # fmt: skip
-        plain, reason = with_fewest_samples(plain, views.cameras)
+        reason = "images use the samples that they used before"
+        if start is None:
+            plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
     notes += _dropped(scene)
     edits = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
@@ -129,6 +140,67 @@ def correct_palette(
     )  # fmt: skip
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
+
+
+def _planned(
+    scene: Scene, views: ViewSet, volume: ClassifiedVolume | None, correction: Correction, fitted: bool, seed: int
+) -> tuple[tuple[Entry, ...], Labelled | None, list[str], PaletteField | None]:
+    """Return the new palette, the region of each point if it is known, what was done, and a network to start from."""
+    if correction.of_places:
+        return _by_places(scene, volume, correction)
+    ranges = () if volume is None else volume.ranges
+    entries, found = corrected(_entries(scene, volume), correction, ranges)
+    owners: Labelled | None = None
+    if volume is not None:
+        owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
+    elif fitted and isinstance(scene.base.encoding, SparseLattice):
+        owners = owners_of(scene, views, np.array([entry.colour for entry in entries]), seed)
+    return entries, owners, [*found], None
+
+
+def _by_places(
+    scene: Scene, volume: ClassifiedVolume | None, correction: Correction
+) -> tuple[tuple[Entry, ...], Labelled, list[str], PaletteField | None]:
+    """Return what :func:`_planned` does, for places that are pointed at.
+
+    If only the borders of regions change, training starts from the present network.
+    """
+    if volume is not None:
+        raise BadInput(
+            "The regions of this scene are ranges of its volume's values, which no place changes: give --views-only to "
+            "correct them by places, or svv edit --split-at for a connected part of one."
+        )
+    if replace(correction, merge=(), points=(), same=()):
+        raise BadInput("Point at places first, and add, remove, set or split regions in a second correction.")
+    found = pointed(scene, correction.points, correction.same)
+    entries, said = tuple(_entries(scene, None)), list(found.said)
+    count, groups = len(entries), _joined(len(entries), (*correction.merge, *found.merged))
+    if groups:
+        entries, merged = corrected(entries, Correction(merge=groups))
+        said += merged
+    if found.added is not None:
+        if len(entries) >= PaletteSettings().max_colours:
+            raise BadInput(f"The palette has {len(entries)} colours, the most it can have: merge two regions first.")
+        entries = (*entries, Entry(found.added))
+        said.append(f"region {len(entries) - 1} ({to_hex(found.added)}) is new")
+    now = np.full(count + 1, len(entries) - 1)
+    for number, entry in enumerate(entries):
+        now[list(entry.origin)] = number
+    region = np.where(found.region < 0, -1, now[found.region.clip(min=0)])
+    same = len(entries) == count and not groups and scene.values is None
+    start = scene.palette_network if same else None
+    return entries, InCells(region, found.cells, scene.device), said, start
+
+
+def _joined(count: int, groups: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
+    """Return groups of regions that share none: those of groups that do are one."""
+    for group in groups:
+        if not all(0 <= number < count for number in group):
+            return tuple(groups)  # refused as any merge of a region that does not exist
+    pairs = np.array([pair for group in groups for pair in pairwise(group)], np.int64).reshape(-1, 2)
+    member = connected_components(coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)), directed=False)[1]
+    every = (tuple(np.flatnonzero(member == k).tolist()) for k in range(count))
+    return tuple(group for group in every if len(group) > 1)
 
 
 def _values_for(scene: Scene, volume: ClassifiedVolume | None, owners: Labelled | None) -> ValueGrid | None:

@@ -94,7 +94,8 @@ def train_scene(
         ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (None on a CPU, as is ``gpu``), ``seed``, ``preset``,
         ``encoding``, ``lighting`` (the light of the scene: ``network``, ``phong`` or ``none``), ``notes`` (why the
         model has its size), ``learned_from`` (``volume and views`` or ``views only``) and ``warnings`` (what may be
-        wrong with the views).
+        wrong with the views, or with regions found in them). Regions found in views alone have a ``confidence`` each,
+        in [0, 1].
 
     Raises:
         BadInput: There are fewer than 3 views, no point is visible in all of them, they contradict their cameras, an
@@ -130,7 +131,7 @@ def train_scene(
         scene, seconds, cost, chosen, seed,
         encoding=VALUES if chosen.values else chosen.field.encoding,
         lighting=scene.settings.lighting, notes=training.notes,
-        learned_from=training.learned_from, warnings=training.warnings,
+        learned_from=training.learned_from, warnings=training.warnings, **training.told_of_regions,
     )  # fmt: skip
     made = ranks.once(
         lambda: {

@@ -32,7 +32,7 @@ from svv.train.config import Preset
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
 from svv.train.palette.ranges import KnownRegions, Labelled, regions_for, regions_of
 from svv.train.palette.recolour import palette_of, recolour
-from svv.train.palette.regions_from_views import regions_in
+from svv.train.palette.regions_from_views import doubts, regions_in
 from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
@@ -53,7 +53,8 @@ class Training:
     """Stages 1 and 2 of one scene.
 
     ``seconds`` holds the duration of each part; ``notes`` says what was chosen and why; ``warnings`` are those of the
-    notes that may mean a mistake in the views.
+    notes that may mean a mistake in the views, or in regions found without the volume. ``confidence`` has a number for
+    each of these (:attr:`svv.train.palette.ranges.KnownRegions.confidence`).
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class Training:
         self.progress, self.saved, self.device = progress, saved, device
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
+        self.confidence: tuple[float, ...] = ()
         checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names))
         told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views))
         self.warnings = [said for said in told if said is not None]
@@ -79,6 +81,11 @@ class Training:
     def learned_from(self) -> str:
         """What the scene is learned from: ``volume and views`` or ``views only``."""
         return "volume and views" if self._volume is not None else "views only"
+
+    @property
+    def told_of_regions(self) -> dict[str, list[float]]:
+        """The confidence of each region for the report; nothing if the volume tells the regions."""
+        return {"confidence": [round(sure, 3) for sure in self.confidence]} if self.confidence else {}
 
     @property
     def _volume(self) -> ClassifiedVolume | None:
@@ -208,7 +215,8 @@ class Training:
             scene, reason = with_fewest_levels(scene, views, seed, borders)
             self.notes.append(reason)
         if known is not None:
-            palette = known.palette
+            palette, self.confidence = known.palette, known.confidence
+            self.warnings += doubts(palette.colours, known.confidence)
         assert palette is not None
         self.notes.extend(palette.steps)
         if self.chosen.fitted:

@@ -13,6 +13,7 @@ import typer
 from svv.cli.files import check_targets, finish, load
 from svv.cli.option_group import spread
 from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_names, parse_whole
+from svv.cli.pointing import PictureOptions, parse_pointed, point_in
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.editing import (
@@ -58,6 +59,8 @@ PALETTE = (
     "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
     "svv palette scene.svv --views views --merge 0,1 --set 0='#d0a060' --out one.svv",
     "svv palette scene.svv --views views --remove 2 --preset fast --out less.svv",
+    "svv palette scene.svv --views views --point 410,320=0 --point 150,90=1 --out pointed.svv",
+    "svv palette scene.svv --views views --point 410,320=150,90 --out same.svv",
 )
 """Examples in the help."""
 
@@ -72,18 +75,6 @@ class Steps:
     ] = 0
     show_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Show this painting.")] = None
     drop_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Remove this painting from the file.")] = None
-
-
-@dataclass(frozen=True)
-class PictureOptions:
-    """The picture in which --split-at is a pixel."""
-
-    camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
-    """Camera of the picture for --split-at, as in `svv render`; by default the middle of the orbit."""
-    frame: Annotated[int, Setting(least=0)] = 0
-    """Number of the view for --split-at in a transforms file."""
-    size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size")] = None
-    """Size of the picture for --split-at in pixels; 800 by default."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +158,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     if part.split_at is None:
         result = with_edit(result, request)
     else:
-        split = replace(part, split_at=_point(result, part.split_at, picture))
+        split = replace(part, split_at=point_in(result, part.split_at, picture))
         with shown("Splitting") as progress:
             result = with_edit(result, replace(request, part=split), progress)
         print(_told(result), file=sys.stderr)
@@ -253,22 +244,6 @@ def _with(edits: dict[int, RegionEdit], field: str, texts: Mapping[int, str]) ->
     return found
 
 
-def _point(scene: Scene, place: tuple[float, ...], picture: PictureOptions) -> tuple[float, ...]:
-    """Return the point in the world that --split-at means: what a pixel shows, or the point itself."""
-    from svv.io.views.camera_file import read_camera
-    from svv.render.frames import orbit
-
-    if len(place) == 3:
-        if picture != PictureOptions():
-            raise BadInput("--camera, --frame and --size belong to a pixel: give --split-at two numbers, not three.")
-        return place
-    if picture.camera is not None:
-        camera = read_camera(picture.camera, picture.size, picture.frame)
-    else:
-        camera = orbit(scene, 181, *(picture.size or (800, 800)))[90]  # as `svv render` without a camera
-    return scene.point_at(camera, (place[0], place[1]))
-
-
 def _told(scene: Scene) -> str:
     """Say which region was split last, and how."""
     part, number = scene.regions[-1], len(scene.regions) - 1
@@ -292,17 +267,24 @@ class PaletteChanges:
     """Set a region's palette colour."""
     split: Annotated[tuple[int, ...], Setting(metavar="K")] = ()
     """Split this region into one region for each of its ranges of values."""
+    point: Annotated[tuple[str, ...], Setting(metavar="X,Y=K|X,Y=X,Y")] = ()
+    """Say that a place is region K, where the regions were found in views alone: the connected piece there becomes K,
+    or is divided if several places in it differ; the number after the last region is a new one. Or say that two places
+    are one region. A place is a pixel, as in `svv edit --split-at`, or a point X,Y,Z in world coordinates."""
 
-    def correction(self) -> Correction:
-        """Return the changes in the form that the layers below take."""
+    def correction(self, scene: Scene, picture: PictureOptions) -> Correction:
+        """Return the changes in the form that the layers below take; pixels are those of a picture of the scene."""
         from svv.core.colour.correction import Correction
 
+        places = [(point_in(scene, place, picture), said) for place, said in map(parse_pointed, self.point)]
         return Correction(
             tuple(parse_whole(text, "--merge") for text in self.merge),
             self.remove,
             dict(parse_set(text) for text in self.colours),
             self.split,
             tuple(map(parse_colour, self.add)),
+            tuple((place, said) for place, said in places if isinstance(said, int)),
+            tuple((place, point_in(scene, said, picture)) for place, said in places if not isinstance(said, int)),
         )
 
 
@@ -314,13 +296,15 @@ def palette(
     ],
     out: Out,
     changes: PaletteChanges = PaletteChanges(),
+    picture: PictureOptions = PictureOptions(),
     options: PaletteOptions = PaletteOptions(),
     where: DeviceOptions = DeviceOptions(),
     json: Json = None,
 ) -> None:
     """Correct a scene's palette by hand and train its regions again; the base network is kept.
 
-    If two parts of similar hue ended up in one region, add the missing colour. Regions are numbered as in
+    If two parts of similar hue ended up in one region, add the missing colour. If a piece is in the wrong region, point
+    at it. Regions are numbered as in
     `svv info SCENE.svv`. If the volume is known, each region still consists of ranges of the transfer function.
     After Ctrl-C, the same command resumes.
     """
@@ -328,9 +312,11 @@ def palette(
     from svv.io.scene_file import checkpoint_of
     from svv.train.correct import correct_palette
 
-    correction = changes.correction()
+    if not changes.point and picture != PictureOptions():
+        raise BadInput("--camera, --frame and --size need --point, a pixel of their picture.")
     check_targets(out, json)
     loaded = load(scene, where.device)
+    correction = changes.correction(loaded, picture)
     with shown("Reading") as progress:
         view_set = read_views(views, "train", progress)
     checkpoint = checkpoint_of(out)

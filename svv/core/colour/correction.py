@@ -19,6 +19,8 @@ from svv.core.volumes.classified import ValueRange
 from svv.errors import BadInput
 
 RGB = tuple[float, float, float]
+Point = tuple[float, float, float]
+"""A place in world units."""
 
 ALIKE_DIFFERENCE = 2.5 / 255.0
 """Largest channel difference of colours that count as the same."""
@@ -60,8 +62,25 @@ class Correction:
     """Colours to add. If ranges are known, a new colour takes the range of the most similar colour from its owner, or
     shares it if the owner has no other range."""
 
+    points: tuple[tuple[Point, int], ...] = ()
+    """Places in a scene learned from views alone, each with the region that is there: the connected piece around it
+    becomes that region, or is divided where several places in it differ. The number after the last one is a new region.
+    """
+    same: tuple[tuple[Point, Point], ...] = ()
+    """Pairs of places whose regions are one, and are merged."""
+
     def __bool__(self) -> bool:
+        return self.of_colours or self.of_places
+
+    @property
+    def of_colours(self) -> bool:
+        """Whether there are changes other than of places."""
         return bool(self.merge or self.remove or self.colours or self.split or self.add)
+
+    @property
+    def of_places(self) -> bool:
+        """Whether places are pointed at."""
+        return bool(self.points or self.same)
 
 
 def corrected(
@@ -83,7 +102,7 @@ def corrected(
             is split; or there are too many colours.
     """
     if not correction:
-        raise BadInput("Nothing to correct: merge, remove, set, split or add a colour.")
+        raise BadInput("Nothing to correct: merge, remove, set, split or add a colour, or point at places.")
     _check(len(palette), correction, bool(ranges))
     done: list[str] = []
     place = {old: old for old in range(len(palette))}  # number -> the colour that it was merged into

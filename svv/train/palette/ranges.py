@@ -90,6 +90,8 @@ class KnownRegions:
     """Smallest and largest scalar value of each range of each region; none if only views are known."""
     owners: Labelled
     """Region of each point."""
+    confidence: tuple[float, ...] = ()
+    """How far single rays agree with each region, in [0, 1]; none where the volume tells the regions."""
 
 
 @torch.no_grad()

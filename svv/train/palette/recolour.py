@@ -31,6 +31,9 @@ from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
 from svv.train.run.loop import Loop, Running, falling, network_adam
 
+SETTLED_AT, SETTLED_IN = 4096, 100
+"""Points of a step towards regions that a trained network is told, and the number of these steps."""
+
 PALETTE_PIXELS = 400_000
 """Maximum number of visible pixels from which the palette is extracted."""
 
@@ -127,6 +130,26 @@ class Recolouring:
             self.field.colours.clamp_(0.0, 1.0)
         return error
 
+    def settle(self, number: int) -> None:
+        """Take one step towards the regions of random points, without rays: where a trained network is told others."""
+        assert self.owners is not None
+        generator = np.random.default_rng(number)
+        cells = np.argwhere(self.occupancy.occupied)
+        cell = cells[generator.integers(0, len(cells), SETTLED_AT)]
+        place = ((cell + generator.random(cell.shape)) / self.occupancy.cells).astype(np.float32)
+        position = torch.minimum(torch.from_numpy(place), torch.tensor(self.occupancy.box.extent, dtype=torch.float32))
+        position = position.to(self.field.colours.device)
+        weights = self.field.material(position)[1]
+        self.networks.zero_grad(set_to_none=True)
+        loss = self._foreign(self.owners, weights, position) / self.settings.owner_weight
+        loss.backward()
+        trained = [p for group in self.networks.param_groups for p in group["params"] if p.grad is not None]
+        sum_gradients(loss.detach(), trained, self.tables.encodings)
+        for group in self.networks.param_groups:
+            group["lr"] = group["full"]
+        self.networks.step()
+        self.tables.step([self.settings.feature_rate] * len(self.tables.encodings))
+
     def _values(self, samples: Samples, geometry: Tensor, rays: Rays) -> tuple[Tensor, Tensor]:
         """Return what is composited: colours, penalties and given shares (S, 6 or 6 + P); and weights (S, P)."""
         along, field, fused = rays.lit_along, self.field, kernels_for(geometry).TRAINING
@@ -196,7 +219,7 @@ def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: Palett
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
 
 
-def recolour(
+def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     views: ViewSet,
     scene: Scene,
     palette: NDArray[np.floating],
@@ -205,6 +228,7 @@ def recolour(
     owners: Labelled | None = None,
     given: Unmixing | None = None,
     values: ValueGrid | None = None,
+    start: PaletteField | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).
 
@@ -217,6 +241,7 @@ def recolour(
         owners: Region of each point, if it is known.
         given: Palette shares in the pixels, for a palette made by hand or of more than three colours.
         values: Values of the volume, if the network is to be a function of them (:mod:`svv.train.base.from_values`).
+        start: A trained network of as many colours to start from, which first learns its points' regions without rays.
 
     Returns:
         The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
@@ -233,9 +258,14 @@ def recolour(
         network.phong.start(base.density, occupancy, views.meta.shading, seed)
     if values is not None:
         palette_given(network, values, occupancy)
+    if start is not None:
+        network.load_state_dict(start.state_dict())
     ranks.alike(network)
     pool = RayPool(views, occupancy.box, seed, device, scene.settings.headlight)
     work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given)
+    if start is not None and owners is not None:
+        for number in range(SETTLED_IN):
+            work.settle(number)
     loop = Loop(
         settings.iterations, running.limit, running.progress, "palette colour network",
         network=network, notes=running.notes,

@@ -5,19 +5,21 @@ do pixels tell grey from white, as white in the shade is grey. Points tell both.
 pixel shows and how much of each, and what a pixel shows beyond the field's colours is given back to its points, so
 that their mean over all views is true to the views. Points of one hue are one region, unless their hues, or their
 brightness in full light, fall into two groups with a gap between them; a surface's normal tells how much of a headlight
-it reflects. A pixel is then a sum over regions, of their weights in it times their colours, and least squares over many
-pixels finds the colours, even those of regions that are never seen alone, or whose normals noise turns anywhere.
+it reflects. Rays from many sides then correct the regions of points (:mod:`svv.train.palette.along_rays`). A pixel is
+a sum over regions, of their weights in it times their colours, and least squares over many pixels finds the colours,
+even those of regions that are never seen alone, or whose normals noise turns anywhere.
 
-Letters: S samples, R rays, V vertices of the finest grid of features, P regions.
+Letters: S samples, R rays, V vertices of the grid of regions, P regions.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
-from scipy.optimize import nnls
 from torch import Tensor
 
 from svv.core.colour.colour import hsb_array, to_hex
@@ -31,6 +33,7 @@ from svv.fields.radiance.phong import softened_extinction
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
+from svv.train.palette.along_rays import Seen, agreement, unmixed
 from svv.train.palette.ranges import KnownRegions
 from svv.train.run.batches import RayPool
 
@@ -70,8 +73,18 @@ LEAST_COLOUR = 0.02
 LEAST_SOLID = 0.1
 """Alpha below which what a pixel shows beyond its regions is not divided by alpha any further."""
 
+MOST_VERTICES = 100_000
+"""Number of vertices up to which regions have the grid of the extinction, which is finer than that of the features: more
+are seen by too few samples of :data:`RAYS` rays each."""
+
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of the grid of regions, which is worked on whole."""
+
+UNTOLD = 3.0
+"""Multiple of :data:`ANGLE` below which two regions' hues are too near for a single ray to tell which it shows."""
+
+SURE = 0.7
+"""Confidence below which a region is said to be doubtful."""
 
 SAME_HUE = 0.06
 """Angle in radians between two colours' directions up to which only their brightness tells them apart."""
@@ -117,7 +130,7 @@ class _Points:
         occupancy, settings = scene.occupancy, scene.settings
         self._shading = views.meta.shading
         assert scene.base.density is not None
-        cells = min((settings.resolutions + settings.finer)[-1], MOST_CELLS)
+        cells = _cells_for(scene)
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
         empty = self.labels(np.zeros(len(self._places), np.int64))
@@ -138,6 +151,7 @@ class _Points:
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
+        self._seen = Seen(len(self._places), self.vertex, self.ray, self.weight, self.cosine, self.pixel)
 
     def labels(self, region: NDArray[np.integer]) -> Labels:
         """Return the regions of the vertices (V,) as those of points."""
@@ -198,6 +212,28 @@ class _Points:
                 result[mine] = alike[away.argmin(axis=1)]
         return result
 
+    def unmixed(self, region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], list[str]]:
+        """Return regions (V,) that explain held-out rays best, and what was gained, if anything was."""
+        found = unmixed(self._seen, region, count, self._places)
+        if not found.gain:
+            return region, []
+        return found.region, [f"unmixed along rays, regions explain the hues of held-out rays {found.gain:.0%} better"]
+
+    def confidence(self, region: NDArray[np.int64], colours: Array) -> Array:
+        """Return how far single rays agree with the regions (V,) of their points, in [0, 1]; ``colours`` (P, 3). (P,)
+
+        Each ray shows a point in a colour of its own, whose hue tells a region as well. The confidence is the
+        intersection over union of both, in terms of light. Regions of nearly one hue are not told apart by single rays.
+        """
+        unit = _unit(colours)
+        angle = np.arccos(np.clip(_unit(self.colour) @ unit.T, -1.0, 1.0))
+        told = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
+        told /= told.sum(axis=1, keepdims=True)
+        own = np.eye(len(colours))[region[self.vertex]]
+        alike = (np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE).astype(np.float64)
+        told = np.where(own @ alike > 0.0, own * (told @ alike), told)
+        return agreement((self.weight[:, None] * own).T, (self.weight[:, None] * told).T)
+
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
         share = self.shares(region, len(hues))
@@ -211,7 +247,7 @@ class _Points:
     def colours(self, region: NDArray[np.int64], hues: Array) -> Array:
         """Return the colour of each region in full light, RGB in [0, 1]; ``hues`` (P, 3) for those not seen. (P, 3)"""
         count, own = len(hues), region[self.vertex]
-        ambient, diffuse = self._light(region, count)
+        ambient, diffuse = self._seen.light(region, count)
         # Where noise hides normals, the cosine is c = p c' + (1 - p) / 2 on average: that of a normal at random is 1/2.
         # In C (A + (1 - A) c), least squares then find ambient = C (A + (1 - A) (1 - p) / 2), diffuse = C (1 - A) p,
         # and thus C, whatever p is.
@@ -242,27 +278,9 @@ class _Points:
         seen = seen[seen.sum(axis=1) > LEAST_COLOUR]
         return float((seen[:, 0] / seen.sum(axis=1)).min(initial=1.0))
 
-    def _light(self, region: NDArray[np.int64], count: int) -> tuple[Array, Array]:
-        """Return what regions reflect of light from everywhere and of a headlight, (P, 3) each.
-
-        Non-negative least squares over all pixels: colour over black = sum of weight (ambient + diffuse cosine).
-        """
-        own, rays = region[self.vertex], len(self.alpha)
-        place = self.ray * count + own
-        part = np.bincount(place, self.weight, rays * count).reshape(rays, count)
-        lit = np.bincount(place, self.weight * self.cosine, rays * count).reshape(rays, count)
-        design = np.concatenate((part, lit), axis=1)
-        # The Cholesky factor of the normal equations is a problem of 2 P rows with the same solution.
-        normal, right = design.T @ design, design.T @ self.pixel.astype(np.float64)
-        scale = max(float(np.trace(normal)), 1e-12)
-        factor = np.linalg.cholesky(normal + 1e-9 * scale * np.eye(len(normal)))
-        target = np.linalg.solve(factor, right)
-        found = np.stack([nnls(factor.T, column)[0] for column in target.T], axis=1)
-        return found[:count], found[count:]
-
     def _brightness(self, mine: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the brightness in full light of some vertices (V,), taken as one region, and its weight; (M,) each."""
-        ambient, diffuse = self._light(mine.astype(np.int64), 2)
+        ambient, diffuse = self._seen.light(mine.astype(np.int64), 2)
         colour = ambient[1] + diffuse[1]
         full = max(float(colour.max()), 1e-6)
         reflects = (ambient[1].max() + diffuse[1].max() * self.cosine) / full
@@ -290,6 +308,17 @@ class _Points:
             grid[at] = column
             found[:, channel] = gaussian_filter(grid, BLUR, mode="constant")[at]
         return found
+
+
+def _cells_for(scene: Scene) -> int:
+    """Return the cells of the grid of regions: those of the finest features, or of the extinction if rays suffice."""
+    occupancy, density = scene.occupancy, scene.base.density
+    assert density is not None
+    cells = (scene.settings.resolutions + scene.settings.finer)[-1]
+    finer = max(density.resolutions)
+    if int(occupancy.occupied.sum()) * (finer / occupancy.cells) ** 3 <= MOST_VERTICES:
+        cells = max(cells, finer)
+    return min(cells, MOST_CELLS)
 
 
 def _unit(colours: Array) -> Array:
@@ -333,14 +362,26 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int) -> Kno
         region = np.where(apart, count, region)
         steps.append(f"{to_hex(hues[number])} is two regions: in full light, their points differ in {said}")
         hues, count = np.concatenate((hues, hues[number : number + 1])), count + 1
+    region, gained = points.unmixed(region, count)
     region, kept = points.without_the_faint(region, hues)
     colours, share = points.colours(region, hues[kept]), points.shares(region, len(kept))
-    order = np.argsort(-share, kind="stable")
-    colours, share = colours[order], share[order]
-    steps.append("palette " + ", ".join(f"{to_hex(c)} ({p:.1%})" for c, p in zip(colours, share, strict=True)))
+    sure, order = points.confidence(region, colours), np.argsort(-share, kind="stable")
+    colours, share, sure = colours[order], share[order], sure[order]
+    steps += [*gained, "palette " + ", ".join(f"{to_hex(c)} ({p:.1%})" for c, p in zip(colours, share, strict=True))]
     return KnownRegions(
-        Palette(colours, share, tuple(steps)), ((),) * len(order), points.labels(np.argsort(order)[region])
-    )
+        Palette(colours, share, tuple(steps)), ((),) * len(order), points.labels(np.argsort(order)[region]),
+        tuple(sure.tolist()),
+    )  # fmt: skip
+
+
+def doubts(colours: NDArray[np.floating], confidence: Sequence[float]) -> list[str]:
+    """Return a sentence for each region, of a colour (P, 3), whose confidence is below :data:`SURE`."""
+    return [
+        f"Region {number} ({to_hex(colour)}) may be wrong: single views and the scene agree on only {sure:.0%} of it. "
+        "Look at it (svv render --what region), and correct it with svv palette if need be."
+        for number, (colour, sure) in enumerate(zip(colours, confidence))
+        if sure < SURE
+    ]
 
 
 @torch.no_grad()
@@ -354,4 +395,5 @@ def owners_of(scene: Scene, views: ViewSet, colours: NDArray[np.floating], seed:
         seed: Seed of the rays.
     """
     points, palette = _Points(scene, views, seed), np.asarray(colours, np.float64)
-    return points.labels(points.nearest_in_brightness(points.nearest_in_hue(palette), palette))
+    region = points.nearest_in_brightness(points.nearest_in_hue(palette), palette)
+    return points.labels(points.unmixed(region, len(palette))[0])

@@ -1,0 +1,84 @@
+"""Regions unmixed along rays: laws of the solver, on rays through known regions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from svv.train.palette.along_rays import Seen, agreement, unmixed
+
+SIDE = 10
+"""Vertices along each side of the cube."""
+
+COLOURS = np.array([[0.1, 0.3, 0.9], [0.2, 0.8, 0.3], [0.9, 0.2, 0.15]])
+
+
+def shells(places: np.ndarray) -> np.ndarray:
+    """Return which of three nested cubes vertices are in: the outermost 0."""
+    depth = np.minimum(places, SIDE - 1 - places).min(axis=1)
+    return np.asarray(np.digitize(depth, [1, 3]), np.int64)
+
+
+def seen_from_all_sides(seed: int, noise: float = 0.0, rays: int = 1500) -> tuple[Seen, np.ndarray, np.ndarray]:
+    """Straight rays through translucent nested cubes: what they see, the vertices' places and their regions."""
+    generator = np.random.default_rng(seed)
+    places = np.argwhere(np.ones((SIDE,) * 3, bool))
+    region = shells(places)
+    along = generator.normal(size=(rays, 3))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    through = generator.uniform(0.0, SIDE - 1, (rays, 3))
+    steps = np.arange(-2 * SIDE, 2 * SIDE)
+    cell = np.rint(through[:, None] + along[:, None] * steps[None, :, None]).astype(np.int64)
+    inside = ((cell >= 0) & (cell < SIDE)).all(axis=2)
+    vertex = np.where(inside, (cell.clip(0, SIDE - 1) * [SIDE * SIDE, SIDE, 1]).sum(axis=2), 0)
+    opacity = np.where(inside, np.array([0.12, 0.15, 0.3])[region[vertex]], 0.0)
+    clear = np.cumprod(np.concatenate([np.ones((rays, 1)), 1.0 - opacity[:, :-1]], axis=1), axis=1)
+    weight, ray = opacity * clear, np.broadcast_to(np.arange(rays)[:, None], inside.shape)
+    pixel = (weight[:, :, None] * COLOURS[region[vertex]]).sum(axis=1)
+    pixel += noise * generator.normal(size=(rays, 1)) * pixel  # of brightness, as of a normal that nobody knows
+    kept = inside & (weight > 0)
+    seen = Seen(len(places), vertex[kept], ray[kept], weight[kept], np.ones(kept.sum()), pixel)
+    return seen, places, region
+
+
+@settings(max_examples=3)
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.15]))
+def test_rays_from_all_sides_correct_what_a_shell_hides(seed: int, noise: float) -> None:
+    """A quarter of the vertices behind the shell are said to be of the shell, as where colours are tinted."""
+    seen, places, region = seen_from_all_sides(seed, noise)
+    tinted = np.random.default_rng(seed + 1).random(len(region)) < 0.25
+    wrong = np.where(tinted, np.maximum(region - 1, 0), region)
+    found = unmixed(seen, wrong, 3, places)
+    assert found.gain > 0.2
+    assert (found.region != region).sum() < 0.3 * (wrong != region).sum()
+
+
+@settings(max_examples=3)
+@given(st.integers(0, 2**31))
+def test_regions_that_are_right_stay(seed: int) -> None:
+    seen, places, region = seen_from_all_sides(seed)
+    found = unmixed(seen, region, 3, places)
+    assert (found.region == region).all() and found.gain == 0.0
+
+
+def test_one_region_and_black_pixels_are_left_alone() -> None:
+    seen, places, region = seen_from_all_sides(0)
+    assert unmixed(seen, np.zeros_like(region), 1, places).gain == 0.0
+    black = Seen(seen.vertices, seen.vertex, seen.ray, seen.weight, seen.cosine, np.zeros_like(seen.pixel))
+    found = unmixed(black, region, 3, places)
+    assert (found.region == region).all() and found.gain == 0.0
+
+
+def test_the_numbers_of_regions_do_not_matter() -> None:
+    seen, places, region = seen_from_all_sides(1)
+    wrong = np.where(np.random.default_rng(2).random(len(region)) < 0.2, np.maximum(region - 1, 0), region)
+    order = np.array([2, 0, 1])
+    one, other = unmixed(seen, wrong, 3, places), unmixed(seen, order[wrong], 3, places)
+    assert (order[one.region] == other.region).mean() > 0.99
+
+
+def test_agreement_is_intersection_over_union() -> None:
+    sure = agreement(np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]]))
+    assert sure == pytest.approx([1.5 / 2.0, 1.0 / 1.5])

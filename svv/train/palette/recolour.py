@@ -141,7 +141,7 @@ class Recolouring:
         position = position.to(self.field.colours.device)
         weights = self.field.material(position)[1]
         self.networks.zero_grad(set_to_none=True)
-        loss = self._foreign(self.owners, weights, position) / self.settings.owner_weight
+        loss = self._foreign(self.owners, weights, position) / OWNER_WEIGHT
         loss.backward()
         trained = [p for group in self.networks.param_groups for p in group["params"] if p.grad is not None]
         sum_gradients(loss.detach(), trained, self.tables.encodings)

@@ -74,8 +74,8 @@ LEAST_SOLID = 0.1
 """Alpha below which what a pixel shows beyond its regions is not divided by alpha any further."""
 
 MOST_VERTICES = 100_000
-"""Number of vertices up to which regions have the grid of the extinction, which is finer than that of the features: more
-are seen by too few samples of :data:`RAYS` rays each."""
+"""Number of vertices up to which regions have the grid of the extinction, which is finer than that of the features:
+more are seen by too few samples of :data:`RAYS` rays each."""
 
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of the grid of regions, which is worked on whole."""

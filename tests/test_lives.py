@@ -185,3 +185,9 @@ def test_files_keep_the_lives() -> None:
     damaged["born.when"] = damaged["born.when"][1:]
     with pytest.raises(ValueError, match="do not fit"):
         Lives.from_arrays(damaged, len(strokes))
+
+
+def test_lives_are_within_the_steps_that_there_are() -> None:
+    _, lives, _ = story(appears)
+    assert lives.are_within(STEPS) and not lives.are_within(STEPS - 1) and not lives.are_within(0)
+    assert not Lives(np.array([[-1, 2]])).are_within(STEPS)

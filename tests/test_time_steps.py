@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -21,12 +22,14 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
+from svv.fields.strokes.lives import Lives
 from svv.fields.values.followed_scene import at_step, at_time
 from svv.io.series_file import read_series
 from svv.job.series import Step, with_time_steps
 from svv.render.pictures import read_png
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
+from tests.test_brushing import painted as brushed
 from tests.test_from_values import SHORT, TWO, moved_ball
 
 SHIFTS = 0.0, 0.1, 0.3
@@ -202,3 +205,17 @@ def test_series_that_do_not_fit_say_why(followed: Scene, series: tuple[Path, Sce
         command("follow", folder / "scene.svv", folder / "ball_0.vti", folder / "gone.vti", "-o", folder / "x.svv") == 2
     )
     assert not (folder / "x.svv").exists()
+
+
+@pytest.mark.parametrize("last", [3, 60_000])
+def test_strokes_that_live_at_steps_there_are_not_are_damage(series: tuple[Path, Scene], last: int) -> None:
+    scene, _ = brushed(series[1])
+    strokes = scene.styled.brushed
+    count = len(strokes.regions[0][0])
+    assert len(scene.steps) == 3
+    good = replace(strokes, lives={0: Lives(np.tile([0, 2], (count, 1)))})
+    scene.styled.brushed = good
+    assert Scene.from_bytes(scene.to_bytes(), "a.svv").styled.brushed.lives[0].are_within(3)
+    scene.styled.brushed = replace(good, lives={0: Lives(np.tile([0, last], (count, 1)))})
+    with pytest.raises(BadInput, match=r"a\.svv is damaged"):
+        Scene.from_bytes(scene.to_bytes(), "a.svv")

@@ -173,12 +173,13 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     others = [UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told]
     named: list[tuple[str, nn.Module | None]] = [*zip(NETWORKS, (base, palette, styled), strict=True)]
     named += [(f"variant{number}", network) for number, network in enumerate(others)]
+    count = 0 if steps is None else len(steps)
     for name, network in named:
         if network is not None:
             arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
             state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
             for key, encoding in _encodings(name, network):
-                if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors):
+                if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors, count):
                     left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}
@@ -207,12 +208,14 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _add_strokes(name: str, network: nn.Module, header: dict[str, Any], tensors: Arrays) -> bool:
+def _add_strokes(name: str, network: nn.Module, header: dict[str, Any], tensors: Arrays, steps: int) -> bool:
     """Give a network its strokes; returns whether the file leaves out its lattice, which follows from them."""
     lattice = network.encoding
     if not isinstance(network, UnrestrictedField) or not isinstance(lattice, SparseLattice) or not network.direct:
         raise ValueError("strokes need paint on a lattice")
     network.brushed = Brushed.from_file(name, header["brushed"][name], tensors, len(lattice.table))
+    if not all(lives.are_within(steps) for lives in network.brushed.lives.values()):
+        raise ValueError("strokes live at time steps that there are not")
     if not network.brushed.complete or f"{name}.encoding.table" in tensors:
         return False
     network.bake_later(network.brushed, network.brushed.baked)

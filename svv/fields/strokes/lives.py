@@ -54,6 +54,11 @@ class Lives:
     when: NDArray[np.int64] | None = None
     """Step at which each of these was laid, its first and its last. (M, 3)"""
 
+    def are_within(self, steps: int) -> bool:
+        """Return whether all strokes are laid and live at a series' steps 0 to ``steps`` - 1."""
+        given = [self.own] if self.when is None else [self.own, self.when]
+        return all(bool(((0 <= told) & (told < steps)).all()) for told in given)
+
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of a scene's file."""
         found = {"alive": self.own.astype(np.uint16)}

@@ -56,10 +56,6 @@ def supersampled(
         background: RGB in [0, 1] to blend over; None keeps straight alpha.
         progress: Called before every chunk of rays and at the end.
         samples: Number of rays along a pixel's side, from 1 to :data:`MOST`; by default :func:`samples_for`.
-
-    >>> camera = svv.orbit(scene, 8, 64, 48)[0]
-    >>> supersampled(scene, camera, samples=2).rgba.shape
-    (48, 64, 4)
     """
     n = samples_for(scene, camera, network) if samples is None else samples
     if not 1 <= n <= MOST:
@@ -78,6 +74,11 @@ def averaged(fine: Rendering, n: int) -> Rendering:
     """Return an image whose pixels are squares of ``n`` x ``n`` pixels of another.
 
     Colours count as much as they are opaque, and so do depths; a pixel belongs to the region with the most opacity.
+
+    >>> from svv.fields.scene.scene import Rendering
+    >>> red = np.array([[[1, 0, 0, 1], [0, 0, 0, 0]]] * 2, np.float32)
+    >>> averaged(Rendering(red, red[..., 0], np.zeros((2, 2), np.int16)), 2).rgba.tolist()
+    [[[1.0, 0.0, 0.0, 0.5]]]
     """
     alpha = _squares(fine.rgba[..., 3], n)
     total = alpha.sum(2)

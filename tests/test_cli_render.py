@@ -39,7 +39,7 @@ class Ball:
     regions = (Region((1.0, 0.0, 0.0)), Region((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
     rig: ClassVar = CameraRig((5.0, 0.0, 0.0), 4.0, np.pi / 4)
     rendered: ClassVar[list[Camera]] = []
-    networks, stroked, layers = ("base", "pcn"), (), ()
+    networks, stroked, layers, still = ("base", "pcn"), (), (), True
 
     def to_bytes(self) -> bytes:
         return b"a ball"

@@ -141,7 +141,7 @@ class HalfDark(torch.nn.Module):
 
     def __init__(self, network: torch.nn.Module) -> None:
         super().__init__()
-        self.resolutions, self.direct, self.brushed = network.resolutions, False, None
+        self.resolutions, self.direct, self.brushed, self.painted_in = network.resolutions, False, None, None
 
     def forward(self, position: torch.Tensor) -> torch.Tensor:
         return (position[:, :1] > 0.5).to(position).expand(-1, 3)

@@ -55,6 +55,7 @@ def test_images_of_strokes_have_four_rays_a_pixel_and_others_one(balls: Scene, t
     pieces, _ = painted(balls, manner="pieces")
     assert samples_for(strokes, camera) == 2
     assert samples_for(strokes, camera, "pcn") == samples_for(pieces, camera) == 1
+    assert samples_for(strokes.while_moving(), camera) == 1
     assert samples_for(strokes, camera.resized(3000, 3000)) == 1, "a pixel is a small part of a stroke"
     fine, background = strokes.render(camera.resized(120, 80)), (0.2, 0.4, 0.6)
     found = supersampled(strokes, camera)

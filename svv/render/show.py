@@ -20,6 +20,7 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput, Progress, silent
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
+from svv.render.supersampled import supersampled
 from svv.train.run.learning import Learning
 
 if TYPE_CHECKING:
@@ -288,7 +289,7 @@ def _bar(learning: Learning) -> Iterator[Callable[[], None]]:
 
 def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Any:
     """Render the scene over the background. (H, W, 3) uint8"""
-    return to_bytes(over(scene.render(camera, network).rgba, background))
+    return to_bytes(over(supersampled(scene, camera, network).rgba, background))
 
 
 def _same(one: Camera, other: Camera) -> bool:

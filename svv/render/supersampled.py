@@ -29,8 +29,8 @@ a pixel is a small part of a stroke."""
 
 
 def samples_for(scene: Scene, camera: Camera, network: str | None = None) -> int:
-    """Return how many samples along a pixel's side an image of a scene should have."""
-    shown = (network or scene.networks[-1]) == "styled" and shows_strokes(scene)
+    """Return how many samples along a pixel's side an image of a scene should have: moving ones have one."""
+    shown = scene.still and (network or scene.networks[-1]) == "styled" and shows_strokes(scene)
     return USUAL if shown and camera.width * camera.height <= LARGE else 1
 
 

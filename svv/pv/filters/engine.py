@@ -365,6 +365,7 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     from svv.io.pictures.output import to_bytes
     from svv.kernels.dispatch import device_named
     from svv.render.frames import region_colours
+    from svv.render.supersampled import supersampled
 
     options = options_in(RenderOptions, values)
     background = values["BackgroundColour"] if values["Background"] else None
@@ -372,7 +373,7 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
         scene = scene.with_variant(options.variant)
     if values["Moving"]:
         scene = scene.while_moving()
-    shown = scene.on(device_named(options.device)).render(camera, options.network, background, progress)
+    shown = supersampled(scene.on(device_named(options.device)), camera, options.network, background, progress)
     rgba = to_bytes(shown.rgba)
     if values.get("Show", COLOURS) != COLOURS:
         colours = region_colours(scene) if values["Show"] == IN_COLOUR else None

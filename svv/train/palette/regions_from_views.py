@@ -73,10 +73,6 @@ LEAST_COLOUR = 0.02
 LEAST_SOLID = 0.1
 """Alpha below which what a pixel shows beyond its regions is not divided by alpha any further."""
 
-MOST_VERTICES = 100_000
-"""Number of vertices up to which regions have the grid of the extinction, which is finer than that of the features:
-more are seen by too few samples of :data:`RAYS` rays each."""
-
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of the grid of regions, which is worked on whole."""
 
@@ -311,14 +307,8 @@ class _Points:
 
 
 def _cells_for(scene: Scene) -> int:
-    """Return the cells of the grid of regions: those of the finest features, or of the extinction if rays suffice."""
-    occupancy, density = scene.occupancy, scene.base.density
-    assert density is not None
-    cells = (scene.settings.resolutions + scene.settings.finer)[-1]
-    finer = max(density.resolutions)
-    if int(occupancy.occupied.sum()) * (finer / occupancy.cells) ** 3 <= MOST_VERTICES:
-        cells = max(cells, finer)
-    return min(cells, MOST_CELLS)
+    """Return the cells of the grid of regions: those of the finest features, which the network can follow."""
+    return min((scene.settings.resolutions + scene.settings.finer)[-1], MOST_CELLS)
 
 
 def _unit(colours: Array) -> Array:

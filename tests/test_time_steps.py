@@ -210,12 +210,13 @@ def test_series_that_do_not_fit_say_why(followed: Scene, series: tuple[Path, Sce
 @pytest.mark.parametrize("last", [3, 60_000])
 def test_strokes_that_live_at_steps_there_are_not_are_damage(series: tuple[Path, Scene], last: int) -> None:
     scene, _ = brushed(series[1])
-    strokes = scene.styled.brushed
-    count = len(strokes.regions[0][0])
+    assert scene.styled is not None and scene.styled.brushed is not None and scene.steps is not None
+    strokes, count = scene.styled.brushed, len(scene.styled.brushed.regions[0][0])
     assert len(scene.steps) == 3
     good = replace(strokes, lives={0: Lives(np.tile([0, 2], (count, 1)))})
     scene.styled.brushed = good
-    assert Scene.from_bytes(scene.to_bytes(), "a.svv").styled.brushed.lives[0].are_within(3)
+    again = Scene.from_bytes(scene.to_bytes(), "a.svv").styled
+    assert again is not None and again.brushed is not None and again.brushed.lives[0].are_within(3)
     scene.styled.brushed = replace(good, lives={0: Lives(np.tile([0, last], (count, 1)))})
     with pytest.raises(BadInput, match=r"a\.svv is damaged"):
         Scene.from_bytes(scene.to_bytes(), "a.svv")

@@ -173,13 +173,13 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     others = [UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told]
     named: list[tuple[str, nn.Module | None]] = [*zip(NETWORKS, (base, palette, styled), strict=True)]
     named += [(f"variant{number}", network) for number, network in enumerate(others)]
-    count = 0 if steps is None else len(steps)
+    there = 0 if steps is None else len(steps)
     for name, network in named:
         if network is not None:
             arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
             state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
             for key, encoding in _encodings(name, network):
-                if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors, count):
+                if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors, there):
                     left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}

@@ -42,6 +42,7 @@ if len(os.listdir("/proc/self/task")) > 1:
     os.write(answers, b"threads\\n")  # which a fork would lose
     raise SystemExit
 os.write(answers, b"ready\\n")
+ended = used = told = None
 with open(0, closefd=False) as requests:
     for request in requests:
         request = json.loads(request)
@@ -50,7 +51,8 @@ with open(0, closefd=False) as requests:
             break
         os.write(answers, f"{process}\\n".encode())
         _, ended, used = os.wait4(process, 0)
-        print(f"{used.ru_utime + used.ru_stime:.1f} s of a CPU: {request['arguments'][:2]}", flush=True)
+        told = f"{used.ru_utime + used.ru_stime:.1f} s of a CPU: {request['arguments'][:2]}\\n"
+        os.write(1, told.encode())  # ParaView's print may keep it in a buffer, of which each fork has a copy
         os.write(answers, f"{os.waitstatus_to_exitcode(ended)}\\n".encode())
     else:
         raise SystemExit
@@ -66,7 +68,7 @@ os.chdir(request["cwd"])
 sys.argv = request["arguments"]
 sys.path[0] = os.path.dirname(sys.argv[0])
 del gc, importlib, json, pkgutil, paraview, svv, torch, numba, part, package, found, cpu_target, answers, requests
-del request, process, number, path, file
+del request, process, number, path, file, ended, used, told
 with open(sys.argv[0], encoding="utf-8") as source:
     source = compile(source.read(), sys.argv[0], "exec")
 exec(source)

@@ -14,7 +14,7 @@ from PIL import Image
 from svv.core.colour.colour import over
 from svv.errors import BadInput
 from svv.fields.scene.scene import Rendering, Scene
-from svv.render.frames import Shown, orbit, write_view
+from svv.render.frames import RenderSettings, orbit, write_view
 from svv.render.supersampled import averaged, samples_for, supersampled
 from tests.test_brushing import painted
 
@@ -35,13 +35,17 @@ def test_over_any_background_the_average_is_that_of_the_finer_image(rgba: np.nda
     assert np.array_equal(there, seen.reshape(6 // n, n, 4 // n, n).any((1, 3)))
 
 
-def test_a_pixel_belongs_to_the_region_with_the_most_opacity_and_has_its_depths_by_opacity() -> None:
+def test_a_pixel_belongs_to_the_region_with_the_most_opacity_and_has_the_depth_of_its_most_opaque_ray() -> None:
     rgba = np.ones((2, 2, 4), np.float32)
-    rgba[..., 3] = [[0.9, 0.2], [0.3, 0.3]]
-    depth = np.array([[1.0, 5.0], [5.0, 5.0]], np.float32)
+    rgba[..., 3] = [[0.5, 0.2], [0.3, 0.6]]
+    depth = np.array([[1.0, 5.0], [6.0, 7.0]], np.float32)
+    found = averaged(Rendering(rgba, depth, np.array([[0, 2], [2, 0]], np.int16)), 2)
+    assert (found.region.item(), found.depth.item()) == (0, 7.0)
     found = averaged(Rendering(rgba, depth, np.array([[0, 2], [2, 2]], np.int16)), 2)
-    assert found.region.item() == 0
-    assert found.depth.item() == pytest.approx((0.9 + 0.8 * 5.0) / 1.7)
+    assert (found.region.item(), found.depth.item()) == (2, 7.0)
+    rgba[0, 0, 3] = 1.0
+    found = averaged(Rendering(rgba, depth, np.array([[0, 2], [2, 1]], np.int16)), 2)
+    assert (found.region.item(), found.depth.item()) == (0, 1.0), "of one ray, not of a place between"
     nothing = Rendering(
         np.zeros((2, 2, 4), np.float32), np.full((2, 2), np.nan, np.float32), np.full((2, 2), -1, np.int16)
     )
@@ -64,7 +68,7 @@ def test_images_of_strokes_have_four_rays_a_pixel_and_others_one(balls: Scene, t
     assert shown == pytest.approx(over(fine.rgba, background).reshape(40, 2, 60, 2, 3).mean((1, 3)), abs=1e-5)
     behind = supersampled(strokes, camera, None, background).rgba
     assert np.all(behind[..., 3] == 1.0) and behind[..., :3] == pytest.approx(shown, abs=1e-6)
-    write_view(tmp_path / "strokes.png", strokes, camera, Shown(background=background))
+    write_view(tmp_path / "strokes.png", strokes, camera, RenderSettings(background=background))
     assert (
         np.abs(np.asarray(Image.open(tmp_path / "strokes.png").convert("RGB"), np.float32) / 255 - shown).max() < 0.01
     )

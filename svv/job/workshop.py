@@ -163,14 +163,14 @@ class Workshop:
     def render(self, scene: str, out: str, azimuth: float = 0.0, elevation: float = 0.0, size: int = 512) -> str:
         """Render a scene over white to a .png, from degrees to the right of and above its front."""
         from svv.core.colour.colour import WHITE
-        from svv.render.frames import Shown, write_view
+        from svv.render.frames import RenderSettings, write_view
 
         if not 16 <= size <= LARGEST:
             raise BadInput(f"A picture has 16 to {LARGEST} pixels a side, not {size}.")
         path, loaded = self.place(out), self._scene(scene)
         if path.suffix.lower() != ".png":
             raise BadInput(f"A picture is a .png, not '{out}': choose another name.")
-        write_view(path, loaded, _camera(loaded, azimuth, elevation, size), Shown(background=WHITE))
+        write_view(path, loaded, _camera(loaded, azimuth, elevation, size), RenderSettings(background=WHITE))
         return self.shown(path)
 
     def figure(self, scenes: list[str], out: str, unit: str | None = None, value_unit: str | None = None) -> str:

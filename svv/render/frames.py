@@ -41,7 +41,7 @@ PREVIEW_SIZE = 96
 
 
 @dataclass(frozen=True)
-class Shown:
+class RenderSettings:
     """What pictures of a scene show."""
 
     network: str | None = None
@@ -55,7 +55,7 @@ class Shown:
     :func:`svv.render.supersampled.samples_for` says."""
 
 
-SHOWN = Shown()
+COLOURS = RenderSettings()
 """The colours of the last network."""
 
 
@@ -110,7 +110,7 @@ def write_view(
     path: Path,
     scene: Scene,
     camera: Camera,
-    shown: Shown = SHOWN,
+    shown: RenderSettings = COLOURS,
     progress: Progress = silent,
     made: str = "",
 ) -> None:
@@ -128,7 +128,11 @@ def write_view(
         BadInput: The scene does not have that network, or the file cannot be written.
     """
     check_writable(path)
-    view = supersampled(scene, camera, shown.network, None, progress, shown.samples)
+    colours = path.suffix.lower() == ".vti" or shown.what == "rgba"
+    samples = (
+        shown.samples if shown.samples is not None or colours else 1
+    )  # edges of regions and depths have nothing to smooth
+    view = supersampled(scene, camera, shown.network, None, progress, samples)
     if path.suffix.lower() == ".vti":
         write_vti(path, view.rgba, view.depth, view.region)
     elif shown.what == "depth":
@@ -153,7 +157,7 @@ def previews_in(path: Path) -> Callable[[Scene], None]:
     check_writable(path)
 
     def show(scene: Scene) -> None:
-        write_view(path, scene, orbit(scene, 181, SHOWN_SIZE, SHOWN_SIZE)[90], Shown(background=WHITE))
+        write_view(path, scene, orbit(scene, 181, SHOWN_SIZE, SHOWN_SIZE)[90], RenderSettings(background=WHITE))
 
     return show
 
@@ -162,7 +166,7 @@ def write_frames(
     folder: Path,
     scene: Scene | Played,
     cameras: Sequence[Camera],
-    shown: Shown = SHOWN,
+    shown: RenderSettings = COLOURS,
     progress: Progress = silent,
     those: slice = slice(None),
 ) -> list[Path]:
@@ -196,7 +200,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
     """
     from svv.fields.radiance.kept_views import kept_at_once
 
-    frames = [_Frames(folder, scene, SHOWN) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
+    frames = [_Frames(folder, scene, COLOURS) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)
     for number, camera in enumerate(cameras):
         with kept_at_once():
@@ -209,7 +213,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
 class _Frames:
     """Frames of a scene in a folder; one that was made from the same scene, camera and settings is left as it is."""
 
-    def __init__(self, folder: Path, scene: Scene | Played, shown: Shown) -> None:
+    def __init__(self, folder: Path, scene: Scene | Played, shown: RenderSettings) -> None:
         self._folder, self._shown = make_folder(folder), replace(shown, samples=shown.samples or 1)
         whole, self._at, self._steps = _at_each(scene)
         self._look = digest(whole.to_bytes(), *vars(self._shown).values())
@@ -251,7 +255,7 @@ def write_movie(
     path: Path,
     scene: Scene | Played,
     cameras: Sequence[Camera],
-    shown: Shown = SHOWN,
+    shown: RenderSettings = COLOURS,
     fps: float = 30.0,
     progress: Progress = silent,
 ) -> None:

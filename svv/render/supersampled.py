@@ -73,7 +73,8 @@ def supersampled(
 def averaged(fine: Rendering, n: int) -> Rendering:
     """Return an image whose pixels are squares of ``n`` x ``n`` pixels of another.
 
-    Colours count as much as they are opaque, and so do depths; a pixel belongs to the region with the most opacity.
+    Colours count as much as they are opaque. A pixel belongs to the region with the most opacity, and has the depth of
+    that region's most opaque ray: a mean would lie between a silhouette and what is behind it, where nothing is.
 
     >>> from svv.fields.scene.scene import Rendering
     >>> red = np.array([[[1, 0, 0, 1], [0, 0, 0, 0]]] * 2, np.float32)
@@ -84,15 +85,16 @@ def averaged(fine: Rendering, n: int) -> Rendering:
     total = alpha.sum(2)
     share = alpha / np.maximum(total, 1e-12)[..., None]
     colour = np.stack([(share * _squares(fine.rgba[..., c], n)).sum(2) for c in range(3)], 2)
-    depth = (share * np.nan_to_num(_squares(fine.depth, n))).sum(2)
     number = _squares(fine.region, n)
     seen = np.stack([(alpha * (number == k)).sum(2) for k in range(int(number.max(initial=-1)) + 1)] or [total], 2)
-    there = (number >= 0).any(2)
+    there, region = (number >= 0).any(2), seen.argmax(2)
+    ray = np.where(number == region[..., None], alpha, -1.0).argmax(2)
+    depth = np.take_along_axis(_squares(fine.depth, n), ray[..., None], 2)[..., 0]
     return replace(
         fine,
         rgba=np.concatenate([colour, total[..., None] / n**2], 2, dtype=np.float32),
         depth=np.where(there, depth, np.nan).astype(np.float32),
-        region=np.where(there, seen.argmax(2), -1).astype(np.int16),
+        region=np.where(there, region, -1).astype(np.int16),
     )
 
 

@@ -67,7 +67,7 @@ def render(
     from svv.train.run import ranks
 
     _check(out, orbit, camera, time, play)
-    pictures = views.Shown(options.network, options.background, options.what, options.supersample)
+    pictures = views.RenderSettings(options.network, options.background, options.what, options.supersample)
     one_view = out.suffix.lower() in ONE_VIEW
     here, one_file = ranks.place(), out.suffix.lower() in (".png", ".vti", ".mp4")
     if here.rank and one_file:

@@ -8,10 +8,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from svv.core.colour.colour import lab_to_rgb
 from svv.core.images.structure_tensor import structure_tensor
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
-from svv.styles.hand import PROFILE, TONES, Hand, measure_hand
+from svv.styles.hand import INKS, PROFILE, TONES, Hand, measure_hand
 from svv.train.paint import plan
 from svv.train.paint.manner import manner_of
 
@@ -103,6 +104,20 @@ def test_the_palette_goes_from_dark_to_light() -> None:
     assert hand.darkest[0] <= hand.palette[0, 0]
 
 
+def test_inks_are_the_commonest_colours_that_differ_the_commonest_first() -> None:
+    picture = np.full((90, 120, 3), (0.9, 0.85, 0.7), np.float32)
+    picture[:, 60:100] = 0.1, 0.2, 0.45
+    picture[:, 100:] = 0.8, 0.25, 0.15
+    picture[:2, :3] = 0.0, 1.0, 0.0  # less than LEAST_INK
+    inks = lab_to_rgb(measure_hand(picture).inks)
+    assert inks == pytest.approx(np.array([(0.9, 0.85, 0.7), (0.1, 0.2, 0.45), (0.8, 0.25, 0.15)]), abs=0.02)
+
+
+def test_even_a_picture_of_many_colours_has_an_ink() -> None:
+    noise = np.random.default_rng(0).random((300, 300, 3)).astype(np.float32)
+    assert 1 <= len(measure_hand(noise).inks) <= INKS
+
+
 def test_a_mask_measures_only_its_part() -> None:
     picture = np.concatenate([strokes(6, 40, 0.0), strokes(6, 40, 0.5 * np.pi)], axis=1)
     mask = np.zeros(picture.shape[:2], bool)
@@ -180,11 +195,11 @@ def test_the_structure_tensor_follows_stripes(angle: float) -> None:
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        *dict.fromkeys(("impasto", "watercolour", "oil", "pastel", "charcoal"), "strokes").items(),
-        *dict.fromkeys(("mosaic", "woodcut", "screen-print", "cross-hatching", "stipple"), "pieces").items(),
+        *dict.fromkeys(("impasto", "watercolour", "oil", "pastel", "charcoal", "woodcut"), "strokes").items(),
+        *dict.fromkeys(("mosaic", "screen-print", "cross-hatching", "stipple"), "pieces").items(),
     ],
 )
-def test_paintings_are_painted_by_strokes_and_prints_and_mosaics_by_pieces(name: str, expected: str) -> None:
+def test_paintings_and_block_prints_are_painted_by_strokes_and_mosaics_by_pieces(name: str, expected: str) -> None:
     assert manner_of(measure_hand(gallery_picture(name)))[0] == expected
 
 

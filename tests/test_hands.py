@@ -154,8 +154,8 @@ def test_wet_brushes_stay_in_their_wash_when_packed() -> None:
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        *dict.fromkeys(("impasto", "oil", "pastel", "charcoal", "mosaic", "woodcut", "stipple"), "oil").items(),
-        ("watercolour", "watercolour"), ("ink-wash", "ink-wash"), ("pointillism", "dots"),
+        *dict.fromkeys(("impasto", "oil", "pastel", "charcoal", "mosaic", "screen-print", "stipple"), "oil").items(),
+        ("woodcut", "print"), ("watercolour", "watercolour"), ("ink-wash", "ink-wash"), ("pointillism", "dots"),
     ],
 )  # fmt: skip
 def test_the_hand_is_measured_where_it_can_be_and_oil_in_doubt(name: str, expected: str) -> None:
@@ -228,6 +228,37 @@ def test_ink_is_nearly_neutral_and_its_lines_are_thin_at_their_ends() -> None:
     ends = np.array([strokes.radius[strokes.start[q]] for q in lines])
     middles = np.array([strokes.radius[(strokes.start[q] + strokes.start[q + 1]) // 2] for q in lines])
     assert len(lines) > 3 and (ends < 0.6 * middles).mean() > 0.9
+
+
+def test_a_print_has_the_inks_of_its_picture_and_one_in_each_patch_of_a_block() -> None:
+    painter, work = laid("print", "woodcut")
+    colours, inks = rgb2lab(work.strokes.colour), painter.hand.inks
+    away = np.linalg.norm(colours[:, None] - inks, axis=2)
+    assert away.min(1).max() < 1.5 and (work.strokes.colour == work.strokes.second).all()
+    assert len(np.unique(away.argmin(1))) >= 3
+    middle = work.strokes.where[(work.strokes.start[:-1] + work.strokes.start[1:]) // 2]
+    patch = painter.map.tree.query(middle)[1]
+    for wash in (0.125, 0.25, 0.375):
+        block = np.flatnonzero(work.strokes.bristles == wash)
+        kept = [np.bincount(away[block].argmin(1)[patch[block] == p]).max(initial=0) for p in np.unique(patch[block])]
+        # Strokes whose middle lies in another patch than their seed have that one's ink.
+        assert sum(kept) > 0.7 * len(block)
+
+
+def test_blocks_of_a_print_are_darker_the_darker_the_form() -> None:
+    painter, work = laid("print", "woodcut")
+    light = rgb2lab(work.strokes.colour)[:, 0]
+    means = [light[work.strokes.bristles == wash].mean() for wash in (0.125, 0.25, 0.375)]
+    assert means[0] > means[1] + 10.0 > means[2] + 15.0
+    tone = painter.tone[painter.surface.tree.query(work.strokes.where)[1]]
+    dark = np.array([tone[work.strokes.bristles[work.strokes.stroke] == wash].mean() for wash in (0.125, 0.25, 0.375)])
+    assert (np.diff(dark) < -0.1).all()
+
+
+def test_rims_and_teeth_are_as_large_as_the_washes_below_the_lines() -> None:
+    lines = straight_stroke((0.3, 0.5, 0.5), (0.7, 0.5, 0.5), 0.002, points=90)
+    assert joined([crossing(1, 1), lines]).unit == crossing(1, 1).unit == pytest.approx(0.1)
+    assert lines.unit == pytest.approx(0.004)
 
 
 def test_oil_is_painted_as_it_is_measured() -> None:

@@ -60,6 +60,10 @@ of :data:`SIDE`."""
 BIN, COMMONEST = (8.0, 10.0, 10.0), 8
 """Size of the bins of CIELAB in which colours are counted, and number of bins that count as the commonest."""
 
+INKS, LEAST_INK, OTHER_INK = 8, 0.004, 16.0
+"""Number of flat colours looked for, the least fraction of the picture that one makes up, and the least distance in
+CIELAB between two of them."""
+
 LEAST_CONTRAST = 1.0
 """Contrast in units of lightness below which strokes cannot be seen: such a picture is called plain."""
 
@@ -93,6 +97,8 @@ class Hand:
     """Fraction of the picture in which lightness hardly varies: flat ink, sky in a photograph, blank paper."""
     common: float
     """Fraction of the picture that its eight commonest colours make up."""
+    inks: Floats
+    """Its commonest colours that differ, CIELAB, the commonest first: a print's inks. (at most INKS, 3)"""
     palette: Floats
     """Mean colour of each range of tone, from dark to light, CIELAB. (TONES, 3)"""
     darkest: Floats
@@ -223,14 +229,23 @@ class _Scale:
         return profile.astype(np.float32), float(np.clip(count, 1.0, 8.0)), float(fine.std())
 
 
-def _uses(lab: Floats, inside: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the fraction of a picture that is smooth, and that of its commonest colours."""
+def _uses(lab: Floats, inside: NDArray[np.bool_]) -> tuple[float, float, Floats]:
+    """Return the fraction of a picture that is smooth, that of its commonest colours, and its inks."""
     window = max(WINDOW * max(inside.shape) / SIDE, 1.0)
     mean, square = (gaussian_filter(values, window) for values in (lab[..., 0], np.square(lab[..., 0])))
     smooth = float((np.maximum(square - mean * mean, 0.0) < SMOOTH**2)[inside].mean())
-    bins = np.floor(lab[inside] / np.array(BIN)).astype(np.int64) + 64
-    count = np.bincount(np.ravel_multi_index(tuple(bins.T), (128, 128, 128)))
-    return smooth, float(np.sort(count)[-COMMONEST:].sum() / len(bins))
+    colours = lab[inside]
+    bins = np.floor(colours / np.array(BIN)).astype(np.int64) + 64
+    _, bin_of, count = np.unique(
+        np.ravel_multi_index(tuple(bins.T), (128, 128, 128)), return_inverse=True, return_counts=True
+    )
+    means = np.stack([np.bincount(bin_of.reshape(-1), c) for c in colours.T], 1) / count[:, None]
+    order = np.argsort(-count, kind="stable")
+    inks: list[NDArray[np.float64]] = []
+    for number in order[: max(int((count >= LEAST_INK * len(bins)).sum()), 1)]:
+        if len(inks) < INKS and all(np.linalg.norm(means[number] - ink) >= OTHER_INK for ink in inks):
+            inks.append(means[number])
+    return smooth, float(count[order[:COMMONEST]].sum() / len(bins)), np.array(inks, np.float32)
 
 
 def _half_lag(lines: Floats) -> float:

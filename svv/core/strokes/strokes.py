@@ -179,8 +179,9 @@ class Strokes:
 
     @cached_property
     def unit(self) -> float:
-        """Median width of the strokes, in box units."""
-        return 2.0 * float(np.median(self.radius))
+        """Median width of the strokes, in box units; of wet ones if there are any: lines may lie over washes."""
+        wet = self.bristles[self.stroke] < WET
+        return 2.0 * float(np.median(self.radius[wet] if wet.any() else self.radius))
 
     @cached_property
     def length(self) -> Floats:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from svv.core.colour.colour import lab_to_rgb
 from svv.core.strokes.strokes import Brush, Strokes, joined
@@ -119,7 +120,8 @@ class Painter:
         bends = surface.bends(BENT * width)
         self.clear = np.asarray(1.0 - (surface.alpha / CLEAR).clip(0.0, 1.0), np.float64)
         """How translucent each point is, in [0, 1]. (S,)"""
-        self.on_glass = self.clear if self.technique.brush.body == 1.0 else np.zeros(len(surface))
+        dry = self.technique.brush.body == 1.0 and not self.technique.flat
+        self.on_glass = self.clear if dry else np.zeros(len(surface))
         """How far strokes are sparse and opaque on a clear ground: washes flow into each other. (S,)"""
         self.tone = self._of_both_sides(surface.tones(opacity, cells, width, bends.mean))
         """Tone of each point, from dark to light, evenly distributed over what is visible. (S,)"""
@@ -311,8 +313,21 @@ class Painter:
         cost += clear * np.square(dull[among] / DULL)
         each = np.arange(len(seed))
         chosen = [among[each, (cost + CHANCE * generator.random(cost.shape)).argmin(1)] for _ in range(2)]
+        if self.technique.flat:
+            ink = np.asarray(lab_to_rgb(self._inks(seed, hand.colours[chosen[0]])), np.float32)
+            return ink, ink
         found = [lab_to_rgb(self.technique.coloured(hand.colours[c], generator)) for c in chosen]
         if self.technique.brush.body < 1.0:
             paper = np.maximum(np.array(self.ground or (1.0, 1.0, 1.0)), 0.05)
             found = [(one / paper).clip(0.02, 1.0) ** layer.share for one in found]
         return tuple(np.asarray(one, np.float32) for one in found)  # type: ignore[return-value]
+
+    def _inks(self, seed: NDArray[np.int64], asked: Floats) -> NDArray[np.float64]:
+        """Return the ink of strokes, CIELAB (N, 3): one in each patch of the surface, drawn from what they ask for."""
+        inks = self.hand.inks
+        votes = np.zeros((len(self.map.patches), len(inks)))
+        patch = self.map.tree.query(self.surface.points[seed])[1]
+        np.add.at(votes, (patch, cKDTree(inks).query(asked)[1]), 1.0)
+        share = np.cumsum(votes, 1) / np.maximum(votes.sum(1, keepdims=True), 1.0)
+        drawn = (share < self.generator.random((len(votes), 1))).sum(1).clip(max=len(inks) - 1)
+        return np.asarray(inks[drawn[patch]], np.float64)

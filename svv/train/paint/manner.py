@@ -1,8 +1,8 @@
 """In which manner a style is painted: by brush strokes, or by pieces of its picture.
 
-Strokes show the hand of a painter. What has no such hand is better shown by pieces (:mod:`svv.train.quilt.quilt`): flat
-inks of prints and the smooth parts of photographs would become strokes that nobody painted, and stones, dots and
-textures would lose their shapes.
+Strokes show the hand of a painter, and prints are printed block by block. What has no such hand is better shown by
+pieces (:mod:`svv.train.quilt.quilt`): the smooth parts of photographs would become strokes that nobody painted, and
+stones, halftone dots and textures would lose their shapes.
 """
 
 from __future__ import annotations
@@ -40,6 +40,11 @@ BROAD, CALM = 0.02, 0.06
 NEUTRAL, WASHED = 10.0, 0.25
 """Chroma that all but one in twenty strokes of ink have at most, and the least fraction of tones between ink and paper:
 text and line drawings have hardly any."""
+
+INKS, HARD, ALTERNATING, LONG, BLANK = (0.52, 0.9), 14.0, 0.09, 1.8, 0.4
+"""A print has few flat inks with hard edges: bounds of the fraction of the commonest colours (0.56 to 0.85 in woodblock
+prints and their halves; paintings have less, drawings and text more); least contrast, broken tone and elongation, which
+are less in photographs and halftones; and the largest smooth fraction."""
 
 
 def manner_of(hand: Hand) -> tuple[MannerName, str]:
@@ -81,13 +86,17 @@ def technique_of(hand: Hand) -> tuple[HandName, str]:
     even = hand.smooth < SMOOTH and hand.common < FEW_COLOURS
     if hand.elongation < SHORT and DOTS[0] <= hand.scatter <= DOTS[1] and even:
         return "dots", "its marks are round dots of broken tone"
+    vivid = float(np.quantile(chroma, 0.95))
+    few = INKS[0] <= hand.common < INKS[1] and vivid > NEUTRAL and hand.smooth < BLANK
+    if few and hand.contrast >= HARD and hand.scatter >= ALTERNATING and hand.elongation >= LONG:
+        return "print", "it has a few flat inks with hard edges"
     ink = float(((light > 35.0) & (light < 80.0)).mean())
     paper = float(np.quantile(light, 0.97))
     if paper < PAPER or float(light.mean()) < LIGHT:
         return "oil", "its lights are painted"
     if hand.width < BROAD * max(hand.size):
         return "oil", "its strokes are narrow"
-    if float(np.quantile(chroma, 0.95)) <= NEUTRAL:
+    if vivid <= NEUTRAL:
         return ("ink-wash", "it has greys of one ink on light paper") if ink >= WASHED else ("oil", "its ink is a line")
     if hand.scatter <= CALM and even:
         return "watercolour", "its washes are broad, and its lights are paper"

@@ -65,6 +65,8 @@ class Technique:
     """Upper bound of every stroke's."""
     broken: float = 0.0
     """Deviation of strokes' hues, in radians: broken colour."""
+    flat: bool = False
+    """Whether it prints the picture's inks (:attr:`svv.styles.hand.Hand.inks`), one in each patch and layer."""
     complements: float = 0.0
     """Fraction of strokes that have the complement of their colour."""
 
@@ -156,6 +158,16 @@ TECHNIQUES: dict[HandName, Technique] = {
         ),
         Brush(0.0, 0.3, 0.3, grain=0.6, tooth=0.13, feather=0.6, blunt=0.5),
         ground=(0.1, 28.0, 45.0), lightness=(40.0, 100.0),
+    ),
+    "print": Technique(
+        (
+            Layer(2.4, 6.0, (0.30, 0.62), (0.28, 0.0), 0.15, 0.6, wash=1),
+            Layer(1.5, 7.0, (0.35, 0.62), (-0.12, 0.0), 0.15, 0.12, lightest=0.38, wash=2),
+            Layer(1.2, 7.0, (0.35, 0.62), (-0.42, 0.0), 0.1, 0.1, lightest=0.12, wash=3),
+            Layer(0.25, 20.0, (0.4, 9.0), (-0.5, 0.0), 0.0, 0.8, lightest=0.75, swell=0.7),
+            Layer(0.25, 14.0, (0.4, 10.0), (0.48, 0.0), 0.0, 0.3, lightest=0.18, swell=0.7),
+        ),
+        Brush(0.0, 0.0, 0.0, rim=1.0, blunt=1.0), flat=True,
     ),
 }  # fmt: skip
 """The techniques by name."""

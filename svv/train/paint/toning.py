@@ -32,6 +32,9 @@ CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 1.6, 25.0
 """Bounds of the factors on contrast and chroma (what is hardly opaque has no more contrast, and up to the third value
 of chroma), and largest change of lightness."""
 
+PRINTED, RETOUCHED = (0.95, 1.1), 6.0
+"""The bounds on contrast, and the largest change of lightness, of inks: they stay what they are in the picture."""
+
 VIVID = 0.6
 """How much more chroma than the picture what is hardly opaque shows, as a fraction: paper makes it pale."""
 
@@ -112,14 +115,15 @@ def toned(
     vivid = (1.0 + VIVID * clear) * float(np.hypot(*hand.colours[:, 1:].T).mean())
     wanted = Shown(mean, float(light.std()), min(technique.chroma * vivid, technique.most_chroma))
     contrast, chroma, shift, found = 1.0, 1.0, 0.0, None
-    most, strongest = CHROMA[1] + (CLEAR - CHROMA[1]) * clear, CONTRAST[1] + (1.0 - CONTRAST[1]) * clear
+    (weakest, strongest), away = (PRINTED, RETOUCHED) if technique.flat else (CONTRAST, SHIFT)
+    most, strongest = CHROMA[1] + (CLEAR - CHROMA[1]) * clear, strongest + (1.0 - strongest) * clear
     for _ in range(ROUNDS):
         found = looked.shown(paint(looked.where))
         if found is None:
             break
-        contrast = float(np.clip(contrast * wanted.contrast / max(found.contrast, 1e-3), CONTRAST[0], strongest))
+        contrast = float(np.clip(contrast * wanted.contrast / max(found.contrast, 1e-3), weakest, strongest))
         chroma = float(np.clip(chroma * wanted.chroma / max(found.chroma, 1e-3), CHROMA[0], most))
-        shift = float(np.clip(shift + wanted.mean[0] - found.mean[0], -SHIFT, SHIFT))
+        shift = float(np.clip(shift + wanted.mean[0] - found.mean[0], -away, away))
         paint = paint.with_strokes(retoned(work.strokes, contrast, chroma, shift))
     return replace(work, strokes=paint.strokes), looked.shown(paint(looked.where))
 

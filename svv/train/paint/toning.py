@@ -25,7 +25,7 @@ from svv.train.paint.techniques import TECHNIQUES
 ROUNDS = 5
 """Number of corrections, needed because colours are clipped."""
 
-VIEWS, MOST = 5, 6_000
+VIEWS, MOST = 5, 3_000
 """Number of views in which a region is looked at, and maximum number of samples of each."""
 
 CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 1.6, 25.0

@@ -48,10 +48,10 @@ KEPT = IMAGES.parents[1] / "build" / "pictures"
 WIDTH = 1600
 """Width of the showpiece and the gallery in pixels."""
 
-SHOWN = {"oil and impasto": ("oil", "impasto"), "pastel": ("pastel",), "dots": ("pointillism",)}
+SHOWN = {"oil and impasto": ("oil", "impasto"), "woodcut": ("woodcut",), "pastel": ("pastel",)}
 """Label -> pictures of the gallery for the regions in turn: the hands of the showpiece, without its shell."""
 
-HANDS = {"oil": "auto", "impasto": "auto", "watercolour": "auto", "ink-wash": "auto", "pointillism": "auto",
+HANDS = {"oil": "auto", "woodcut": "auto", "watercolour": "auto", "ink-wash": "auto", "pointillism": "auto",
          "pastel": "pastel"}  # fmt: skip
 """Pictures of the gallery that the gallery's columns show -> hand in which they are painted."""
 

@@ -64,6 +64,9 @@ INKS, LEAST_INK, OTHER_INK = 8, 0.004, 16.0
 """Number of flat colours looked for, the least fraction of the picture that one makes up, and the least distance in
 CIELAB between two of them."""
 
+FLAT, EVEN = 0.75, 10.0
+"""Fraction of the picture, and deviation of lightness around a pixel, up to which a pixel shows one ink alone."""
+
 LEAST_CONTRAST = 1.0
 """Contrast in units of lightness below which strokes cannot be seen: such a picture is called plain."""
 
@@ -233,19 +236,34 @@ def _uses(lab: Floats, inside: NDArray[np.bool_]) -> tuple[float, float, Floats]
     """Return the fraction of a picture that is smooth, that of its commonest colours, and its inks."""
     window = max(WINDOW * max(inside.shape) / SIDE, 1.0)
     mean, square = (gaussian_filter(values, window) for values in (lab[..., 0], np.square(lab[..., 0])))
-    smooth = float((np.maximum(square - mean * mean, 0.0) < SMOOTH**2)[inside].mean())
+    spread = np.maximum(square - mean * mean, 0.0)[inside]
     colours = lab[inside]
-    bins = np.floor(colours / np.array(BIN)).astype(np.int64) + 64
-    _, bin_of, count = np.unique(
-        np.ravel_multi_index(tuple(bins.T), (128, 128, 128)), return_inverse=True, return_counts=True
-    )
-    means = np.stack([np.bincount(bin_of.reshape(-1), c) for c in colours.T], 1) / count[:, None]
-    order = np.argsort(-count, kind="stable")
-    inks: list[NDArray[np.float64]] = []
-    for number in order[: max(int((count >= LEAST_INK * len(bins)).sum()), 1)]:
-        if len(inks) < INKS and all(np.linalg.norm(means[number] - ink) >= OTHER_INK for ink in inks):
+    _, count = _binned(colours)
+    common = float(np.sort(count)[-COMMONEST:].sum() / len(colours))
+    # Pixels between two inks are a mixture of both, which is no ink.
+    flat = spread < np.minimum(np.quantile(spread, FLAT), EVEN**2)
+    return float((spread < SMOOTH**2).mean()), common, _inks(colours[flat] if flat.any() else colours)
+
+
+def _inks(colours: Floats) -> Floats:
+    """Return the commonest colours of some (N, 3), CIELAB, that differ. (at most INKS, 3)"""
+    means, count = _binned(colours)
+    inks: list[Floats] = []
+    for number in np.argsort(-count, kind="stable"):
+        rare = inks and count[number] < LEAST_INK * len(colours)
+        if rare or len(inks) == INKS:
+            break
+        if all(np.linalg.norm(means[number] - ink) >= OTHER_INK for ink in inks):
             inks.append(means[number])
-    return smooth, float(count[order[:COMMONEST]].sum() / len(bins)), np.array(inks, np.float32)
+    return np.array(inks, np.float32)
+
+
+def _binned(colours: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the mean colour of each bin that has any of some colours (N, 3), (B, 3), and how many it has (B,)."""
+    bins = np.ravel_multi_index(tuple((np.floor(colours / np.array(BIN)).astype(np.int64) + 64).T), (128, 128, 128))
+    _, of, count = np.unique(bins, return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(of.reshape(-1), channel) for channel in colours.T], 1) / count[:, None]
+    return means.astype(np.float32), count
 
 
 def _half_lag(lines: Floats) -> float:

@@ -72,6 +72,9 @@ TONE, PLACE, CHANCE = 0.06, 0.15, 0.5
 """Difference in tone, in ranks, and distance in the picture, in its long side, that cost as much when a stroke's colour
 is chosen; and the weight of chance."""
 
+LOOSE = 5.0
+"""How much more inks on what is wholly transparent may differ in tone from what is wanted."""
+
 NEAR, ANYWHERE = 80, 120
 """Number of colours from around a stroke's place in the picture, and from all of it, among which one is chosen."""
 
@@ -307,9 +310,10 @@ class Painter:
             + self.on_glass[seed] * (asked - wanted)
             + LIFTED * (clear[:, 0] - self.on_glass[seed]) * (1.0 - wanted)
         )
-        vivid = np.hypot(hand.colours[:, 1], hand.colours[:, 2])
-        dull = 1.0 - (vivid / float(np.quantile(vivid, 0.95).clip(1.0, COLOURFUL))).clip(0.0, 1.0)
-        cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)
+        dull = self._dull(hand.colours)
+        # Inks on what is translucent need not show the form, which shows in its opacity.
+        loose = 1.0 + LOOSE * self.technique.flat * clear
+        cost = np.square((hand.tones[among] - wanted[:, None]) / (TONE * loose)) + np.square(away / PLACE)
         cost += clear * np.square(dull[among] / DULL)
         each = np.arange(len(seed))
         chosen = [among[each, (cost + CHANCE * generator.random(cost.shape)).argmin(1)] for _ in range(2)]
@@ -322,12 +326,19 @@ class Painter:
             found = [(one / paper).clip(0.02, 1.0) ** layer.share for one in found]
         return tuple(np.asarray(one, np.float32) for one in found)  # type: ignore[return-value]
 
+    def _dull(self, colours: Floats) -> NDArray[np.float64]:
+        """Return how colours (N, 3), CIELAB, lack chroma beside the picture's most vivid ones, in [0, 1]. (N,)"""
+        vivid = float(np.quantile(np.hypot(self.hand.colours[:, 1], self.hand.colours[:, 2]), 0.95))
+        chroma = np.hypot(colours[:, 1], colours[:, 2]).astype(np.float64)
+        return np.asarray(1.0 - (chroma / np.clip(vivid, 1.0, COLOURFUL)).clip(0.0, 1.0))
+
     def _inks(self, seed: NDArray[np.int64], asked: Floats) -> NDArray[np.float64]:
         """Return the ink of strokes, CIELAB (N, 3): one in each patch of the surface, drawn from what they ask for."""
         inks = self.hand.inks
         votes = np.zeros((len(self.map.patches), len(inks)))
         patch = self.map.tree.query(self.surface.points[seed])[1]
-        np.add.at(votes, (patch, cKDTree(inks).query(asked)[1]), 1.0)
+        ink = cKDTree(inks).query(asked)[1]
+        np.add.at(votes, (patch, ink), 1.0 - self.clear[seed] * self._dull(inks)[ink])
         share = np.cumsum(votes, 1) / np.maximum(votes.sum(1, keepdims=True), 1.0)
         drawn = (share < self.generator.random((len(votes), 1))).sum(1).clip(max=len(inks) - 1)
         return np.asarray(inks[drawn[patch]], np.float64)

@@ -190,10 +190,12 @@ def test_pictures_without_a_hand_are_oil(name: str) -> None:
 # --- laying ----------------------------------------------------------------------------------------------------------
 
 
-def laid(name: HandName, picture: str = "oil") -> tuple[Painter, Brushwork]:
-    """A ball painted in a hand."""
+def laid(name: HandName, picture: str = "oil", alpha: float = 1.0) -> tuple[Painter, Brushwork]:
+    """A ball of some opacity painted in a hand."""
     hand: Hand = replace(measure_hand(gallery_picture(picture, 300)), technique=name)
-    painter = Painter(hand, ball(), EMPTY, 64, WIDTH, 0.004, 0)
+    surface = ball()
+    surface = replace(surface, alpha=np.full(len(surface), alpha, np.float32))
+    painter = Painter(hand, surface, EMPTY, 64, WIDTH, 0.004, 0)
     work = painter.painted(silent)
     assert work is not None
     return painter, work
@@ -253,6 +255,11 @@ def test_blocks_of_a_print_are_darker_the_darker_the_form() -> None:
     tone = painter.tone[painter.surface.tree.query(work.strokes.where)[1]]
     dark = np.array([tone[work.strokes.bristles[work.strokes.stroke] == wash].mean() for wash in (0.125, 0.25, 0.375)])
     assert (np.diff(dark) < -0.1).all()
+
+
+def test_prints_on_glass_take_the_vivid_inks() -> None:
+    chroma = [np.hypot(*rgb2lab(laid("print", "woodcut", a)[1].strokes.colour)[:, 1:].T).mean() for a in (1.0, 0.05)]
+    assert chroma[1] > 1.15 * chroma[0]
 
 
 def test_rims_and_teeth_are_as_large_as_the_washes_below_the_lines() -> None:

@@ -35,6 +35,13 @@ paraview/test_displays paraview/test_transfer_functions paraview/test_start test
 """The modules that take longest, which come first, so that the workers end at about the same time."""
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Leave out tests of what measures where nothing that they import has changed (``make test``)."""
+    from tests.unchanged import Unchanged
+
+    config.pluginmanager.register(Unchanged(config))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the longest modules."""
     place = {f"tests/{name}.py": number for number, name in enumerate(LONGEST)}

@@ -103,6 +103,14 @@ def every_step(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"svv.train.run.loop.{name}", 0.0)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def short_movies() -> Iterator[None]:
+    """Pages are written with movies of two frames instead of thirty: nothing is asked of the other frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
+        yield
+
+
 @pytest.fixture(scope="session")
 def cube() -> Scene:
     """A translucent cube, in which three regions lie about at random."""

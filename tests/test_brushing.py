@@ -311,6 +311,7 @@ def test_each_region_has_its_own_strokes(oil: tuple[Scene, dict]) -> None:
     assert scene.stroked == {k: k for k in scene.styled.brushed.regions}
 
 
+@pytest.mark.slow
 def test_both_manners_may_meet_in_one_painting(balls: Scene) -> None:
     scene, report = painted(balls, ("oil", "mosaic"), mapping={0: 0, 1: 1}, stroke_size=BROAD)
     assert report["manner"] == {"0": "strokes", "1": "pieces"}
@@ -351,7 +352,9 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize(
+    "name", ["flat", "8:1", *(pytest.param(n, marks=pytest.mark.slow) for n in ODD if n not in ("flat", "8:1"))]
+)
 def test_any_picture_can_be_painted_by_strokes(balls: Scene, name: str) -> None:
     """Without a stroke in the picture, its colours are all that is taken."""
     scene, report = stylize_scene(balls, [ODD[name]], SHORT, manner="strokes", stroke_size=BROAD)

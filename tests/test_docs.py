@@ -25,7 +25,7 @@ PYTHON_TUTORIAL = DOCS / "tutorials" / "python.md"
 GUIDES = sorted([*(DOCS / "tutorials").glob("*.md"), *(DOCS / "how-to").glob("*.md"), DOCS.parent / "README.md"])
 """Pages whose blocks are run."""
 
-LONG = {"blender", "cinema", "figures", "masks", "notebook", "pyvista"}
+LONG = {"blender", "cinema", "figures", "images", "masks", "notebook", "python", "pyvista"}
 """Those of them that take longest."""
 
 NOT_RUN = {"needs ParaView": 11, "needs a GPU": 1, "takes minutes": 10}

@@ -1,4 +1,4 @@
-"""Tests of what measures are not run again where nothing that they import has changed since they passed.
+"""Tests of what measures and of GPU kernels run only where something that they import has changed since they passed.
 
 ``make test`` sets ``SVV_TESTS_UNCHANGED=skip``; everything else runs all. What passed is kept in pytest's cache.
 """
@@ -20,12 +20,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
-MEASURING = """
+KEPT = """
+test_triton_cells test_triton_compiles test_triton_images test_triton_kernels test_triton_networks test_triton_strokes
+test_triton_tomography test_triton_variants
 test_ablation test_bench_gpu test_blind test_campaign test_chart test_chart_figures test_compared test_consistency
 test_exhibits test_flow test_frames test_frames_input test_lines test_profile
 test_rival_frames test_stability test_stability_bar
 """.split()
-"""Tests of ``bench/`` and of ``campaign/``; all other modules run whenever they are asked for."""
+"""Tests of the GPU's kernels in the interpreter, of ``bench/`` and of ``campaign/``; all others always run."""
 
 PACKAGES = {"svv": ROOT, "svv_bench": ROOT / "bench", "campaign": ROOT, "tests": ROOT}
 
@@ -39,14 +41,27 @@ WHOLE_NAME = re.compile(r"(svv|svv_bench|campaign|tests)(\.\w+)+")
 
 
 def imported(path: Path) -> Iterator[str]:
-    """Yield the dotted names of all that a module imports, inside functions as well, or names as text."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    """Yield the dotted names of all that a module imports, inside functions as well, or names as text.
+
+    ``svv/__init__.py`` names all of the public interface, of which a module needs what it takes from there.
+    """
+    text = path.read_text(encoding="utf-8")
+    if re.search(r"^\s*(import svv$|from svv import )", text, re.MULTILINE):
+        yield from public()
+    for node in ast.walk(ast.parse("" if path == ROOT / "svv" / "__init__.py" else text)):
         if isinstance(node, ast.Import):
             yield from (name.name for name in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             yield from (f"{node.module}.{name.name}" for name in node.names)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and WHOLE_NAME.fullmatch(node.value):
             yield node.value
+
+
+@cache
+def public() -> tuple[str, ...]:
+    """Return the names of the modules of the public interface."""
+    text = (ROOT / "svv" / "__init__.py").read_text(encoding="utf-8")
+    return tuple(sorted({match[0] for match in re.finditer(r"\bsvv(\.\w+)+", text)}))
 
 
 def files_of(name: str) -> Iterator[Path]:
@@ -88,13 +103,13 @@ def state(module: str) -> str:
     return total.hexdigest()
 
 
-def is_measuring(module: str) -> bool:
+def is_kept(module: str) -> bool:
     """Whether a test module, by its path, may be left out if nothing has changed."""
-    return Path(module).stem in MEASURING and Path(module).parent.name == "tests"
+    return Path(module).stem in KEPT and Path(module).parent.name == "tests"
 
 
 class Unchanged:
-    """A plugin of pytest: skips measuring modules that are as when they passed, and keeps which pass now."""
+    """A plugin of pytest: skips such modules that are as when they passed, and keeps which pass now."""
 
     def __init__(self, config: pytest.Config) -> None:
         self.config = config
@@ -106,7 +121,7 @@ class Unchanged:
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Count the tests of each module before any are left out, and skip what is unchanged."""
-        usual = [i for i in items if is_measuring(module_of(i.nodeid)) and not i.get_closest_marker("slow")]
+        usual = [i for i in items if is_kept(module_of(i.nodeid)) and not i.get_closest_marker("slow")]
         self.expected = Counter(module_of(item.nodeid) for item in usual)
         if self.skips:
             same = {m for m in self.expected if self.config.cache and self.config.cache.get(key(m), "") == state(m)}

@@ -51,6 +51,7 @@ said["next"] = views(wavelet, ResampleTo=4)[1]  # works, and an image is left as
 """
 
 
+@pytest.mark.slow
 def test_the_filters_resample_what_is_no_image(inside) -> None:
     said = inside(MESHES)
     for name, kind in (("unstructured", "vtkUnstructuredGrid"), ("structured", "vtkStructuredGrid"),

@@ -29,8 +29,10 @@ settings.load_profile("svv")
 
 
 LONGEST = """
-paraview/test_filters paraview/test_scripts test_docs test_demo test_looks test_brushing test_consistency
-paraview/test_displays paraview/test_transfer_functions paraview/test_start test_classified test_agreement
+paraview/test_live paraview/test_filters test_demo test_brushing test_looks paraview/test_figure_filter test_learning
+paraview/test_extract_views test_triton_tomography paraview/test_scripts test_docs test_agreement test_cli
+paraview/test_filters_at_work test_consistency test_training test_classified test_web paraview/test_start
+paraview/test_displays test_docstrings test_styling
 """.split()
 """The modules that take longest, which come first, so that the workers end at about the same time."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 MESHES = """
 wavelet = Wavelet(WholeExtent=[-6, 6] * 3)
 

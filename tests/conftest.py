@@ -106,11 +106,14 @@ def every_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def short_movies() -> Iterator[None]:
-    """Pages are written with movies of two frames instead of thirty: nothing is asked of the other frames."""
+def short_movies() -> Iterator[int]:
+    """Pages are written with movies of two frames, unless a test asks how long they are. Gives the usual number."""
+    from svv.render.web import page
+
+    usual = page.MOVIE_FRAMES
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
-        yield
+        patch.setattr(page, "MOVIE_FRAMES", 2)
+        yield usual
 
 
 @pytest.fixture(scope="session")

@@ -248,8 +248,7 @@ def oil(balls: Scene) -> tuple[Scene, dict]:
 
 def test_a_painting_is_laid_by_strokes_without_weights(oil: tuple[Scene, dict]) -> None:
     scene, report = oil
-    assert set(report["manner"].values()) == {"strokes"}
-    assert report["features"] == "none"
+    assert set(report["manner"].values()) == {"strokes"} and report["features"] == "none"
     assert any("painted by strokes" in note for note in report["notes"])
     assert scene.styled is not None and scene.styled.brushed is not None and scene.styled.brushed.complete
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import generated  # noqa: E402
+import tables  # noqa: E402
 
 from svv._version import __version__  # noqa: E402
 
@@ -42,3 +44,9 @@ suppress_warnings = ["myst.header"]
 linkcheck_ignore = [r"http://localhost.*"]
 
 generated.write(HERE / "reference")
+tables.write()
+
+
+def setup(app: Any) -> None:
+    """Mark the measurements that are older than their code."""
+    app.connect("source-read", tables.mark)

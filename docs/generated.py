@@ -89,7 +89,8 @@ def commands() -> Iterator[str]:
         yield from _command(f"svv {function.__name__}", function, ())
     for group, module in (*((name, f"svv.cli.{name}") for name in GROUPS), ("bench", "svv_bench.cli")):
         if group == "bench":
-            yield "`svv bench` is a distribution of its own: `pip install ./bench` in a checkout; `make` installs it.\n"
+            yield "`svv bench` is a distribution of its own: `pip install ./bench` in a checkout; `make` installs it."
+            yield "`svv bench --results FILE.csv COMMAND ...` appends what a command measures, one row a figure.\n"
         for name, (function, examples) in importlib.import_module(module).COMMANDS.items():
             yield from _command(f"svv {group} {name}", function, examples)
 

@@ -29,10 +29,19 @@ settings.load_profile("svv")
 
 
 LONGEST = """
-paraview/test_filters paraview/test_scripts test_docs test_demo test_looks test_brushing test_consistency
-paraview/test_displays paraview/test_transfer_functions paraview/test_start test_classified test_agreement
+paraview/test_live paraview/test_filters test_demo test_brushing test_looks paraview/test_figure_filter test_learning
+paraview/test_extract_views test_triton_tomography paraview/test_scripts test_docs test_agreement test_cli
+paraview/test_filters_at_work test_consistency test_training test_classified test_web paraview/test_start
+paraview/test_displays test_docstrings test_styling
 """.split()
 """The modules that take longest, which come first, so that the workers end at about the same time."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Leave out tests of what measures where nothing that they import has changed (``make test``)."""
+    from tests.unchanged import Unchanged
+
+    config.pluginmanager.register(Unchanged(config))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -94,6 +103,17 @@ def every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Training tells and saves every step, so that it can be stopped at any, however fast the machine is."""
     for name in ("SHOW_EVERY", "SAVE_EVERY"):
         monkeypatch.setattr(f"svv.train.run.loop.{name}", 0.0)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def short_movies() -> Iterator[int]:
+    """Pages are written with movies of two frames, unless a test asks how long they are. Gives the usual number."""
+    from svv.render.web import page
+
+    usual = page.MOVIE_FRAMES
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "MOVIE_FRAMES", 2)
+        yield usual
 
 
 @pytest.fixture(scope="session")

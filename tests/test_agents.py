@@ -26,6 +26,7 @@ def workshop(tmp_path: Path) -> Workshop:
     return Workshop(tmp_path / "root")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("broad_strokes")
 def test_tools_do_what_they_say(workshop: Workshop) -> None:
     assert workshop.files() == ["cube.svv"]

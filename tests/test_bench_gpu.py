@@ -14,7 +14,7 @@ from svv.errors import BadInput, Cancelled, silent
 from svv.io.views.viewset import ViewSet
 from svv_bench.gpu import parts
 from svv_bench.gpu.context import Context, add_result, draw_views, read_results
-from svv_bench.gpu.page import as_markdown, tables, write_report, wrong_kernels
+from svv_bench.gpu.page import figures, tables, write_report, wrong_kernels
 from svv_bench.gpu.parts import Part, parts_named, run_parts
 
 DOES = {
@@ -135,7 +135,9 @@ def test_the_page_sums_all_up(tmp_path: Path) -> None:
         assert text in page, text
     found = [table for table in tables(read_results(tmp_path)) if table.rows]
     assert all(len(row) == len(table.columns) for table in found for row in table.rows)
-    assert as_markdown(found).count("|---") == sum(len(table.columns) for table in found)
+    kept = {(one.table, one.row, one.column): (one.value, one.unit) for one in figures(read_results(tmp_path))}
+    assert kept["gpu/training", "cuda, warm", "in all"] == ("11.5", "s")
+    assert kept["gpu/scores", "cuda, pcn", "PSNR"] == ("35.40", "")
 
 
 def test_a_wrong_kernel_is_the_headline(tmp_path: Path) -> None:

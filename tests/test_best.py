@@ -69,6 +69,7 @@ def test_levels_that_memory_cannot_hold_are_left_out(most: int, left: tuple[int,
         assert f"cells of {left[-1]} are the finest" in reason
 
 
+@pytest.mark.slow
 def test_a_known_density_becomes_finer_and_images_use_every_sample(views: ViewSet) -> None:
     scene, report = train_scene(views, FEW)
     coarse, _ = train_scene(views, replace(FEW, reconstruct=replace(FEW.reconstruct, refine_known=False)))

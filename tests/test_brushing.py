@@ -248,8 +248,7 @@ def oil(balls: Scene) -> tuple[Scene, dict]:
 
 def test_a_painting_is_laid_by_strokes_without_weights(oil: tuple[Scene, dict]) -> None:
     scene, report = oil
-    assert set(report["manner"].values()) == {"strokes"}
-    assert report["features"] == "none"
+    assert set(report["manner"].values()) == {"strokes"} and report["features"] == "none"
     assert any("painted by strokes" in note for note in report["notes"])
     assert scene.styled is not None and scene.styled.brushed is not None and scene.styled.brushed.complete
 
@@ -311,6 +310,7 @@ def test_each_region_has_its_own_strokes(oil: tuple[Scene, dict]) -> None:
     assert scene.stroked == {k: k for k in scene.styled.brushed.regions}
 
 
+@pytest.mark.slow
 def test_both_manners_may_meet_in_one_painting(balls: Scene) -> None:
     scene, report = painted(balls, ("oil", "mosaic"), mapping={0: 0, 1: 1}, stroke_size=BROAD)
     assert report["manner"] == {"0": "strokes", "1": "pieces"}
@@ -345,13 +345,13 @@ def red_pixels() -> np.ndarray:
 
 ODD = {
     "flat": np.full((40, 40, 3), 0.4, np.float32),
-    "three red pixels": red_pixels(),
     "8:1": gallery_picture("oil", 300)[:24, :192],
+    "three red pixels": red_pixels(),
     "black and white": np.random.default_rng(0).integers(0, 2, (16, 16, 1)).repeat(3, 2).astype(np.float32),
 }
 
 
-@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("name", [*list(ODD)[:2], *(pytest.param(n, marks=pytest.mark.slow) for n in list(ODD)[2:])])
 def test_any_picture_can_be_painted_by_strokes(balls: Scene, name: str) -> None:
     """Without a stroke in the picture, its colours are all that is taken."""
     scene, report = stylize_scene(balls, [ODD[name]], SHORT, manner="strokes", stroke_size=BROAD)

@@ -187,6 +187,7 @@ def test_features_that_follow_from_coarser_ones_go_without_a_trace() -> None:
     np.testing.assert_allclose(after, before, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_paint_has_cells_of_its_own() -> None:
     """Colours do without the finer levels that this scene could have; what is painted on it does not."""
     scene = trained("opaque, one region")[0]

@@ -178,7 +178,7 @@ def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
     assert scores[0] > scores[1] + 0.3
 
 
-@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize("alone", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_command_says_what_it_learned_from(
     views: tuple[ViewSet, ViewSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
 ) -> None:
@@ -219,6 +219,7 @@ def test_a_classified_volume_that_the_views_do_not_name_is_none_of_theirs(
         read_classified(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_stopped_training_goes_on_to_the_same_scene(views: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
     """Before the step is halved and after."""
     train, _ = views

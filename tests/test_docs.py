@@ -25,7 +25,7 @@ PYTHON_TUTORIAL = DOCS / "tutorials" / "python.md"
 GUIDES = sorted([*(DOCS / "tutorials").glob("*.md"), *(DOCS / "how-to").glob("*.md"), DOCS.parent / "README.md"])
 """Pages whose blocks are run."""
 
-LONG = {"blender", "cinema", "figures", "masks", "notebook", "pyvista"}
+LONG = {"blender", "cinema", "figures", "images", "masks", "notebook", "python", "pyvista"}
 """Those of them that take longest."""
 
 NOT_RUN = {"needs ParaView": 11, "needs a GPU": 1, "takes minutes": 10}
@@ -159,13 +159,6 @@ def test_the_steps_of_the_presets_are_those_of_the_code() -> None:
     said = dict(re.findall(r"^\| `(\w+)` \|.*\| ([\d,]+ \+ [\d,]+) \|$", text, re.MULTILINE))
     made = {name: f"{p.reconstruct.iterations:,} + {p.recolour.iterations:,}" for name, p in PRESETS.items()}
     assert said == made
-
-
-def test_the_tables_of_the_gpu_are_those_of_its_results() -> None:
-    script = runpy.run_path(str(DOCS / "measurements/gpu_tables.py"))
-    page = (DOCS / "measurements/gpu.md").read_text(encoding="utf-8")
-    for results in (script["RESULTS"], script["LATER"]):
-        assert script["printed"](results) in page
 
 
 def test_every_block_has_a_language() -> None:

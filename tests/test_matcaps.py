@@ -160,7 +160,7 @@ def test_the_legend_shows_its_sphere(cube: Scene) -> None:
     assert np.abs(found[8:40, 8:40, :3] - expected[8:40, 8:40]).mean() < 0.03
 
 
-@pytest.mark.parametrize("lit", [False, True])
+@pytest.mark.parametrize("lit", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_page_shows_it_as_the_renderer_does(open_page: Any, balls: Scene, tmp_path: Path, lit: bool) -> None:
     scene = (lit_cube_scene() if lit else balls).edited(0, matcap="clay").edited(1, matcap="x-ray")
     write_html(tmp_path / "page.html", scene, "matcaps")

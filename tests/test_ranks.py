@@ -76,6 +76,7 @@ def results(folder: Path, rank: int) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_a_step_of_two_ranks_is_that_of_one(two: tuple[Path, list[tuple[int, str, str]]]) -> None:
     """The loss, gradients, moments and ages of Adam, parameters, numbers of rays, and what pruning goes by."""
     steps = sorted(two[0].glob("*.step"))
@@ -94,6 +95,7 @@ def test_a_step_of_two_ranks_is_that_of_one(two: tuple[Path, list[tuple[int, str
         assert free == [], f"{path.stem}: nothing is required of most values"
 
 
+@pytest.mark.slow
 def test_ranks_are_the_same_and_write_the_same(two: tuple[Path, list[tuple[int, str, str]]]) -> None:
     folder, _ = two
     first, second = (results(folder, rank) for rank in (0, 1))
@@ -103,10 +105,12 @@ def test_ranks_are_the_same_and_write_the_same(two: tuple[Path, list[tuple[int, 
     assert (folder / "0.svv").read_bytes() == (folder / "1.svv").read_bytes()
 
 
+@pytest.mark.slow
 def test_all_ranks_stop_when_one_is_stopped(two: tuple[Path, list[tuple[int, str, str]]]) -> None:
     assert all((two[0] / "stopped" / str(rank)).exists() for rank in (0, 1))
 
 
+@pytest.mark.slow
 def test_a_rank_that_dies_ends_the_run_which_another_number_of_ranks_resumes(
     two: tuple[Path, list[tuple[int, str, str]]],
 ) -> None:

@@ -272,6 +272,7 @@ def test_options_without_an_effect_are_refused(
         stylize_scene(scene, [picture], PaintOptions(**options))
 
 
+@pytest.mark.slow
 def test_a_scene_of_the_paper_s_hash_grid_is_painted_and_kept_too(picture: np.ndarray) -> None:
     cube = hash_cube_scene()
     assert cube.camera_rig is not None

@@ -67,7 +67,8 @@ def test_every_command_that_trains_offers_the_choice(command: str) -> None:
     assert "views_only" in inspect.signature(function).parameters
 
 
-@pytest.mark.parametrize("alone", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("alone", [False, True])
 def test_the_whole_job_passes_the_choice_on(
     views: ViewSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
 ) -> None:

@@ -57,10 +57,12 @@ def painted(balls: Scene) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def cube_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page of the cube, over black."""
+def cube_page(tmp_path_factory: pytest.TempPathFactory, short_movies: int) -> Path:
+    """The page of the cube, over black, with a movie of the usual length."""
     path = tmp_path_factory.mktemp("pages") / "cube.html"
-    write_html(path, cube_scene(), "cube", background=(0.0, 0.0, 0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("svv.render.web.page.MOVIE_FRAMES", short_movies)
+        write_html(path, cube_scene(), "cube", background=(0.0, 0.0, 0.0))
     return path
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.core.colour.colour_vision import simulated
@@ -20,6 +21,7 @@ EVIL = "<b>bone</b> & 'more'"
 """A name that would be HTML."""
 
 
+@pytest.mark.slow
 def test_colours_edited_in_oklab_are_those_of_the_renderer(open_page: Any, cube: Scene, tmp_path: Path) -> None:
     scene = cube.edited(0, colour=(0.2, 0.9, 0.4), recolour_in="oklab")
     write_html(tmp_path / "page.html", scene, "recoloured")

@@ -85,6 +85,7 @@ def test_light_moves_where_it_can(named: Scene) -> None:
         say(named, "light from the left")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("broad_strokes")
 def test_styles_are_painted_beside_what_is_painted(named: Scene) -> None:
     first = say(named, "the ring in oil", preset="draft").scene

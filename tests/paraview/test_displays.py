@@ -215,6 +215,7 @@ said["opacities"] = GetOpacityTransferFunction("s").ListProperties()
             assert row.why.startswith("The volume is ") and row.why.endswith(".") and ": " in row.why
 
 
+@pytest.mark.slow
 def test_properties_without_effect_have_none(pvpython, tmp_path) -> None:
     said = _said(
         pvpython,

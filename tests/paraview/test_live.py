@@ -20,8 +20,14 @@ def live(pvpython: Callable, tmp_path: Path) -> Callable[[str], None]:
     return lambda script: pvpython(LIVE + script, tmp_path, own=True)
 
 
-def test_what_is_learned_beside_the_window_is_what_a_script_waits_for(live: Callable, tmp_path: Path) -> None:
-    live("""
+# A script's filter, and one in the window with Live off.
+@pytest.mark.parametrize(("window", "on"), [(0, 1), pytest.param(1, 0, marks=pytest.mark.slow)])
+def test_what_is_learned_beside_the_window_is_what_a_script_waits_for(
+    live: Callable, tmp_path: Path, window: int, on: int
+) -> None:
+    live(
+        f"window, on = {window}, {on}"
+        + """
 os.environ["SVV_CACHE"] = f"{folder}/one"
 filter = make(**FEW)
 filter.UpdatePipeline()
@@ -42,15 +48,15 @@ del filter
 assert workers() == [], workers()
 
 os.environ["SVV_CACHE"] = f"{folder}/two"
-for window, on in ((0, 1), (1, 0)):  # a script's filter, and one in the window with Live off
-    filter = make(window=window, Live=on, **FEW)
-    filter.UpdatePipeline()
-    assert is_done(status(filter)), status(filter)
-    assert workers() == []
-    for name, values in image(filter)[1].items():
-        assert np.array_equal(values, result[name], equal_nan=name == "Depth"), name
-    Delete(filter)
-""")
+filter = make(window=window, Live=on, **FEW)
+filter.UpdatePipeline()
+assert is_done(status(filter)), status(filter)
+assert workers() == []
+for name, values in image(filter)[1].items():
+    assert np.array_equal(values, result[name], equal_nan=name == "Depth"), name
+Delete(filter)
+"""
+    )
     assert "InWindow" not in (tmp_path / "state.pvsm").read_text()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 MESHES = """
 wavelet = Wavelet(WholeExtent=[-6, 6] * 3)
 
@@ -51,6 +53,7 @@ said["next"] = views(wavelet, ResampleTo=4)[1]  # works, and an image is left as
 """
 
 
+@pytest.mark.slow
 def test_the_filters_resample_what_is_no_image(inside) -> None:
     said = inside(MESHES)
     for name, kind in (("unstructured", "vtkUnstructuredGrid"), ("structured", "vtkStructuredGrid"),

@@ -25,11 +25,12 @@ from svv.train.pipeline import stylize_scene
 from svv.train.quilt.pieces import PieceSettings
 from svv_bench.ablation.palette import PALETTE_COLUMNS, PALETTE_NOTE, PALETTES, ablate_palette
 from svv_bench.keys import key_of_measure
+from svv_bench.results import record
 from svv_bench.styles.consistency import draw_frames, measure_frames
 from svv_bench.styles.likeness import caption
 from svv_bench.styles.modes import PaintedAsShown, flat_means, kept_scene, likeness
 from svv_bench.styles.path import FINE, OrbitPath, Protocol, finely
-from svv_bench.styles.table import JUDGED, contact_sheet, markdown, write_tables
+from svv_bench.styles.table import JUDGED, contact_sheet, figures, markdown, write_tables
 
 Row = dict[str, Any]
 
@@ -148,6 +149,11 @@ def _table(job: Ablation, name: str, rows: Sequence[Row]) -> str:
     apart = {f"depth {n} {k}": f"{title}, {n} apart" for n in job.protocol.intervals for k, title in metrics.items()}
     columns, note = ({**apart, **STYLE_COLUMNS}, STYLE_NOTE) if name in STYLES else (PALETTE_COLUMNS, PALETTE_NOTE)
     shown = [{"variant": row["variant"], **{title: _text(key, row) for key, title in columns.items()}} for row in rows]
+    record(
+        figures(
+            "painting/ablation" if name in STYLES else "consistency/palette", shown, "variant", list(columns.values())
+        )
+    )
     return f"## {name}\n\n{markdown(shown, 'variant', list(columns.values()))}\n\n{note}\n"
 
 

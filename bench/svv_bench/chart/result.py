@@ -13,6 +13,7 @@ from svv_bench.chart import figures
 from svv_bench.chart.figures import megabytes, panels
 from svv_bench.chart.job import Chart
 from svv_bench.chart.table import Row, front, write_all
+from svv_bench.results import Figure, cells, record
 
 PROTOCOL = (
     "Views that were not trained on, truth and prediction over white, prediction clamped; PSNR, foreground PSNR (true "
@@ -42,7 +43,28 @@ def make_chart(chart: Chart, progress: Progress = silent) -> Path:
         rows = chart.rows()
         if rows:
             write_result(chart, rows)
+            record(measured(rows))
     return chart.out / "chart.html"
+
+
+def measured(rows: Sequence[Row]) -> list[Figure]:
+    """Return the figures of all runs, for the file of results."""
+    columns = (
+        ("training", "s", ".0f"), ("CPU", "s", ".0f"), ("PSNR", "dB", ".1f"), ("foreground", "dB", ".1f"),
+        ("a view", "s", ".2f"), ("x DVR", "", ".1f"), ("file", "MB", ".1f"),
+    )  # fmt: skip
+    return cells(
+        "chart/presets",
+        [
+            (
+                f"{r.scene} | `{r.preset}`, {r.kind} | {r.limit}",
+                (r.train_seconds, r.train_cpu_seconds, r.psnr, r.psnr_foreground, r.view_seconds, r.dvr_ratio,
+                 r.scene_bytes / 1e6),
+            )
+            for r in rows
+        ],
+        columns,
+    )  # fmt: skip
 
 
 def write_result(chart: Chart, rows: Sequence[Row]) -> None:

@@ -11,6 +11,7 @@ import typer
 from svv.cli.option_group import spread
 from svv.options.described import Setting
 from svv.progress import shown
+from svv_bench.results import record
 
 GPU = (
     "svv bench gpu --out gpu",
@@ -74,7 +75,7 @@ def gpu(
     from svv.io.files.atomic import make_folder
     from svv.io.views.transforms import transforms_file
     from svv_bench.gpu.context import Context, draw_views, read_results
-    from svv_bench.gpu.page import write_report, wrong_kernels
+    from svv_bench.gpu.page import figures, write_report, wrong_kernels
     from svv_bench.gpu.parts import parts_named, run_parts
 
     make_folder(out)
@@ -92,7 +93,9 @@ def gpu(
             run_parts(context, how.time_limit, progress, chosen)
     finally:
         page = write_report(out)
-    wrong = wrong_kernels(read_results(out))
+    measured = read_results(out)
+    record(figures(measured))
+    wrong = wrong_kernels(measured)
     print(page)
     if wrong:
         raise BadInput(f"{len(wrong)} kernels differ from plain torch on this device: {', '.join(wrong)}; see {page}.")

@@ -14,6 +14,7 @@ from svv.cli.options import Json
 from svv.options.described import Setting
 from svv.options.making import PresetName
 from svv.progress import shown
+from svv_bench.results import record
 
 PROFILE = (
     "svv bench profile views",
@@ -55,7 +56,7 @@ def profile(
     from svv.io.files.atomic import check_writable, write_json
     from svv.io.views.viewset import ViewSet
     from svv_bench.profile.profile import profile_views
-    from svv_bench.profile.table import as_text
+    from svv_bench.profile.table import as_text, figures
 
     if json is not None:
         check_writable(json)
@@ -68,3 +69,4 @@ def profile(
         plain["ceilings"] = found["ceilings"].to_json()
         write_json(json, {**plain, "profiles": [p.to_json() for p in found["profiles"]]})
     print(as_text(found["profiles"], found["ceilings"]))
+    record(figures(found["profiles"]))

@@ -13,6 +13,7 @@ from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.making import PRESET_NAMES, PresetName
 from svv.progress import shown
+from svv_bench.results import record
 
 if TYPE_CHECKING:
     from svv_bench.stability.cases import BenchSettings
@@ -75,7 +76,7 @@ def stability(
     from svv_bench.charts import need_matplotlib
     from svv_bench.stability.cases import CASES, USUAL
     from svv_bench.stability.runs import Matrix, run_stability
-    from svv_bench.stability.table import FILES, write_summary
+    from svv_bench.stability.table import FILES, figures, write_summary
 
     if listed:
         wide = max(map(len, CASES))
@@ -87,6 +88,7 @@ def stability(
     with shown("Stability") as progress:
         records = run_stability(out, matrix, settings, progress)
     rows = write_summary(out, records)
+    record(figures(rows))
     for row in rows:
         if row.failed:
             what = ", ".join(f"{word} ({count}/{row.runs})" for word, count in row.failed.items())

@@ -15,6 +15,7 @@ from svv.options.described import Setting
 from svv.options.making import NetworkName, PresetName
 from svv.progress import shown
 from svv_bench.cli.frames import OfFrames, changed, check_scene, measure_folder
+from svv_bench.results import record
 
 if TYPE_CHECKING:
     from svv_bench.styles.path import Protocol
@@ -148,7 +149,7 @@ def consistency(
     from svv_bench.styles.consistency import consistency
     from svv_bench.styles.paper import SEEN
     from svv_bench.styles.path import METRICS
-    from svv_bench.styles.table import markdown
+    from svv_bench.styles.table import figures, markdown
 
     protocol = frames.protocol(flows, oversample)
     if json is not None:
@@ -162,7 +163,9 @@ def consistency(
     if json is not None:
         write_json(json, {"scene": scene.name, "network": name, "protocol": vars(protocol), **found})
     named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]
-    print(markdown(named, "flow, interval", (*METRICS, *SEEN, "share", "pairs")))
+    columns = (*METRICS, *SEEN, "share", "pairs")
+    print(markdown(named, "flow, interval", columns))
+    record(figures(f"consistency/{scene.stem}", named, "flow, interval", columns))
     for kind, errors in found["flow_error"].items():
         apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
         print(f"{kind} differs from the flow of the depth by {apart} frames.")

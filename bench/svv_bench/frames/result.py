@@ -21,8 +21,9 @@ from svv_bench.frames.motion import Estimated, Source, given_motion
 from svv_bench.frames.painted import Painting, paint_frames
 from svv_bench.frames.sequence import FrameFolder, read_folder
 from svv_bench.keys import key_of_measure
+from svv_bench.results import record
 from svv_bench.styles.paper import PAPER
-from svv_bench.styles.table import markdown, write_tables
+from svv_bench.styles.table import figures, markdown, write_tables
 
 COLUMNS = ("mse", "lpips", "rmse_part", "flip", *PAPER, "share", "followed", "pairs")
 """Figures that the table shows; the files have all."""
@@ -184,6 +185,7 @@ def write_result(out: Path, found: Mapping[str, Any]) -> str:
     notes = "\n".join(f"- {note}" for note in found["notes"])
     text = markdown(rows, "frames, flow, interval", COLUMNS) + (f"\n\n{notes}" if notes else "") + "\n"
     write_tables(make_folder(out), "consistency", found["rows"], text)
+    record(figures("consistency/frames", rows, "frames, flow, interval", COLUMNS))
     return text
 
 

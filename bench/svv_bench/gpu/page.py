@@ -9,6 +9,7 @@ from typing import Any
 from svv.job.page import Page, Table, write_page
 from svv_bench.gpu.context import read_results
 from svv_bench.gpu.parts import PARTS
+from svv_bench.results import Figure
 
 Results = Sequence[Mapping[str, Any]]
 REPORT = "report.html"
@@ -42,19 +43,15 @@ def tables(results: Results) -> list[Table]:
     ]
 
 
-def as_markdown(found: Sequence[Table]) -> str:
-    """Return tables as Markdown, for the documentation."""
-    blocks = []
-    for table in found:
-        if table.rows:
-            lines = [
-                f"**{table.heading}.** {table.text}",
-                "",
-                f"| {' | '.join(table.columns)} |",
-                "|---" * len(table.columns) + "|",
-            ]
-            blocks.append("\n".join([*lines, *(f"| {' | '.join(row)} |" for row in table.rows)]))
-    return "\n\n".join(blocks) + "\n"
+def figures(results: Results) -> list[Figure]:
+    """Return training times and scores, for the file of results."""
+    return [
+        Figure(f"gpu/{table.heading.lower()}", row[0], column, *value.split(" "))
+        for table in (_training(results), _scores(results))
+        for row in table.rows
+        for column, value in zip(table.columns[1:], row[1:])
+        if value
+    ]
 
 
 def wrong_kernels(results: Results) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from svv_bench.profile.ceilings import Ceilings
 from svv_bench.profile.watch import GLUE, NETWORKS, OPTIMISER, REST, REST_BACK
 from svv_bench.profile.work import Work
+from svv_bench.results import Figure, cells
 
 STAGES = (
     "draw pixels", "rays", "march", "choose samples", "encode", NETWORKS, "material and light", "regions of samples",
@@ -80,6 +81,20 @@ def profile_of(
             best = min(t.get(stage, 0.0) for t in times)
             stages.append(Stage(stage, seconds, best, seconds / total, own, floor, bound))
     return Profile(name, len(times), rays, tuple(stages))
+
+
+def figures(profiles: Iterable[Profile]) -> list[Figure]:
+    """Return the stages' milliseconds, floors and ratios, for the file of results."""
+    columns = (("median", "ms", ".2f"), ("best", "ms", ".2f"), ("floor", "ms", ".2f"), ("best / floor", "", ".1f"))
+    rows = [
+        (
+            f"{p.name} | {s.name}",
+            (1e3 * s.seconds, 1e3 * s.best, *((1e3 * s.floor, s.best / s.floor) if s.work else (None, None))),
+        )
+        for p in profiles
+        for s in p.stages
+    ]
+    return cells("speed/profile", rows, columns)
 
 
 def as_text(profiles: Iterable[Profile], ceilings: Ceilings) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from svv.io.files.atomic import atomic_path, write_json
 from svv_bench.charts import need_matplotlib
+from svv_bench.results import Figure, cells
 from svv_bench.stability.cases import CASES, EASIEST
 from svv_bench.stability.measures import (
     FOREGROUND_DROP,
@@ -109,6 +110,19 @@ def _values(runs: Sequence[Record], key: str) -> list[float]:
 def _mean(runs: Sequence[Record], key: str) -> float | None:
     values = _values(runs, key)
     return float(np.mean(values)) if values else None
+
+
+def figures(rows: Sequence[Row]) -> list[Figure]:
+    """Return the table's figures, for the file of results: a table for each preset."""
+    columns = (("seeds", "", "d"), ("foreground", "dB", ".1f"), ("lost", "dB", ".1f"), ("regions", "", ".2f"))
+    found: list[Figure] = []
+    for row in rows:
+        failed = ", ".join(f"{word} ({count}/{row.runs})" for word, count in row.failed.items()) or "none"
+        foreground = row.foreground if row.spread is None else f"{row.foreground:.1f} ± {row.spread:.1f}"
+        values = (row.runs, foreground, row.lost, row.overlap, row.shown_colour, failed)
+        more = (("colours", "", ".1f"), ("failures", "", ""))
+        found += cells(f"stability/{row.preset}", [(CASES[row.case].title, values)], (*columns, *more))
+    return found
 
 
 def write_summary(out: Path, records: Sequence[Record]) -> list[Row]:

@@ -37,6 +37,7 @@ from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene
 from svv.train.quilt.pieces import PieceSettings
 from svv_bench.keys import key_of_measure
+from svv_bench.results import record
 from svv_bench.styles.consistency import draw_frames, means, measure_frames, straight
 from svv_bench.styles.likeness import FIGURES, caption, judge_of, painted_figures
 from svv_bench.styles.paper import seen_means
@@ -49,6 +50,7 @@ from svv_bench.styles.table import (
     both_protocols,
     consistency_columns,
     contact_sheet,
+    figures,
     markdown,
     victories,
     write_tables,
@@ -332,6 +334,7 @@ def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
     ]
     text = "\n\n".join(p for p in parts if p) + "\n"
     write_tables(out, "modes", rows, text)
+    record(figures("consistency/compare", averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]))
     return text
 
 

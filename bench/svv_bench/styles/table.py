@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from svv.io.files.atomic import atomic_path, write_json
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet
+from svv_bench.results import Figure
 from svv_bench.styles.paper import PAPER
 from svv_bench.styles.path import OrbitPath, Protocol
 
@@ -60,6 +61,16 @@ def markdown(rows: Sequence[Row], first: str, columns: Sequence[str]) -> str:
     for row in rows:
         lines.append(f"| {row[first]} | " + " | ".join(_text(row.get(name)) for name in columns) + " |")
     return "\n".join(lines)
+
+
+def figures(table: str, rows: Sequence[Row], first: str, columns: Sequence[str]) -> list[Figure]:
+    """Return the figures of the same table, for the file of results; what was not measured is left out."""
+    return [
+        Figure(table, str(row[first]), name, _text(row[name]))
+        for row in rows
+        for name in columns
+        if row.get(name) is not None
+    ]
 
 
 def victories(rows: Sequence[Row], winner: str, rivals: Sequence[str], columns: Sequence[str]) -> str:

@@ -75,6 +75,9 @@ is chosen; and the weight of chance."""
 LOOSE = 5.0
 """How much more inks on what is wholly transparent may differ in tone from what is wanted."""
 
+APT = 0.4
+"""How far an ink's rank by lightness may be from a block's tone until it is seldom chosen."""
+
 NEAR, ANYWHERE = 80, 120
 """Number of colours from around a stroke's place in the picture, and from all of it, among which one is chosen."""
 
@@ -318,7 +321,7 @@ class Painter:
         each = np.arange(len(seed))
         chosen = [among[each, (cost + CHANCE * generator.random(cost.shape)).argmin(1)] for _ in range(2)]
         if self.technique.flat:
-            ink = np.asarray(lab_to_rgb(self._inks(seed, hand.colours[chosen[0]])), np.float32)
+            ink = np.asarray(lab_to_rgb(self._inks(layer, seed, hand.colours[chosen[0]])), np.float32)
             return ink, ink
         found = [lab_to_rgb(self.technique.coloured(hand.colours[c], generator)) for c in chosen]
         if self.technique.brush.body < 1.0:
@@ -332,13 +335,16 @@ class Painter:
         chroma = np.hypot(colours[:, 1], colours[:, 2]).astype(np.float64)
         return np.asarray(1.0 - (chroma / np.clip(vivid, 1.0, COLOURFUL)).clip(0.0, 1.0))
 
-    def _inks(self, seed: NDArray[np.int64], asked: Floats) -> NDArray[np.float64]:
+    def _inks(self, layer: Layer, seed: NDArray[np.int64], asked: Floats) -> NDArray[np.float64]:
         """Return the ink of strokes, CIELAB (N, 3): one in each patch of the surface, drawn from what they ask for."""
         inks = self.hand.inks
         votes = np.zeros((len(self.map.patches), len(inks)))
         patch = self.map.tree.query(self.surface.points[seed])[1]
         ink = cKDTree(inks).query(asked)[1]
-        np.add.at(votes, (patch, ink), 1.0 - self.clear[seed] * self._dull(inks)[ink])
-        share = np.cumsum(votes, 1) / np.maximum(votes.sum(1, keepdims=True), 1.0)
+        # Blocks differ: the middle one has the inks between the darkest and the lightest, however common these are.
+        order = np.argsort(np.argsort(inks[:, 0])) / max(len(inks) - 1, 1)
+        apt = np.exp(-np.square((order - 0.5 - layer.tone[0]) / APT))
+        np.add.at(votes, (patch, ink), apt[ink] * (1.0 - self.clear[seed] * self._dull(inks)[ink]))
+        share = np.cumsum(votes, 1) / np.maximum(votes.sum(1, keepdims=True), 1e-9)
         drawn = (share < self.generator.random((len(votes), 1))).sum(1).clip(max=len(inks) - 1)
         return np.asarray(inks[drawn[patch]], np.float64)

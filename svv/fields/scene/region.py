@@ -82,6 +82,9 @@ class Region:
     layer: int = 0
     """Number of the transfer function that shows it, in a scene of several (:mod:`svv.fields.scene.joined`)."""
 
+    occlusion: float = 0.0
+    """How far places that little light reaches are darkened, in [0, 1] (:mod:`svv.fields.radiance.occlusion`)."""
+
     part_of: int | None = None
     """Number of the region that it was split from; None for a region of the palette."""
 
@@ -104,6 +107,8 @@ class Region:
     def __post_init__(self) -> None:
         if not (0.0 <= self.stroke_relief <= MOST_RELIEF and STROKE_WIDTHS[0] <= self.stroke_width <= STROKE_WIDTHS[1]):
             raise ValueError("the relief or the width of strokes is out of range")
+        if not 0.0 <= self.occlusion <= 1.0:
+            raise ValueError("the occlusion is out of range")
         if self.recolour_in not in get_args(RecolourName):
             raise ValueError(f"'{self.recolour_in}' is no space to recolour in")
 

@@ -13,6 +13,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.options.editing import (
     SPLIT_LEVEL,
     LightEdit,
+    OcclusionEdit,
     OutlineEdit,
     PaintEdit,
     PartEdit,
@@ -80,6 +81,7 @@ def edit_in(values: Values) -> SceneEdit:
     return SceneEdit(
         {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
         options_in(LightEdit, values, light=places[values["LightFrom"]]),
+        options_in(OcclusionEdit, values),
         options_in(PaintEdit, values, **_strokes_in(values)),
         # Width and colour have no meaning without an outline.
         outline if outline.outline is not None else OutlineEdit(),

@@ -135,7 +135,7 @@ def _of_matcap(matcap: str, x: Picture, y: Picture, facing: Picture) -> Picture:
 def _alone(scene: Scene, number: int, camera: Camera, network: str, light: bool) -> Rendering:
     """Render one region without the others, without ink, and with or without its light."""
     regions = tuple(
-        replace(r, hidden=k != number, outline=0.0, lighting=r.lighting if light else 0.0)
+        replace(r, hidden=k != number, outline=0.0, occlusion=0.0, lighting=r.lighting if light else 0.0)
         for k, r in enumerate(scene.regions)
     )
     return replace(scene, regions=regions).render(camera, network)

@@ -19,6 +19,7 @@ from svv.fields.strokes import stroke_edits
 RANGES = {
     "opacity": (0.0, np.inf),
     "lighting": (0.0, np.inf),
+    "occlusion": (0.0, 1.0),
     "strength": (0.0, 1.0),
     "paint_light": (0.0, 1.0),
     "stroke_opacity": (-1.0, 1.0),

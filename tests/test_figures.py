@@ -67,6 +67,21 @@ def test_a_figure_says_what_is_in_it(named: Scene) -> None:
     assert not {"a", "b"} & set(texts), "one panel needs no letter"
 
 
+def test_pixels_too_small_to_see_have_one_ray(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, sizes = cube.painted(cube_paint(cube, 1), {0: "oil"}, {}, "oil"), list[int]()
+    render = Scene.render
+
+    def noted(self: Scene, camera: Camera, *rest: Any) -> Any:
+        sizes.append(camera.width)
+        return render(self, camera, *rest)
+
+    monkeypatch.setattr(Scene, "render", noted)
+    monkeypatch.setattr("svv.render.supersampled.shows_strokes", lambda scene: True)
+    for dpi in (300, 600):
+        svv.figure(scene, None, width=20.0, dpi=dpi, legend="none", scale_bar=False, axes="none")
+    assert sizes[-1] == sizes[1], "as many rays along an inch of 300 dpi as of 600"
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_of_file(named: Scene, tmp_path: Path, kind: str) -> None:
     file = tmp_path / f"figure{kind}"

@@ -11,6 +11,7 @@ Letters: S samples, V vertices, D directions.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -44,9 +45,9 @@ FINEST = 128
 STOP = 6.0
 """Optical depth at which a direction is dark."""
 
-SMOOTHING = 1.0
-"""Standard deviation in cells of the Gaussian that smooths the result; places that light reaches count more, so
-surfaces do not take on the dark of their inside."""
+SMOOTHING = 2.0
+"""Standard deviation in cells of the Gaussian that smooths the light; places that it reaches count more, by its square,
+so surfaces do not take on the dark of their inside, which would show as stripes."""
 
 POWER = 1.5
 """Power of the openness that is shown: deep places darken more than shallow ones."""
@@ -136,7 +137,7 @@ def _matter(scene: Model, density: SparseLattice, key: object) -> _Shade:
         position = piece.to(density.table.device)
         logs.append(density.look_up(position).sum(dim=1).clamp(max=MOST_LOG_EXTINCTION).cpu().numpy())
         regions.append(scene.region_of(position, palette.material(position)[1]).cpu().numpy())
-    depth = np.exp(np.concatenate(logs)) / np.float32(resolution)
+    depth = (np.exp(np.concatenate(logs)) / resolution).astype(np.float32)
     return _Shade(key, vertices, depth, np.concatenate(regions))
 
 
@@ -151,13 +152,17 @@ def _lattice(scene: Model, shade: _Shade) -> SparseLattice:
     reach, start = REACH * resolution, START * resolution
     step = min(1.0, (reach - start) / STEPS)
     mean_transmittance(field, shade.vertices, _directions(), start, reach, step, STOP, light)
+    light = _smoothed(light, at, field)
     most = _median(light, light * -np.expm1(-depth))
-    shown = np.minimum(light / max(most, 1e-3), 1.0) ** POWER
-    weighted, weight = np.zeros_like(field), np.zeros_like(field)
-    weighted[at], weight[at] = light * shown, light
-    smooth = gaussian_filter(weighted, SMOOTHING)[at] / np.maximum(gaussian_filter(weight, SMOOTHING)[at], 1e-6)
-    lattice.table.copy_(torch.from_numpy(smooth.clip(0.0, 1.0))[:, None])
+    lattice.table.copy_(torch.from_numpy(np.minimum(light / max(most, 1e-3), 1.0) ** POWER)[:, None])
     return lattice
+
+
+def _smoothed(light: NDArray[np.float32], at: tuple[Any, ...], field: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the light (V,) at vertices, whose places in arrays like ``field`` are ``at``, smoothed."""
+    weight, weighted = np.zeros_like(field), np.zeros_like(field)
+    weight[at], weighted[at] = light**2, light**3
+    return np.asarray(gaussian_filter(weighted, SMOOTHING)[at] / (gaussian_filter(weight, SMOOTHING)[at] + 1e-9))
 
 
 def _median(values: NDArray[np.float32], weights: NDArray[np.float32]) -> float:

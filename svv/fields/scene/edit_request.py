@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TypeVar
 
 from svv.errors import Progress, silent
-from svv.fields.scene.edits import EditedModel
+from svv.fields.scene.variants import PaintedModel
 from svv.options.editing import SPLIT_LEVEL, SceneEdit
 
-Model = TypeVar("Model", bound=EditedModel)
+Model = TypeVar("Model", bound=PaintedModel)
 
 
 def with_edit(scene: Model, edit: SceneEdit, progress: Progress = silent) -> Model:

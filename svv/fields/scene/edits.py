@@ -18,7 +18,6 @@ from svv.core.colour.light import Lamp, checked_coefficients
 from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress, silent
 from svv.fields.radiance.matcaps import check_has_normals, checked_matcap, said_of
-from svv.fields.radiance.occlusion import check_has_extinction
 from svv.fields.scene.history import Edits, History, Step, edits_of, named_alone, restyled, with_edits
 from svv.fields.scene.model import Model
 from svv.fields.scene.parts import counted
@@ -190,16 +189,6 @@ class EditedModel(Model):
             BadInput: The amount is outside [0, 1], or a region does not exist.
         """
         return self._with_amount("paint_light", amount, regions, "The light on paint")
-
-    def with_occlusion(self, amount: float, *regions: int) -> Self:
-        """Return a scene in which cavities of these regions, by default of all, are darkened by an amount up to 1.
-
-        Raises:
-            BadInput: The amount is outside [0, 1], a region does not exist, or the extinction is in a hash grid.
-        """
-        for member in (self, *self.layers):
-            check_has_extinction(member)
-        return self._with_amount("occlusion", amount, regions, "The ambient occlusion")
 
     def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
         """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.

@@ -47,6 +47,10 @@ SWATCH_VIEW = 400
 MOST_PANELS = 24
 """Largest number of panels: more cannot be seen on a page."""
 
+FINE_DPI = 600
+"""Resolution from which a pixel has one ray: as many an inch as four rays a pixel have at half of it, and a reader sees no
+more; between them, edges of strokes at a slant have their stairs below what a print shows."""
+
 MOST_PIXELS = 150_000_000
 """Largest number of pixels of a figure."""
 
@@ -284,7 +288,9 @@ class Drawing:
         left, top = self._pixels(box.left), self._pixels(box.top)
         width, height = self._pixels(box.width), self._pixels(box.height - self.strip)
         camera = camera_through(panel.camera, window, width, height)
-        rendering = supersampled(panel.scene, camera, network_of(panel.scene, self.options), None, progress)
+        samples = 1 if self.options.dpi >= FINE_DPI else None
+        network = network_of(panel.scene, self.options)
+        rendering = supersampled(panel.scene, camera, network, None, progress, samples)
         self._picture(left, top, rendering.rgba)
         seen = seen_of(panel.scene, [rendering], self.options.behind) if panel.scene.regions else {}
         self.seen.append(list(seen.values()))

@@ -48,8 +48,8 @@ MOST_PANELS = 24
 """Largest number of panels: more cannot be seen on a page."""
 
 FINE_DPI = 600
-"""Resolution from which a pixel has one ray: as many an inch as four rays a pixel have at half of it, and a reader sees no
-more; between them, edges of strokes at a slant have their stairs below what a print shows."""
+"""Resolution from which a pixel has one ray: as many an inch as four rays a pixel have at half of it. Stairs of strokes
+at a slant are then too small for a reader to see."""
 
 MOST_PIXELS = 150_000_000
 """Largest number of pixels of a figure."""

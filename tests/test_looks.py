@@ -21,7 +21,7 @@ from svv.io.scene_file import write_scene_file
 from svv.options.figures import FigureOptions
 from svv.render.frames import seen_from
 from svv.render.looks import file
-from svv.render.looks.file import to_json
+from svv.render.looks.file import from_json, to_json
 from svv.render.looks.kept import LookRegion
 from svv.render.looks.look import Look
 from svv.train.paint.ink import Ink, StyleInput
@@ -244,6 +244,14 @@ def test_what_is_no_look_of_ours_is_refused_in_a_sentence(content: Any, words: s
     with pytest.raises(BadInput, match=words) as raised:
         Look.load(tmp_path / "look.json")
     assert str(raised.value).endswith(".") and "\n" not in str(raised.value)
+
+
+def test_edits_that_are_no_numbers_name_the_region(painted: Scene) -> None:
+    for field, value in (("opacity", float("nan")), ("occlusion", "much"), ("occlusion", -1.0), ("name", "x" * 300)):
+        told = to_json(Look.of(painted))
+        told["regions"][1]["edits"][field] = value
+        with pytest.raises(BadInput, match=r"it, region 1.*(save the look again|shorten it)"):
+            from_json(told, "it")
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 5000])

@@ -23,6 +23,10 @@ UNSEEN = ("Cc", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of what no name holds: control characters, halves of characters, and breaks of lines."""
 
 
+TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+"""Characters that change the direction of the text behind them, also beyond a name's end; names need none of them."""
+
+
 @dataclass(frozen=True)
 class Region:
     """A region of the scene, and its edits.
@@ -141,15 +145,25 @@ def checked_name(name: str) -> str | None:
     Raises:
         BadInput: It is too long, or has characters that cannot be shown, such as line breaks.
     """
-    text = unicodedata.normalize("NFC", name).strip()
-    if len(text) > LONGEST_NAME:
-        raise BadInput(f"The name of a region has at most {LONGEST_NAME} characters, not {len(text)}: shorten it.")
-    if hidden := [c for c in text if unicodedata.category(c) in UNSEEN]:
+    return checked_line(name, "The name of a region") or None
+
+
+def checked_line(line: str, what: str, longest: int = LONGEST_NAME) -> str:
+    """Return a line of text without blanks at its ends; ``what`` it is begins the sentence of an error.
+
+    Raises:
+        BadInput: It is too long, has characters that cannot be shown or that turn what follows, or shows nothing.
+    """
+    text = unicodedata.normalize("NFC", line).strip()
+    if len(text) > longest:
+        raise BadInput(f"{what} has at most {longest} characters, not {len(text)}: shorten it.")
+    if hidden := [c for c in text if unicodedata.category(c) in UNSEEN or c in TURNING]:
         raise BadInput(
-            f"The name of a region is one line of text, without the control character U+{ord(hidden[0]):04X}: leave "
-            "it out."
+            f"{what} is one line of text, without the control character U+{ord(hidden[0]):04X}: leave it out."
         )
-    return text or None
+    if text and all(unicodedata.category(c)[0] in "CZM" for c in text):
+        raise BadInput(f"{what} has no character that can be seen: write another, or leave it empty.")
+    return text
 
 
 def checked_space(name: str) -> str:

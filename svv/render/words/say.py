@@ -10,7 +10,7 @@ from typing import Any
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Scene
-from svv.options.making import PaintOptions, PresetName
+from svv.options.making import PREFIX, PaintOptions, PresetName
 from svv.render.words.colours import changed
 from svv.render.words.grammar import Clause, understood
 from svv.train.paint.ink import StyleInput, style_named
@@ -59,7 +59,7 @@ def say(
     lines = [_told(scene, clause) for clause in clauses]
     if wanted := [str(clause.wants["style"]) for clause in clauses if "style" in clause.wants and not paints]:
         raise BadInput(
-            f"The style {wanted[0]} takes painting, which is not done here: use StyleRF Stylize or svv edit --say for "
+            f"The style {wanted[0].removeprefix(PREFIX)} takes painting, which is not done here: use StyleRF Stylize or svv edit --say for "
             "it, and leave it out."
         )
     result = _painted(scene, clauses, progress, checkpoint, preset)

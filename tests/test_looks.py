@@ -21,7 +21,7 @@ from svv.io.scene_file import write_scene_file
 from svv.options.figures import FigureOptions
 from svv.render.frames import seen_from
 from svv.render.looks import file
-from svv.render.looks.file import from_json, to_json
+from svv.render.looks.file import to_json
 from svv.render.looks.kept import LookRegion
 from svv.render.looks.look import Look
 from svv.train.paint.ink import Ink, StyleInput

@@ -58,9 +58,10 @@ def say(
     clauses = understood(text, scene.regions)
     lines = [_told(scene, clause) for clause in clauses]
     if wanted := [str(clause.wants["style"]) for clause in clauses if "style" in clause.wants and not paints]:
+        name = wanted[0].removeprefix(PREFIX)
         raise BadInput(
-            f"The style {wanted[0].removeprefix(PREFIX)} takes painting, which is not done here: use StyleRF Stylize or svv edit --say for "
-            "it, and leave it out."
+            f"The style {name} takes painting, which is not done here: use StyleRF Stylize or svv edit --say for it, "
+            "and leave it out."
         )
     result = _painted(scene, clauses, progress, checkpoint, preset)
     before = result

@@ -45,8 +45,8 @@ FINEST = 128
 STOP = 6.0
 """Optical depth at which a direction is dark."""
 
-SMOOTHING = 2.0
-"""Standard deviation in cells of the Gaussian that smooths the light; places that it reaches count more, by its square,
+SMOOTHING = 1.0 / 64.0
+"""Standard deviation, as a fraction of the side, of the Gaussian that smooths the light; places that it reaches count more, by its square,
 so surfaces do not take on the dark of their inside, which would show as stripes."""
 
 POWER = 1.5
@@ -152,17 +152,19 @@ def _lattice(scene: Model, shade: _Shade) -> SparseLattice:
     reach, start = REACH * resolution, START * resolution
     step = min(1.0, (reach - start) / STEPS)
     mean_transmittance(field, shade.vertices, _directions(), start, reach, step, STOP, light)
-    light = _smoothed(light, at, field)
+    light = _smoothed(light, at, field, SMOOTHING * resolution)
     most = _median(light, light * -np.expm1(-depth))
     lattice.table.copy_(torch.from_numpy(np.minimum(light / max(most, 1e-3), 1.0) ** POWER)[:, None])
     return lattice
 
 
-def _smoothed(light: NDArray[np.float32], at: tuple[Any, ...], field: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the light (V,) at vertices, whose places in arrays like ``field`` are ``at``, smoothed."""
+def _smoothed(
+    light: NDArray[np.float32], at: tuple[Any, ...], field: NDArray[np.float32], width: float
+) -> NDArray[np.float32]:
+    """Return the light (V,) at vertices, whose places in arrays like ``field`` are ``at``, smoothed over a ``width`` in cells."""
     weight, weighted = np.zeros_like(field), np.zeros_like(field)
     weight[at], weighted[at] = light**2, light**3
-    return np.asarray(gaussian_filter(weighted, SMOOTHING)[at] / (gaussian_filter(weight, SMOOTHING)[at] + 1e-9))
+    return np.asarray(gaussian_filter(weighted, width)[at] / (gaussian_filter(weight, width)[at] + 1e-9))
 
 
 def _median(values: NDArray[np.float32], weights: NDArray[np.float32]) -> float:

@@ -46,8 +46,8 @@ STOP = 6.0
 """Optical depth at which a direction is dark."""
 
 SMOOTHING = 1.0 / 64.0
-"""Standard deviation, as a fraction of the side, of the Gaussian that smooths the light; places that it reaches count more, by its square,
-so surfaces do not take on the dark of their inside, which would show as stripes."""
+"""Standard deviation, as a fraction of the side, of the Gaussian that smooths the light; places that it reaches count
+more, by its square, so surfaces do not take on the dark of their inside, which would show as stripes."""
 
 POWER = 1.5
 """Power of the openness that is shown: deep places darken more than shallow ones."""
@@ -161,7 +161,7 @@ def _lattice(scene: Model, shade: _Shade) -> SparseLattice:
 def _smoothed(
     light: NDArray[np.float32], at: tuple[Any, ...], field: NDArray[np.float32], width: float
 ) -> NDArray[np.float32]:
-    """Return the light (V,) at vertices, whose places in arrays like ``field`` are ``at``, smoothed over a ``width`` in cells."""
+    """Return the light (V,) at vertices ``at`` these places of arrays like ``field``, smoothed; ``width`` in cells."""
     weight, weighted = np.zeros_like(field), np.zeros_like(field)
     weight[at], weighted[at] = light**2, light**3
     return np.asarray(gaussian_filter(weighted, width)[at] / (gaussian_filter(weight, width)[at] + 1e-9))

@@ -239,6 +239,15 @@ def outlines(studio: Studio) -> None:
     write("outlines.jpg", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_outline(1.0))])
 
 
+def occlusion(studio: Studio) -> None:
+    """The demo's scene in clay, without and with ambient occlusion."""
+    scene = studio.scene("demo").hidden(2)
+    for region in (0, 1):
+        scene = scene.edited(region, matcap="clay")
+    camera = view_of(scene, FRAMES["demo"], 2 * SIZE)
+    write("occlusion.jpg", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_occlusion(1.0))])
+
+
 def parts(studio: Studio) -> None:
     """The orbital; one of its lobes, which a click makes a region of its own, alone; without it; in green."""
     scene, size = studio.scene("orbital"), 2 * SIZE
@@ -356,6 +365,7 @@ PICTURES: dict[str, Callable[[Studio], None]] = {
         figures,
         ink,
         outlines,
+        occlusion,
         parts,
         journal_figure,
         colour_vision,

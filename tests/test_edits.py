@@ -32,6 +32,7 @@ EDITS = st.one_of(
     st.builds(lambda k: lambda s: s.reset(*k), SOME),
     st.builds(lambda f: lambda s: s.with_strength(f), st.floats(0.0, 1.0)),
     st.builds(lambda f, k: lambda s: s.with_paint_light(f, *k), st.floats(0.0, 1.0), SOME),
+    st.builds(lambda f, k: lambda s: s.with_occlusion(f, *k), st.floats(0.0, 1.0), SOME),
     st.builds(lambda f, k: lambda s: s.with_stroke_opacity(f, *k), st.floats(-1.0, 1.0), SOME),
     st.builds(lambda f, k, w: lambda s: s.with_outline(f, *k, width=w), st.floats(0.0, 1.0), SOME, st.floats(0.5, 9.0)),
     st.builds(lambda c: lambda s: s.with_outline(colour=c), COLOUR),
@@ -161,7 +162,7 @@ def test_every_field_is_an_edit_or_says_what_the_region_is() -> None:
         **reflects, paint_light=0.2, mean_light=(0.7, 0.1), outline=0.5, outline_width=3.0,
         outline_colour=(0.2, 0.0, 0.0), stroke_opacity=-0.4, stroke_relief=0.5, stroke_width=1.5,
         stroke_light=(0.0, 0.0, 1.0), stroke_palette=((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)), name="bone",
-        recolour_in="oklab", matcap="jade",
+        recolour_in="oklab", matcap="jade", occlusion=0.4,
     )  # fmt: skip
     edits = edits_of(edited)
     assert set(edits) == set(vars(edited)) - set(IDENTITY)

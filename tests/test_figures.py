@@ -67,6 +67,43 @@ def test_a_figure_says_what_is_in_it(named: Scene) -> None:
     assert not {"a", "b"} & set(texts), "one panel needs no letter"
 
 
+def test_pixels_too_small_to_see_have_one_ray(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, sizes = cube.painted(cube_paint(cube, 1), {0: "oil"}, {}, "oil"), list[int]()
+    render = Scene.render
+
+    def noted(self: Scene, camera: Camera, *rest: Any) -> Any:
+        sizes.append(camera.width)
+        return render(self, camera, *rest)
+
+    monkeypatch.setattr(Scene, "render", noted)
+    monkeypatch.setattr("svv.render.supersampled.shows_strokes", lambda scene: True)
+    last = []
+    for dpi in (300, 600):
+        svv.figure(scene, None, width=20.0, dpi=dpi, legend="none", scale_bar=False, axes="none")
+        last.append(sizes[-1])
+    assert last[0] == pytest.approx(last[1], abs=2), "as many rays along an inch of 300 dpi as of 600"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"unit": "a\nb"}, "The unit is one line of text, without the control character U\\+000A"),
+        ({"unit": "m" * 300}, "The unit has at most 20 characters"),
+        ({"unit": "\ud800"}, "U\\+D800"),
+        ({"value_unit": "a\nb"}, "The unit of the values is one line"),
+        ({"title": ("a\x07",)}, "Title 0 is one line"),
+        ({"background": (2.0, 0.0, 0.0)}, "is no background: give red, green and blue"),
+        ({"background": (float("nan"), 0.0, 0.0)}, "is no background"),
+        ({"axes": "x,\u202e,z"}, "The name of an axis is one line"),
+    ],
+)
+def test_texts_are_lines(cube: Scene, changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        svv.figure(cube, None, **SMALL, **changes)
+    with pytest.raises(BadInput, match="title of a panel is one line"):
+        svv.figure(svv.Panel(cube, title="a\nb"), None, **SMALL)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_of_file(named: Scene, tmp_path: Path, kind: str) -> None:
     file = tmp_path / f"figure{kind}"

@@ -246,6 +246,14 @@ def test_what_is_no_look_of_ours_is_refused_in_a_sentence(content: Any, words: s
     assert str(raised.value).endswith(".") and "\n" not in str(raised.value)
 
 
+def test_edits_that_are_no_numbers_name_the_region(painted: Scene) -> None:
+    for field, value in (("opacity", float("nan")), ("occlusion", "much"), ("occlusion", -1.0), ("name", "x" * 300)):
+        told = to_json(Look.of(painted))
+        told["regions"][1]["edits"][field] = value
+        with pytest.raises(BadInput, match=r"it, region 1.*(save the look again|shorten it)"):
+            from_json(told, "it")
+
+
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 5000])
 def test_files_that_are_not_json_are_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "look.json").write_bytes(content)

@@ -48,6 +48,8 @@ def test_a_part_has_a_name_of_its_own(cube: Scene) -> None:
         ("a" * 300, "at most 100 characters, not 300: shorten it"),
         ("two\nlines", "without the control character U\\+000A"),
         ("bell\x07", "without the control character U\\+0007"),
+        ("turned \u202e name", "without the control character U\\+202E"),
+        ("\u200b", "has no character that can be seen"),
         ("half \ud83e", "without the control character U\\+D83E"),
     ],
 )

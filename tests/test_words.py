@@ -94,6 +94,12 @@ def test_styles_are_painted_beside_what_is_painted(named: Scene) -> None:
     assert [r.style for r in second.regions] == ["ink:hatching", "oil", None] and second.regions[2].hidden
 
 
+def test_styles_are_refused_where_nothing_is_painted(named: Scene) -> None:
+    with pytest.raises(BadInput, match="The style oil takes painting, which is not done here"):
+        say(named, "hide the shell, the ring in oil", paints=False)
+    assert say(named, "hide the shell", paints=False).scene.regions[0].hidden
+
+
 def test_colours_of_css_and_xkcd_with_modifiers() -> None:
     assert colour_at(["rebeccapurple"], 0) == ((0x66 / 255, 0x33 / 255, 0x99 / 255), 1)
     assert colour_at(["dark", "pastel", "green", "ring"], 0) == ((0x56 / 255, 0xAE / 255, 0x57 / 255), 3)

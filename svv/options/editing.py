@@ -83,6 +83,14 @@ class LightEdit(Request):
 
 
 @dataclass(frozen=True)
+class OcclusionEdit(Request):
+    """Ambient occlusion of the region, or of all regions."""
+
+    occlusion: Annotated[float | None, Setting(least=0, most=1, advanced=True, unset=0.0)] = None
+    """Darken places that little light reaches, such as cavities and contacts: 0 not at all, 1 fully."""
+
+
+@dataclass(frozen=True)
 class PaintEdit(Request):
     """Appearance of the paint of the region, or of all regions."""
 
@@ -166,6 +174,7 @@ class SceneEdit:
     regions: Mapping[int, RegionEdit] = field(default_factory=dict)
     """Changes of each region, by its number."""
     light: LightEdit = LightEdit()
+    occlusion: OcclusionEdit = OcclusionEdit()
     paint: PaintEdit = PaintEdit()
     outline: OutlineEdit = OutlineEdit()
     visibility: VisibilityEdit = VisibilityEdit()
@@ -177,4 +186,6 @@ class SceneEdit:
     """Regions whose outlines are changed; empty means all."""
 
     def __bool__(self) -> bool:
-        return any((*self.regions.values(), self.light, self.paint, self.outline, self.visibility, self.part))
+        return any(
+            (*self.regions.values(), self.light, self.occlusion, self.paint, self.outline, self.visibility, self.part)
+        )

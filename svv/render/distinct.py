@@ -69,6 +69,8 @@ def distinct(
     visions = VISIONS if how == "lightness" else COLOUR_VISIONS
     free = [k for k, r in enumerate(scene.regions) if r.seen_opacity > 0.0 and r.style is None]
     before = seen_in(scene, None, background, progress=part(progress, 0.0, 0.1))
+    if all(region.seen_opacity == 0.0 for region in scene.regions):
+        raise BadInput("Every region is hidden or transparent, so no colour shows: show one, with svv edit --show all.")
     if not free:
         raise BadInput(
             "No visible region has a colour that can be changed: their colours come from styles; show the palette with "

@@ -106,6 +106,32 @@ assert "no MatCap 'granite'" in status(edit), status(edit)
     assert np.abs(np.load(tmp_path / "jade.npy").astype(int) - normal).max() > 20
 
 
+def test_words_edit_a_scene_and_what_is_not_understood_is_said(pvpython, tmp_path: Path) -> None:
+    cube_scene().edited(0, name="core").save(tmp_path / "scene.svv")
+    pvpython(
+        HEAD
+        + """
+edit = StyleRFEdit(Input=scene, SaveFile=sys.argv[2] + "/said.svv", Region1Opacity=0.5, Occlusion=0.3)
+edit.Say = "make the core pale jade, thinner, hide region 2"
+edit.UpdatePipeline()
+understood = "Understood: core: colour pale jade (#9ad5b6). Understood: core: thinner. Understood: Region 2: hide."
+assert understood in status(edit), status(edit)
+edit.SMProxy.InvokeCommand("SaveScene")
+wrong = {"make the shell red": "shell", "the core in oil": "takes painting", "red": "names no region"}
+for words, answer in wrong.items():
+    edit.Say = words
+    edit.UpdatePipeline()
+    assert answer in status(edit) and "Understood" not in status(edit), status(edit)
+""",
+        tmp_path / "scene.svv", tmp_path,
+    )  # fmt: skip
+    scene = Scene.load(tmp_path / "said.svv")
+    assert [(r.opacity, r.hidden, r.occlusion) for r in scene.regions] == [
+        (0.5, False, 0.3), (0.5, False, 0.3), (1.0, True, 0.3)
+    ]  # fmt: skip
+    assert len(scene.history.past) == 2, "its name, and all that was asked for at once"
+
+
 def test_a_scene_takes_over_a_look_and_gives_its_own(pvpython, tmp_path: Path) -> None:
     cube_scene().edited(0, name="bone", opacity=0.5).edited(1, matcap="jade").save(tmp_path / "scene.svv")
     cube_scene(1).edited(2, name="Bone").save(tmp_path / "other.svv")

@@ -19,6 +19,7 @@ from svv.options.described import Setting
 from svv.options.editing import (
     DistinctName,
     LightEdit,
+    OcclusionEdit,
     OutlineEdit,
     PaintEdit,
     PartEdit,
@@ -52,6 +53,7 @@ EDIT = (
     "svv edit painted.svv --stroke-opacity 0.6 --out strokes.svv",
     "svv edit painted.svv --region 0 --stroke-width 0.7 --stroke-relief 1.5 --out finer.svv",
     "svv edit painted.svv --stroke-palette scream.jpg --stroke-light 60,30 --out other.svv",
+    "svv edit scene.svv --occlusion 0.8 --out deep.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
 """Examples in the help."""
@@ -121,12 +123,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         int | None,
         typer.Option(
             min=0,
-            help="Number of the region; `svv info` lists them. Without it, paint and outlines change in all regions.",
+            help="Number of the region; `svv info` lists them. Without it, occlusion, paint and outlines change in all "
+            "regions.",
         ),
     ] = None,
     asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
+    occlusion: OcclusionEdit = OcclusionEdit(),
     paint: PaintEdit = PaintEdit(),
     outline: OutlineEdit = OutlineEdit(),
     visibility: VisibilityEdit = VisibilityEdit(),
@@ -147,12 +151,18 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     chosen = () if region is None else (region,)
     regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name or []))
     regions = _with(regions, "matcap", parse_names(asked.matcap or [], "--matcap 0=jade"))
-    request = SceneEdit(regions, light, paint, outline, visibility, part, chosen, chosen)
+    request = SceneEdit(regions, light, occlusion, paint, outline, visibility, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    _check(region, own, bool(own or paint or outline), steps, bool(request or own or asked.distinct or asked.say))
+    _check(
+        region,
+        own,
+        bool(own or occlusion or paint or outline),
+        steps,
+        bool(request or own or asked.distinct or asked.say),
+    )
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:
@@ -180,8 +190,8 @@ def _check(region: int | None, own: RegionEdit, of_region: bool, steps: Steps, e
         raise BadInput("Say which region with --region K; `svv info` lists them.")
     if region is not None and not of_region:
         raise BadInput(
-            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
-            "of its strokes, such as --stroke-width, for the region."
+            "Nothing to change: give --colour, --opacity, --lighting, --occlusion, --strength, --paint-light, "
+            "--outline or an edit of its strokes, such as --stroke-width, for the region."
         )
     if (steps.undo or steps.redo) and (edits or (steps.undo and steps.redo)):
         raise BadInput("Give --undo, --redo or edits, not more than one of these.")

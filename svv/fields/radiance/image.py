@@ -16,6 +16,7 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.kept_views import Look, key_of_paint
 from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import encode_directions
+from svv.fields.radiance.occlusion import occlude
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Rays
@@ -70,6 +71,7 @@ def draw(
         strokes = strokes_of(scene)
         strokes = numbers_on([(0.0,) * 4] * len(scene.regions), paint.device) if strokes is None else strokes
         sigma = kernels.overpaint(surface, paint, scene.paint_shares, strokes, sigma)
+    occlude(scene, surface.colour, samples.position, surface.region)
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):
         dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams)

@@ -19,6 +19,7 @@ from svv.core.colour.light import NORMAL_SCALE, normals_of
 from svv.core.colour.matcaps import MATCAPS, matcap_colours, matcap_picture
 from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.occlusion import occlude
 from svv.fields.radiance.phong import Beams, gradient_of
 from svv.fields.scene.model import Model
 from svv.io.pictures.picture_data import as_data, picture_in
@@ -144,4 +145,6 @@ def dress(scene: Model, colour: Tensor, position: Tensor, region: Tensor, ray: T
             facing = beams.facing[ray[rows].long()]
             up = facing.new_tensor(beams.up)
             picture = picture_of(one.matcap).to(colour)
-            colour[rows] = matcap_colours(normals_at(scene, position[rows]), facing, up, picture)
+            own = matcap_colours(normals_at(scene, position[rows]), facing, up, picture)
+            occlude(scene, own, position[rows], region[rows])
+            colour[rows] = own

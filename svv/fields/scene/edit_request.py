@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import TypeVar
 
 from svv.errors import Progress, silent
-from svv.fields.scene.edits import EditedModel
+from svv.fields.scene.variants import PaintedModel
 from svv.options.editing import SPLIT_LEVEL, SceneEdit
 
-Model = TypeVar("Model", bound=EditedModel)
+Model = TypeVar("Model", bound=PaintedModel)
 
 
 def with_edit(scene: Model, edit: SceneEdit, progress: Progress = silent) -> Model:
     """Return the scene with everything in the request applied, as one step that can be undone.
 
-    Resets are applied first, then a split, visibility, regions, light, paint and outlines.
+    Resets are applied first, then a split, visibility, regions, light, occlusion, paint and outlines.
 
     Raises:
         BadInput: One of the edits cannot be made (:mod:`svv.fields.scene.edits`).
@@ -37,6 +37,8 @@ def with_edit(scene: Model, edit: SceneEdit, progress: Progress = silent) -> Mod
     if edit.light:
         place = vars(result.lamp) if edit.light.light is None else edit.light.light
         result = result.with_light(**(place | {"intensity": edit.light.intensity}))
+    if edit.occlusion.occlusion is not None:
+        result = result.with_occlusion(edit.occlusion.occlusion, *edit.of)
     if edit.paint.strength is not None:
         result = result.with_strength(edit.paint.strength, *edit.of)
     if edit.paint.paint_light is not None:

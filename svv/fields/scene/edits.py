@@ -176,45 +176,30 @@ class EditedModel(Model):
     def with_strength(self, strength: float, *regions: int) -> Self:
         """Return a scene with the styles of these regions, by default all, at a strength of 0 (palette colours) to 1.
 
-        Raises:
-            BadInput: The strength is outside [0, 1], or a region does not exist.
+        Raises BadInput if the strength is outside [0, 1], or a region does not exist.
         """
-        if not 0.0 <= strength <= 1.0:
-            raise BadInput(f"The strength of a style must lie between 0 and 1, not {strength}.")
-        return self._changed_each(f"strength {strength:g}", regions, {"strength": float(strength)})
+        return self._with_amount("strength", strength, regions, "The strength of a style")
 
     def with_paint_light(self, amount: float, *regions: int) -> Self:
-        """Return a scene with more or less light on the paint of these regions, by default of all.
+        """Return a scene with more or less light on the paint of these regions, by default of all that are painted.
 
-        The mean brightness of paint stays the same, because only the light's deviation from its mean is shown. Regions
-        that are not painted do not change.
-
-        Args:
-            amount: Fraction of the light's contrast: 0 shows unlit paint, 1 the full contrast.
-            regions: Numbers of the regions.
+        Its mean brightness stays, because a fraction ``amount`` of the light's deviation from its mean is shown.
 
         Raises:
             BadInput: The amount is outside [0, 1], or a region does not exist.
         """
-        if not 0.0 <= amount <= 1.0:
-            raise BadInput(f"The light on paint must lie between 0 and 1, not {amount}.")
-        return self._changed_each(f"light on paint {amount:g}", regions, {"paint_light": float(amount)})
+        return self._with_amount("paint_light", amount, regions, "The light on paint")
 
     def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
         """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.
 
-        Mean opacities (:mod:`svv.fields.strokes.stroke_opacity`) and regions without paint or of one colour stay.
-
-        Args:
-            amount: Above 0 dark strokes are more opaque and light ones less, below 0 the other way round.
-            regions: Numbers of the regions.
+        Mean opacities (:mod:`svv.fields.strokes.stroke_opacity`) and regions without paint or of one colour stay. Above
+        0 dark strokes are more opaque and light ones less, below 0 the other way round.
 
         Raises:
             BadInput: The amount is outside [-1, 1], or a region does not exist.
         """
-        if not -1.0 <= amount <= 1.0:
-            raise BadInput(f"The opacity of strokes must lie between -1 and 1, not {amount}.")
-        return self._changed_each(f"stroke opacity {amount:g}", regions, {"stroke_opacity": float(amount)})
+        return self._with_amount("stroke_opacity", amount, regions, "The opacity of strokes", least=-1.0)
 
     @property
     def regions_with_strokes(self) -> tuple[int, ...]:
@@ -367,11 +352,15 @@ class EditedModel(Model):
             if not 0 <= region < len(self.regions):
                 raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(self.regions) - 1}.")
 
-    def _changed_each(self, what: str, regions: Sequence[int], edits: Edits) -> Self:
-        """Return the scene with the same edits of these regions, or of all if none is named."""
+    def _with_amount(self, field: str, amount: float, regions: Sequence[int], said: str, least: float = 0.0) -> Self:
+        """Return the scene with one number, from ``least`` to 1, of these regions, or of all if none is named."""
+        if not least <= amount <= 1.0:
+            raise BadInput(f"{said} must lie between {least:g} and 1, not {amount}.")
         if regions:
             self._check(*regions)
-        return self._changed(what, dict.fromkeys(regions or range(len(self.regions)), edits))
+        short = "light on paint" if field == "paint_light" else field.replace("_", " ")
+        every = regions or range(len(self.regions))
+        return self._changed(f"{short} {amount:g}", {k: {field: float(amount)} for k in every})
 
     def _changed(self, what: str, changes: dict[int, Edits]) -> Self:
         return self._after(what, tuple(replace(r, **changes.get(k, {})) for k, r in enumerate(self.regions)))

@@ -23,6 +23,10 @@ UNSEEN = ("Cc", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of what no name holds: control characters, halves of characters, and breaks of lines."""
 
 
+TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+"""Characters that change the direction of the text behind them, also beyond a name's end; names need none of them."""
+
+
 @dataclass(frozen=True)
 class Region:
     """A region of the scene, and its edits.
@@ -82,6 +86,9 @@ class Region:
     layer: int = 0
     """Number of the transfer function that shows it, in a scene of several (:mod:`svv.fields.scene.joined`)."""
 
+    occlusion: float = 0.0
+    """How far places that little light reaches are darkened, in [0, 1] (:mod:`svv.fields.radiance.occlusion`)."""
+
     part_of: int | None = None
     """Number of the region that it was split from; None for a region of the palette."""
 
@@ -104,6 +111,8 @@ class Region:
     def __post_init__(self) -> None:
         if not (0.0 <= self.stroke_relief <= MOST_RELIEF and STROKE_WIDTHS[0] <= self.stroke_width <= STROKE_WIDTHS[1]):
             raise ValueError("the relief or the width of strokes is out of range")
+        if not 0.0 <= self.occlusion <= 1.0:
+            raise ValueError("the occlusion is out of range")
         if self.recolour_in not in get_args(RecolourName):
             raise ValueError(f"'{self.recolour_in}' is no space to recolour in")
 
@@ -136,15 +145,25 @@ def checked_name(name: str) -> str | None:
     Raises:
         BadInput: It is too long, or has characters that cannot be shown, such as line breaks.
     """
-    text = unicodedata.normalize("NFC", name).strip()
-    if len(text) > LONGEST_NAME:
-        raise BadInput(f"The name of a region has at most {LONGEST_NAME} characters, not {len(text)}: shorten it.")
-    if hidden := [c for c in text if unicodedata.category(c) in UNSEEN]:
+    return checked_line(name, "The name of a region") or None
+
+
+def checked_line(line: str, what: str, longest: int = LONGEST_NAME) -> str:
+    """Return a line of text without blanks at its ends; ``what`` it is begins the sentence of an error.
+
+    Raises:
+        BadInput: It is too long, has characters that cannot be shown or that turn what follows, or shows nothing.
+    """
+    text = unicodedata.normalize("NFC", line).strip()
+    if len(text) > longest:
+        raise BadInput(f"{what} has at most {longest} characters, not {len(text)}: shorten it.")
+    if hidden := [c for c in text if unicodedata.category(c) in UNSEEN or c in TURNING]:
         raise BadInput(
-            f"The name of a region is one line of text, without the control character U+{ord(hidden[0]):04X}: leave "
-            "it out."
+            f"{what} is one line of text, without the control character U+{ord(hidden[0]):04X}: leave it out."
         )
-    return text or None
+    if text and all(unicodedata.category(c)[0] in "CZM" for c in text):
+        raise BadInput(f"{what} has no character that can be seen: write another, or leave it empty.")
+    return text
 
 
 def checked_space(name: str) -> str:

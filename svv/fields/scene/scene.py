@@ -23,6 +23,7 @@ from svv.fields.radiance.image import draw, image_kernels_of, look_at
 from svv.fields.radiance.kept_views import View, key_of
 from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import PaletteColours, encode_directions
+from svv.fields.radiance.occlusion import occlude
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, empty_images, ended, march, not_hidden, on_cpu
@@ -275,10 +276,8 @@ class Scene(PaintedModel):
         if network == "base" or self.palette_network is None:
             region = torch.zeros_like(samples.ray, dtype=torch.int64)
             return self.base(geometry, directions), region, sigma
-        if self.palette_network.phong is None:
-            at = None  # light that a network learned cannot be moved
-        else:
-            at = (beams or Beams.headlight(-rays.lit_along)).at(samples.ray)
+        seen = beams or Beams.headlight(-rays.lit_along)
+        at = None if self.palette_network.phong is None else seen.at(samples.ray)  # a network's light cannot be moved
         here, coefficients = self.regions_at(samples.position), self.coefficients()
         coefficients = None if coefficients is None else for_colours(coefficients, here)
         parts = self.palette_network(samples.position, geometry, directions, at, coefficients)
@@ -288,9 +287,9 @@ class Scene(PaintedModel):
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * numbers_on([r.seen_opacity for r in self.regions], sigma.device)[region]
         diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets, here)), region, paint)
+        occlude(self, diffuse, samples.position, region)
         colour = self.light(parts, diffuse, region, network)
         if any(r.matcap is not None for r in self.regions):
-            seen = beams or Beams.headlight(-rays.lit_along)
             dress(self, colour, samples.position, region, samples.ray, seen)
         return colour, region, sigma
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from svv.errors import BadInput, Progress, silent
 from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.radiance.occlusion import check_has_extinction
 from svv.fields.radiance.paint_light import mean_lights
 from svv.fields.scene.edits import EditedModel
 from svv.fields.scene.history import restyled
@@ -71,6 +72,17 @@ class PaintedModel(EditedModel):
         (chosen,) = (other for other in self.others if other.name == name)
         rest = tuple(other for other in self.every_variant if other.name != name)
         return self._showing(chosen, rest)
+
+    def with_occlusion(self, amount: float, *regions: int) -> Self:
+        """Return a scene in which cavities of these regions, by default of all, are darkened by an amount up to 1.
+
+        Raises:
+            BadInput: The amount is outside [0, 1], a region does not exist, or the extinction is in a hash grid.
+        """
+        check_has_extinction(self)
+        for layer in self.layers:
+            check_has_extinction(layer)
+        return self._with_amount("occlusion", amount, regions, "The ambient occlusion")
 
     def without_variant(self, name: str) -> Self:
         """Return the scene without this variant; if it was the one shown, the first remaining variant is shown.

@@ -83,6 +83,11 @@ class SceneOutput(Keeping):
     *properties_of(PaintEdit()),
     *stroke_properties(),
     *outline_properties(),
+    text(
+        "Say",
+        "Say in words what should change: make the core pale jade, thinner, hide region 1, light from the left. "
+        "Applied after everything else; Status shows what was understood. Empty: nothing.",
+    ),
     text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
     integer(
         "Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50, True
@@ -125,9 +130,9 @@ class StyleRFEdit(SceneOutput):
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.editing import as_edited, told
 
-        scene = as_edited(scene_of(inputs[0]), self.values, self.progress)
+        scene, understood = as_edited(scene_of(inputs[0]), self.values, self.progress)
         self.give(scene, outputs[0])
-        return told(scene)
+        return " ".join([*(f"Understood: {line}." for line in understood), told(scene)])
 
 
 @smproxy.filter(label="StyleRF Join", support_reload=False)

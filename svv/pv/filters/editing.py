@@ -13,6 +13,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.options.editing import (
     SPLIT_LEVEL,
     LightEdit,
+    OcclusionEdit,
     OutlineEdit,
     PaintEdit,
     PartEdit,
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 Values = Mapping[str, Any]
 
 
-def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> Scene:
-    """Return a scene with the panel's edits, as one step of its history.
+def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tuple[Scene, tuple[str, ...]]:
+    """Return a scene with the panel's edits, as one step of its history, and how its words were understood.
 
     Args:
         scene: The scene as it came.
@@ -40,7 +41,8 @@ def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> Scen
         progress: Called while regions are split.
 
     Raises:
-        BadInput: Any reason of the edits (:mod:`svv.fields.scene.edits`), or Undo is larger than the number of edits.
+        BadInput: Any reason of the edits (:mod:`svv.fields.scene.edits`), words that are not understood or want a
+            style, or Undo is larger than the number of edits.
     """
     if values["Undo"] > len(scene.history.past):
         raise BadInput(
@@ -60,7 +62,13 @@ def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> Scen
     level = options_in(PartEdit, values).split_level
     for point in places_in(values["Parts"], "Parts"):
         scene = scene.split_at(point, SPLIT_LEVEL if level is None else level, progress)
-    return with_edit(scene, edit_in(values)).as_one_step(before)
+    scene = with_edit(scene, edit_in(values))
+    if not values["Say"].strip():
+        return scene.as_one_step(before), ()
+    from svv.render.words.say import say
+
+    spoken = say(scene, values["Say"], progress, paints=False)
+    return spoken.scene.as_one_step(before), spoken.understood
 
 
 def edit_in(values: Values) -> SceneEdit:
@@ -80,6 +88,7 @@ def edit_in(values: Values) -> SceneEdit:
     return SceneEdit(
         {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
         options_in(LightEdit, values, light=places[values["LightFrom"]]),
+        options_in(OcclusionEdit, values),
         options_in(PaintEdit, values, **_strokes_in(values)),
         # Width and colour have no meaning without an outline.
         outline if outline.outline is not None else OutlineEdit(),

@@ -8,7 +8,7 @@ from typing import Any
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
-from svv.options.editing import LightEdit, OutlineEdit, PartEdit, RegionEdit
+from svv.options.editing import LightEdit, OcclusionEdit, OutlineEdit, PartEdit, RegionEdit
 from svv.options.figures import VISIONS
 from svv.options.making import (
     DRAWN,
@@ -272,6 +272,7 @@ def light_properties() -> Sequence[Property]:
                 "independent of the camera."),
         ]),
         *properties_of(LightEdit()),
+        *properties_of(OcclusionEdit()),
     ])  # fmt: skip
 
 

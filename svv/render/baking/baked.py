@@ -20,6 +20,7 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.core.volumes.opacity_code import CODES, LEAST_LOG_DEPTH, codes_of, most_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.networks import PaletteField, encode_directions
+from svv.fields.radiance.occlusion import occlude
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Rays
@@ -233,6 +234,7 @@ def _colour(
         for k in recoloured:
             diffuse += matter.shares[rows, k, None] * change[:, k]
     diffuse = scene.with_style(diffuse, region, paint)
+    occlude(scene, diffuse, matter.position[rows], region)
     if lights is None:
         return diffuse
     specular, shade = lights[rows].unbind(1)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from svv.core.colour.colour import over, to_hex
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.scene.region import checked_line
 from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
 from svv.render.colour_check import Seen, seen_of, told_of
@@ -46,6 +47,13 @@ SWATCH_VIEW = 400
 
 MOST_PANELS = 24
 """Largest number of panels: more cannot be seen on a page."""
+
+FINE_DPI = 600
+"""Resolution from which a pixel has one ray: as many an inch as four rays a pixel have at half of it. Stairs of strokes
+at a slant are then too small for a reader to see."""
+
+LONGEST_UNIT, LONGEST_TITLE = 20, 300
+"""Most characters of a unit and of a title; a title also has to fit above its panel."""
 
 MOST_PIXELS = 150_000_000
 """Largest number of pixels of a figure."""
@@ -102,6 +110,8 @@ def figure(
         check_kind(out)
     listed = [panels] if not isinstance(panels, Sequence) else list(panels)
     every = [p if isinstance(p, Panel) else Panel(p) for p in listed]
+    for panel in every:
+        checked_line(panel.title, "The title of a panel", LONGEST_TITLE)
     if not 1 <= len(every) <= MOST_PANELS:
         raise BadInput(f"A figure has 1 to {MOST_PANELS} panels, not {len(every)}.")
     drawing = Drawing([_placed(panel, options) for panel in every], options, progress)
@@ -130,7 +140,14 @@ def _check(options: FigureOptions) -> None:
             raise BadInput(f"The {name} of a figure must lie between {low:g} and {high:g} {unit}, not {value:g}.")
     if options.across is not None and options.across < 1:
         raise BadInput(f"A figure has at least one panel across, not {options.across}.")
-    axis_names(options.axes)
+    if len(options.behind) != 3 or not all(0.0 <= c <= 1.0 for c in options.behind):
+        raise BadInput(f"{tuple(options.behind)} is no background: give red, green and blue between 0 and 1.")
+    for what, text in (("unit", options.unit), ("unit of the values", options.value_unit)):
+        checked_line(text or "", f"The {what}", LONGEST_UNIT)
+    for number, title in enumerate(options.title):
+        checked_line(title, f"Title {number}", LONGEST_TITLE)
+    for name in axis_names(options.axes) or ():
+        checked_line(name, "The name of an axis")
 
 
 def axis_names(text: str | None) -> tuple[str, str, str] | None:
@@ -284,7 +301,9 @@ class Drawing:
         left, top = self._pixels(box.left), self._pixels(box.top)
         width, height = self._pixels(box.width), self._pixels(box.height - self.strip)
         camera = camera_through(panel.camera, window, width, height)
-        rendering = supersampled(panel.scene, camera, network_of(panel.scene, self.options), None, progress)
+        samples = 1 if self.options.dpi >= FINE_DPI else None
+        network = network_of(panel.scene, self.options)
+        rendering = supersampled(panel.scene, camera, network, None, progress, samples)
         self._picture(left, top, rendering.rgba)
         seen = seen_of(panel.scene, [rendering], self.options.behind) if panel.scene.regions else {}
         self.seen.append(list(seen.values()))

@@ -135,7 +135,7 @@ def _of_matcap(matcap: str, x: Picture, y: Picture, facing: Picture) -> Picture:
 def _alone(scene: Scene, number: int, camera: Camera, network: str, light: bool) -> Rendering:
     """Render one region without the others, without ink, and with or without its light."""
     regions = tuple(
-        replace(r, hidden=k != number, outline=0.0, lighting=r.lighting if light else 0.0)
+        replace(r, hidden=k != number, outline=0.0, occlusion=0.0, lighting=r.lighting if light else 0.0)
         for k, r in enumerate(scene.regions)
     )
     return replace(scene, regions=regions).render(camera, network)
@@ -184,7 +184,8 @@ def _lit(
     if coefficients is not None:
         return _under_lamp(scene, coefficients[number], lights_of(scene, network)[number], camera, paint, sphere)
     small = camera.resized(LIGHT_VIEW, max(1, round(LIGHT_VIEW * camera.height / camera.width)))
-    dark, bright = (_alone(scene, number, small, network, light).rgba for light in (False, True))
+    rough = scene.while_moving()  # how bright a region is does not depend on single strokes
+    dark, bright = (_alone(rough, number, small, network, light).rgba for light in (False, True))
     seen = dark[..., 3] > LEAST_ALPHA
     if not seen.any():
         return paint

@@ -19,6 +19,7 @@ from svv.fields.strokes import stroke_edits
 RANGES = {
     "opacity": (0.0, np.inf),
     "lighting": (0.0, np.inf),
+    "occlusion": (0.0, 1.0),
     "strength": (0.0, 1.0),
     "paint_light": (0.0, 1.0),
     "stroke_opacity": (-1.0, 1.0),
@@ -39,10 +40,8 @@ def checked_edits(told: object, name: str) -> dict[str, Any]:
     try:
         given = values_of(Region, object_in(told, f"{name}, edits"))
         region = with_edits(Region((0.5, 0.5, 0.5), 1.0), given)
-    except BadInput:
-        raise
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"An edit of {name} is not valid: {error}; save the look again.") from error
+    except (BadInput, KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"An edit of {name} is not valid: {str(error).rstrip('.')}; save the look again.") from error
     for field, (low, high) in RANGES.items():
         if not low <= getattr(region, field) <= high:
             raise BadInput(f"{name}: {field} must lie between {low:g} and {high:g}, not {getattr(region, field):g}.")
@@ -56,7 +55,10 @@ def checked_edits(told: object, name: str) -> dict[str, Any]:
         if region.matcap != checked_matcap(region.matcap):
             raise BadInput(f"{name}: the MatCap must be a name or a picture inside the file.")
     if region.name is not None:
-        checked_name(region.name)
+        try:
+            checked_name(region.name)
+        except BadInput as error:
+            raise BadInput(f"{name}: {error}") from error
     stroke_edits.checked_edits(None, None, region.stroke_light, region.stroke_palette or None)
     return {key: value for key, value in edits_of(region).items() if key in given} | {
         key: value for key, value in given.items() if key == "paint_light"

@@ -23,6 +23,7 @@ from svv.core.colour.light import NORMAL_SCALE
 from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import Progress, part, silent
 from svv.fields.radiance.encodings import Encoding, SparseLattice
+from svv.fields.radiance.occlusion import is_occluded, occlude
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.scene import Scene
 from svv.render.web.harmonics import BANDS, fitted_light, geometry_at, principal
@@ -187,6 +188,7 @@ class Baker:
         grid, shares, material = self.grid(self.palette.encoding), [], []
         for places in grid.pieces():
             intensity, weights, offsets = self.palette.material(places)
+            occlude(self.scene, intensity[:, None], places, self.scene.region_of(places, weights))
             shown = torch.where((weights >= LEAST_WEIGHT)[:, :, None], offsets, 0.0)
             weights, colours = self._of_regions(places, weights, self.palette.colours + shown)
             shares.append(weights)
@@ -216,8 +218,16 @@ class Baker:
             network = self.scene.with_variant(variant.name).paint_shown
             assert network is not None
             grid = self.grid(network.encoding)
-            colours = torch.cat([network(places) for places in grid.pieces()]).clamp(0.0, 1.0).numpy()
+            colours = torch.cat(
+                [self._darkened(network(places).clamp(0.0, 1.0), places) for places in grid.pieces()]
+            ).numpy()
             self.found.append(Field.of(f"paint{number}", grid.resolution, self.stored(grid, colours, PAINT), unit=True))
+
+    def _darkened(self, paint: Tensor, places: Tensor) -> Tensor:
+        """Return paint (V, 3) at places (V, 3) with the ambient occlusion of their regions."""
+        if is_occluded(self.scene):
+            occlude(self.scene, paint, places, self.scene.region_of(places, self.palette.material(places)[1]))
+        return paint
 
     def light(self, progress: Progress) -> dict[str, Any]:
         """Add the light, if the scene has one, and return how a viewer reads that of a network."""

@@ -97,10 +97,11 @@ def html_of(
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
     Raises:
-        BadInput: The scene has no palette network.
+        BadInput: The scene has no palette network, or occlusion beside what hides it from a page.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
+    _check_occlusion(scene)
     scene = scene.on(torch.device("cpu"))
     rig = _closer(scene)
     stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))
@@ -110,6 +111,21 @@ def html_of(
     page = _page(header, _compressed(packed), stills, title)
     progress(1.0, "")
     return page
+
+
+def _check_occlusion(scene: Scene) -> None:
+    """Raise BadInput if a page, whose colours hold the ambient occlusion, would look otherwise than the scene."""
+    for number, region in enumerate(scene.regions):
+        if region.occlusion > 0.0 and (region.matcap is not None or region.stroke_opacity != 0.0):
+            what, take = (
+                ("a MatCap", f"--matcap {number}=none")
+                if region.matcap is not None
+                else ("opacity that follows its strokes", f"--region {number} --stroke-opacity 0")
+            )
+            raise BadInput(
+                f"Region {number} has ambient occlusion and {what}, and no page can show both: take one of them off, "
+                f"with svv edit --region {number} --occlusion 0 or svv edit {take}."
+            )
 
 
 def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str) -> bytes:

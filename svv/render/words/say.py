@@ -10,7 +10,7 @@ from typing import Any
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Scene
-from svv.options.making import PaintOptions, PresetName
+from svv.options.making import PREFIX, PaintOptions, PresetName
 from svv.render.words.colours import changed
 from svv.render.words.grammar import Clause, understood
 from svv.train.paint.ink import StyleInput, style_named
@@ -31,6 +31,7 @@ def say(
     progress: Progress = silent,
     checkpoint: Path | None = None,
     preset: PresetName = "balanced",
+    paints: bool = True,
 ) -> Spoken:
     """Return a scene as a sentence asks for it.
 
@@ -40,12 +41,13 @@ def say(
         progress: Called while regions are painted, if the sentence asks for styles.
         checkpoint: File to save a painting to regularly, and to resume from.
         preset: How to paint.
+        paints: Whether styles are painted, which takes long; otherwise they are refused.
 
     Returns:
         The scene, with one more step in its history, and what was understood.
 
     Raises:
-        BadInput: The sentence was not understood, or an edit cannot be made.
+        BadInput: The sentence was not understood, wants a style that is not to be painted, or an edit cannot be made.
 
     >>> said = svv.say(scene.edited(0, name="core"), "make the core pale jade")
     >>> said.understood
@@ -55,6 +57,12 @@ def say(
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     clauses = understood(text, scene.regions)
     lines = [_told(scene, clause) for clause in clauses]
+    if wanted := [str(clause.wants["style"]) for clause in clauses if "style" in clause.wants and not paints]:
+        name = wanted[0].removeprefix(PREFIX)
+        raise BadInput(
+            f"The style {name} takes painting, which is not done here: use StyleRF Stylize or svv edit --say for it, "
+            "and leave it out."
+        )
     result = _painted(scene, clauses, progress, checkpoint, preset)
     before = result
     for clause in clauses:

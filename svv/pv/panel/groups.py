@@ -136,7 +136,7 @@ def display_properties() -> Sequence[Property]:
                "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),
         switch("UseCropping", False, "Show only a part of the volume.", True),
         numbers("CroppingOrigin", (0.0, 0.0, 0.0), "Offset of that part, in the volume's units.", None, True),
-        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds that gives that part.", None, True),
+        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds, or of its extent in voxels since ParaView 5.13, that gives that part.", None, True),
         numbers("Position", (0.0, 0.0, 0.0), "Where the volume is moved.", None, True),
         numbers("Scale", (1.0, 1.0, 1.0), "Factors of the volume's size along x, y and z.", None, True),
         numbers("Orientation", (0.0, 0.0, 0.0), "Angles by which the volume is turned, degrees.", None, True),

@@ -159,7 +159,7 @@ def _fills_space(block: vtkDataSet) -> bool:
 
 def _kinds(block: vtkUnstructuredGrid) -> list[int]:
     """Return the types of a grid's cells, each once."""
-    return vtk_to_numpy(block.GetDistinctCellTypesArray()).tolist()  # type: ignore[no-any-return]
+    return vtk_to_numpy(block.GetDistinctCellTypesArray()).tolist()
 
 
 def _dimension(kind: int) -> int:

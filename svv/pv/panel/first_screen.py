@@ -38,7 +38,7 @@ def stylized_view_properties() -> list[Property]:
         *live(),
         *take_buttons(),
         status(),
-        *titled("Training", [*without(training, "Preset"), preview_file()]),
+        *titled("Training", [*without(training, "Preset", "IgnoreFixed"), preview_file()]),
         *titled("Image", without(image, "FollowCamera")),
         *titled("Volume", without(volume, "Shade")),
         *kept_as(),

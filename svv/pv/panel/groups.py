@@ -152,8 +152,8 @@ def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str,
         options: The panel's defaults.
         skip: Names of fields that the panel shows in another way.
     """
-    (views_only,) = (made for made in properties_of(options) if made.name == "ViewsOnly")
-    return [*group("Learn From", [views_only]), *properties_of(options, skip=(*skip, "views_only"))]
+    heading = [made for made in properties_of(options) if made.name in ("ViewsOnly", "IgnoreFixed")]
+    return [*group("Learn From", heading), *properties_of(options, skip=(*skip, "views_only", "ignore_fixed"))]
 
 
 def training_properties(preset: PresetName) -> list[Property]:

@@ -28,7 +28,8 @@ VISIBLE = re.compile(r'panel_visibility="default"')
 
 def stylized_view_properties() -> list[Property]:
     """Return the properties of StyleRF Stylized View: first the few that choose how the painting looks."""
-    training, image, volume = training_properties("fast"), image_properties(400), volume_properties(ViewOptions(test=0))
+    training = training_properties("fast", skip=("ignore_fixed",))  # nothing stands still in views that it draws
+    image, volume = image_properties(400), volume_properties(ViewOptions(test=0))
     return [
         files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
         *map(with_meanings, picked(training, "Preset")),
@@ -38,7 +39,7 @@ def stylized_view_properties() -> list[Property]:
         *live(),
         *take_buttons(),
         status(),
-        *titled("Training", [*without(training, "Preset", "IgnoreFixed"), preview_file()]),
+        *titled("Training", [*without(training, "Preset"), preview_file()]),
         *titled("Image", without(image, "FollowCamera")),
         *titled("Volume", without(volume, "Shade")),
         *kept_as(),

@@ -152,14 +152,14 @@ def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str,
         options: The panel's defaults.
         skip: Names of fields that the panel shows in another way.
     """
-    heading = [made for made in properties_of(options) if made.name in ("ViewsOnly", "IgnoreFixed")]
+    heading = [made for made in properties_of(options, skip=skip) if made.name in ("ViewsOnly", "IgnoreFixed")]
     return [*group("Learn From", heading), *properties_of(options, skip=(*skip, "views_only", "ignore_fixed"))]
 
 
-def training_properties(preset: PresetName) -> list[Property]:
-    """Return the properties of training."""
+def training_properties(preset: PresetName, skip: tuple[str, ...] = ()) -> list[Property]:
+    """Return the properties of training, except for those of fields in ``skip``."""
     return [
-        *learning_properties(TrainOptions(preset=preset), skip=("device",)),
+        *learning_properties(TrainOptions(preset=preset), skip=("device", *skip)),
         switch("TrainEachTimeStep", False,
                "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
                "until Take What Is Shown Now is pressed. The scenes of the most recent steps are kept."),

@@ -131,7 +131,7 @@ def _apart(cameras: Sequence[Camera], images: NDArray[np.uint8], names: Sequence
     for first in range(step):
         some = np.arange(first, count, step)
         outlines = Outlines.of(images[some])
-        views = Views.of([cameras[k] for k in some])
+        views = Views.of([cameras[int(k)] for k in some])
         levels = [level for level, alpha in zip(outlines.levels, outlines.of_alpha) if alpha]
         if not levels:
             return None

@@ -237,3 +237,29 @@ def test_views_of_a_ball_are_taken_though_one_level_is_noise() -> None:
     views, _ = make_views(from_array(ball, (2.0,) * 3, (0.0,) * 3), function, n=12, size=200, mapper="cpu")
     found = check_agreement(views.cameras, views.images, views.names)
     assert found.found is not None and found.doubt is None
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_single_pictures_with_wrong_cameras_are_named(count: int) -> None:
+    """Most pairs of views agree, so that the whole set does not contradict its cameras."""
+    wrong = [3, 11, 14, 20][:count]
+    matrices = MATRICES.copy()
+    matrices[wrong] = MATRICES[[k + 2 for k in wrong]]
+    doubt = check(with_matrices(matrices)).doubt
+    assert doubt is not None and "disagree" in doubt
+    named = {name for name in NAMES if f" {name}," in doubt or f" {name} " in doubt}
+    assert named and named <= {NAMES[k] for k in wrong}  # others are hardly wrong: their silhouettes fit
+
+
+def test_cameras_in_two_units_are_told() -> None:
+    matrices = MATRICES.copy()
+    matrices[16:, :3, 3] *= 2.0
+    doubt = check(with_matrices(matrices)).doubt
+    assert doubt is not None and "disagree" in doubt
+
+
+def test_pictures_that_show_nothing_are_named() -> None:
+    images = IMAGES.copy()
+    images[[5, 9]] = 0
+    assert (check(images=images).doubt or "").startswith("The pictures r_5, r_9 show nothing")
+    assert check(images=images * 0).doubt is None  # training says so

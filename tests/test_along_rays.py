@@ -63,6 +63,13 @@ def test_regions_that_are_right_stay(seed: int) -> None:
     assert (found.region == region).all() and found.gain == 0.0
 
 
+def test_a_time_limit_ends_the_tries() -> None:
+    seen, places, region = seen_from_all_sides(0)
+    wrong = np.where(np.random.default_rng(1).random(len(region)) < 0.25, np.maximum(region - 1, 0), region)
+    assert unmixed(seen, wrong, 3, places).gain > 0.2
+    assert unmixed(seen, wrong, 3, places, until=0.0).gain == 0.0
+
+
 def test_one_region_and_black_pixels_are_left_alone() -> None:
     seen, places, region = seen_from_all_sides(0)
     assert unmixed(seen, np.zeros_like(region), 1, places).gain == 0.0

@@ -272,3 +272,41 @@ def test_json_as_windows_writes_it(tmp_path: Path, encoding: str) -> None:
 def test_a_byte_order_mark_is_no_part_of_json() -> None:
     text = json.dumps({"a": [1, 2]})
     assert parsed("\ufeff" + text) == parsed(b"\xef\xbb\xbf" + text.encode()) == parsed(text)
+
+
+def _with_scales(file: Path, *values: object, units: tuple[str, ...] = ("m", "m", "m")) -> None:
+    import h5py
+
+    with h5py.File(file, "w") as opened:
+        data = opened.create_dataset("data", data=np.arange(5 * 6 * 7.0).reshape(5, 6, 7))
+        for axis, (name, scale, unit) in enumerate(zip("zyx", values, units)):
+            coordinates = opened.create_dataset(name, data=scale)
+            coordinates.attrs["units"] = unit
+            coordinates.make_scale(name)
+            data.dims[axis].attach_scale(coordinates)
+
+
+def test_scales_attached_to_the_axes_of_hdf5_are_its_places(tmp_path: Path) -> None:
+    """As netCDF-4 writes them."""
+    even = np.arange(5) * 2.0 + 3, 10 - np.arange(6) * 0.25, np.arange(7, dtype=np.float32) * 0.1
+    _with_scales(tmp_path / "v.h5", *even)
+    np.testing.assert_allclose(
+        index_to_world(read_here(tmp_path / "v.h5")),
+        [[0.1, 0, 0, 0], [0, -0.25, 0, 10], [0, 0, 2, 3], [0, 0, 0, 1]], atol=1e-6,
+    )  # fmt: skip
+    _with_scales(tmp_path / "levels.h5", [1, 2, 4, 8, 16], *even[1:])
+    with pytest.raises(BadInput, match="not evenly spaced along its scale '/z'"):
+        read_here(tmp_path / "levels.h5")
+    _with_scales(tmp_path / "globe.h5", *even, units=("m", "degrees_north", "degrees_east"))
+    np.testing.assert_allclose(index_to_world(read_here(tmp_path / "globe.h5")), np.eye(4))
+
+
+def test_two_volumes_of_one_size_in_hdf5_are_listed(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "v.h5", "w") as opened:
+        for name in ("labels", "raw", "small"):
+            opened.create_dataset(name, data=np.zeros((4, 4, 3 if name == "small" else 4)))
+    with pytest.raises(BadInput, match=r"several volumes of one size: name one of them \(labels, raw\)"):
+        read_here(tmp_path / "v.h5")
+    assert read_here(tmp_path / "v.h5", array="raw").GetNumberOfPoints() == 64

@@ -19,11 +19,12 @@ from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, Preset, ReconstructSettings
+from svv.train.palette import regions_from_views
 from svv.train.palette.ranges import KnownRegions, Owners
 from svv.train.palette.recolour import palette_of
 from svv.train.palette.regions_from_views import Labels, doubts, owners_of, regions_in
 from svv.train.pipeline import train_scene
-from svv.train.run.batches import RayPool
+from svv.train.run.batches import Batch, RayPool
 from svv_bench.stability.measures import palette_error
 from svv_bench.stability.scenes import SCENES
 
@@ -227,3 +228,18 @@ def test_the_same_seed_finds_the_same_regions() -> None:
     points = torch.from_numpy(((cells + generator.random(cells.shape)) / scene.occupancy.cells).astype(np.float32))
     points = torch.minimum(points, torch.tensor(scene.occupancy.box.extent, dtype=torch.float32))
     torch.testing.assert_close(one.owners.of(points), other.owners.of(points))
+
+
+def test_a_time_limit_ends_the_search_for_regions(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, train = drawn("easy", size=64)
+    palette, batches, real = palette_of(train, scene.occupancy, 0), [], RayPool.batch
+
+    def counted(pool: RayPool, *given: int) -> Batch:
+        batches.append(given)
+        return real(pool, *given)
+
+    monkeypatch.setattr(RayPool, "batch", counted)
+    found = regions_in(scene, train, palette, 0, seconds=0.0)
+    assert len(batches) == 1 and len(found.palette.colours) == len(SCENES["easy"].ranges)
+    regions_in(scene, train, palette, 0)
+    assert len(batches) == 1 + regions_from_views.RAYS // regions_from_views.AT_A_TIME

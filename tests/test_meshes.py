@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("vtkmodules")
 
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkCommonDataModel import (
     vtkDataSetAttributes,
     vtkImageData,
@@ -20,8 +21,9 @@ from vtkmodules.vtkCommonDataModel import (
     vtkUnstructuredGrid,
 )
 from vtkmodules.vtkFiltersCore import vtkAppendFilter
-from vtkmodules.vtkFiltersGeneral import vtkClipDataSet, vtkDataSetTriangleFilter
-from vtkmodules.vtkFiltersSources import vtkSphereSource
+from vtkmodules.vtkFiltersGeneral import vtkClipDataSet, vtkDataSetTriangleFilter, vtkImageDataToPointSet
+from vtkmodules.vtkFiltersHyperTree import vtkHyperTreeGridToUnstructuredGrid
+from vtkmodules.vtkFiltersSources import vtkRandomHyperTreeGridSource, vtkSphereSource
 from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
@@ -158,6 +160,38 @@ def test_values_of_cells_are_those_of_the_points_in_them() -> None:
     np.testing.assert_array_equal(to_array(resampled(levels)).ravel(), np.arange(8**3))  # at the centres
 
 
+@pytest.mark.parametrize("masked", [0.0, 0.3])
+def test_hyper_tree_grids_have_the_values_of_their_leaves(masked: float) -> None:
+    source = vtkRandomHyperTreeGridSource()
+    source.SetMaxDepth(3)
+    source.SetSplitFraction(0.5)
+    source.SetMaskedFraction(masked)
+    source.SetDimensions(4, 3, 5)
+    source.SetOutputBounds(0, 3, 0, 2, 0, 4)
+    source.Update()
+    assert is_mesh(source.GetOutput())
+    leaves = vtkHyperTreeGridToUnstructuredGrid()
+    leaves.SetInputData(source.GetOutput())
+    leaves.Update()
+    cells = leaves.GetOutput()
+    centres = np.array(
+        [np.array(cells.GetCell(k).GetBounds()).reshape(3, 2).mean(1) for k in range(cells.GetNumberOfCells())]
+    )
+    found = resampled(source.GetOutput(), "Depth")
+    if not masked:
+        assert found.GetDimensions() == (24, 16, 32)  # the finest leaves
+    index = np.rint((centres - found.GetOrigin()) / found.GetSpacing() - (0 if masked else 1e-3)).astype(int)
+    blank = Appearance.of(as_volume(found)).blank
+    depth = vtk_to_numpy(cells.GetCellData().GetArray("Depth"))
+    at = tuple(index.T[::-1])
+    assert (blank is None) == (not masked) and (blank is None or not blank[at].any())
+    # Values at the edge of what is masked are means of their neighbours.
+    assert (to_array(found)[at] == depth).mean() > (0.95 if masked else 0.9999)
+    if blank is not None:
+        sizes = [np.diff(np.array(cells.GetCell(k).GetBounds()).reshape(3, 2)).prod() for k in range(len(centres))]
+        assert 1 - blank.mean() == pytest.approx(sum(sizes) / 24, abs=0.05)
+
+
 def test_hidden_cells_and_points_of_blocks_are_not_drawn() -> None:
     for on_cells in (True, False):
         block = vtkMultiBlockDataSet()
@@ -172,6 +206,48 @@ def test_hidden_cells_and_points_of_blocks_are_not_drawn() -> None:
         np.testing.assert_allclose(resampled(block, "s").GetBounds()[:2], (-1.0, 0.0 if on_cells else -0.25), atol=1e-5)
 
 
+def test_blanked_points_of_a_curvilinear_grid_are_not_drawn() -> None:
+    convert = vtkImageDataToPointSet()
+    convert.SetInputData(image())
+    convert.Update()
+    grid = convert.GetOutput()
+    for point in np.flatnonzero(np.indices((SIZE,) * 3)[2].ravel() > 4):
+        grid.BlankPoint(int(point))
+    np.testing.assert_allclose(resampled(grid, "s").GetBounds()[:2], (-1.0, 0.0), atol=1e-5)
+
+
+def test_surfaces_beside_cells_are_left_out() -> None:
+    sphere, append = vtkSphereSource(), vtkAppendFilter()
+    sphere.SetRadius(20)
+    sphere.Update()
+    far = sphere.GetOutput()
+    far.GetPointData().AddArray(named("s", np.full(far.GetNumberOfPoints(), 99.0)))
+    append.AddInputData(unstructured())
+    append.AddInputData(far)
+    append.Update()
+    found = resampled(append.GetOutput(), "s")
+    np.testing.assert_allclose(found.GetBounds(), resampled(unstructured(), "s").GetBounds())
+    assert to_array(found).max() < 3
+
+
+def test_blocks_may_have_arrays_of_different_types() -> None:
+    """Else values of one would be cut off to the type of another."""
+    parts = vtkMultiBlockDataSet()
+    for k, values in enumerate((np.arange(8**3) % 200, np.arange(8**3) + 1000.5)):
+        mesh = unstructured(image(-1.0 - 2 * k))
+        mesh.GetCellData().AddArray(named("c", values.astype((np.uint8, np.float64)[k])))
+        parts.SetBlock(k, mesh)
+    found = to_array(resampled(parts, "c", cells=True))
+    assert found.max() == 1000.5 + 8**3 - 1 and found.min() == 0.0
+
+
+def test_integers_that_are_too_close_are_refused_before_they_are_interpolated() -> None:
+    mesh = unstructured()
+    mesh.GetPointData().AddArray(named("i", 2**60 + np.arange(SIZE**3)))
+    with pytest.raises(BadInput, match="cannot tell most of them apart"):
+        resampled(mesh, "i")
+
+
 def test_the_default_function_does_not_count_what_is_blanked() -> None:
     """Else the points outside a small mesh would be its background, and the smallest values invisible."""
     volume = as_volume(resampled(ball(0.5), along=40))
@@ -181,6 +257,12 @@ def test_the_default_function_does_not_count_what_is_blanked() -> None:
     alone = from_array(np.pad(values, (0, -len(values) % 4), mode="edge").reshape(-1, 2, 2))
     found, expected = (default_transfer_function(one) for one in (volume, alone))
     np.testing.assert_allclose(found.opacities, expected.opacities, atol=0.02)
+
+
+def named(name: str, values: np.ndarray) -> vtkDataArray:
+    array = numpy_to_vtk(values, deep=True)
+    array.SetName(name)
+    return array
 
 
 def flat() -> vtkUnstructuredGrid:

@@ -15,6 +15,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.dvr.draw.appearance import Appearance
 from svv.dvr.read.grids import from_array, index_to_world, set_geometry, to_array
 from svv.errors import BadInput
+from svv.pv.display import shown
 from svv.pv.display.shown import PLAIN, chosen_of, scale_of, volume_shown
 
 VALUES: dict[str, Any] = {"Scalars": "scalars", "ScalarsOnCells": False}
@@ -59,6 +60,17 @@ def test_cells_reach_to_their_outermost_faces() -> None:
     half = {"UseCropping": 1, "CroppingScale": [0.5, 1, 1], "CroppingOrigin": [1, 0, 0]}
     crop = Appearance.of(volume_shown(cells, {**VALUES, **half})).crop
     assert crop is not None and np.allclose(crop @ world[:3, :3].T + world[:3, 3], [[1, 0, 0], [4, 5, 4]])
+
+
+@pytest.mark.parametrize("indices", [False, True])
+def test_cropping_scales_the_bounds_or_since_5_13_the_extent(indices: bool, monkeypatch) -> None:
+    monkeypatch.setattr(shown, "CROPS_INDICES", indices)
+    image = from_array(field(), origin=(2.0, 0.0, 0.0), spacing=(2.0, 1.0, 1.0))  # x from 2 to 12, extent 0 to 5
+    half = {"UseCropping": 1, "CroppingScale": [0.5, 1, 1], "CroppingOrigin": [4, 0, 0]}
+    crop = Appearance.of(volume_shown(image, {**VALUES, **half})).crop
+    # As ParaView draws it: the ends are 4 + 12 / 2 or 4 + 5 / 2, and outermost points are edges of texels.
+    end = (4.0 + 0.5 * (5.0 if indices else 12.0) - 2.0) / 2.0
+    assert crop is not None and crop[1, 0] == pytest.approx(end * 6 / 5 - 0.5)
 
 
 def test_what_cannot_be_placed_is_said() -> None:

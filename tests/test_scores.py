@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,16 +14,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.cli.app import app
-from svv.core.geometry.cameras import sphere_cameras
+from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.core.images.metrics import Likeness
 from svv.errors import BadInput
 from svv.io.files.atomic import write_json
 from svv.io.views.viewset import ViewSet
 from svv.job.result import _scores
 from svv.styles import weights
-from svv.train.evaluate import Scores, evaluate_scene
+from svv.train.evaluate import Scores, check_views, evaluate_scene
 from svv.train.lpips import Lpips
 from tests.any_json import any_json
+from tests.cinema_database import picture
 from tests.cube import cube_scene
 
 SCORES = Scores(30.0, 20.0, 0.9, 0.05, None, 8, (64, 48), 0.5, "pcn", "white", "cpu", None, "numba", None)
@@ -74,14 +76,42 @@ def test_a_scene_is_scored_by_what_it_shows() -> None:
     assert scores.seconds_per_view > 0 and told == sorted(told) and told[-1] == 1.0
 
 
+def shown_by(cameras: Sequence[Camera], seen_from: Sequence[Camera] | None = None) -> ViewSet:
+    """Return views of the cube, or what other cameras see of it, said to be those of ``cameras``."""
+    images = [cube_scene().render(camera, "base").rgba for camera in seen_from or cameras]
+    return ViewSet(
+        tuple(cameras), np.rint(255 * np.stack(images)).astype(np.uint8), tuple("abcdefghijkl"[: len(images)])
+    )
+
+
+def test_views_that_contradict_themselves_or_the_scene_are_told_before_scoring(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.5, 64)
+    assert check_views(cube_scene(), shown_by(cameras)) == []
+    far = sphere_cameras(12, (0.0, 0.0, 0.0), 6.0, 0.5, 64)
+    moved = sphere_cameras(12, (0.8, 0.0, 0.0), 3.0, 0.5, 64)
+    for other in (far, moved):  # they agree among themselves
+        *_, said = check_views(cube_scene(), shown_by(cameras, other))
+        assert "% of their outlines in common" in said
+    around = sphere_cameras(24, (0.0, 0.0, 0.0), 6.0, float(np.radians(30.0)), 96)
+    shifted = np.stack([picture(around[k - 1]) for k in range(24)])
+    with pytest.raises(BadInput, match="contradict their cameras"):
+        check_views(cube_scene(), ViewSet(tuple(around), shifted, tuple(map(str, range(24)))))
+    cube_scene().save(tmp_path / "cube.svv")
+    shown_by(cameras, far).write(tmp_path / "views", "test")
+    monkeypatch.setattr("svv.train.pipeline.evaluate_scene", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        app(["evaluate", str(tmp_path / "cube.svv"), "--views", str(tmp_path / "views")], standalone_mode=False)
+    assert "outlines in common" in capsys.readouterr().err
+
+
 def test_without_weights_it_is_said_how_to_get_them_beside_the_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """On standard error; the table and the JSON stay as they are. A job's page leaves LPIPS out."""
     cube_scene().save(tmp_path / "cube.svv")
-    cameras = sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 32)
-    truth = np.random.default_rng(0).integers(0, 256, (3, 32, 32, 4), dtype=np.uint8)
-    ViewSet(tuple(cameras), truth, ("a", "b", "c")).write(tmp_path / "views", "test")
+    shown_by(sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 32)).write(tmp_path / "views", "test")
     command = ["evaluate", str(tmp_path / "cube.svv"), "--views", str(tmp_path / "views"), "--json"]
 
     def evaluated() -> tuple[str, str, Scores]:

@@ -212,3 +212,18 @@ def test_numbers_in_names_that_tell_nothing_are_refused_or_left_alone(tmp_path: 
         read_here(slices(tmp_path / "a", lambda k, z: f"run{k}_part{z}.tif"))
     dated = slices(tmp_path / "b", lambda k, z: f"scan_{20260000 + 12 * k + z}_{1200 + 12 * k + z}.tif")
     np.testing.assert_array_equal(to_array(read_here(dated)), np.concatenate([U[:12], U[:12] + 1000]))
+
+
+@pytest.mark.parametrize("size", [(6, 7), (3, 4)])
+def test_a_slice_of_another_kind_is_not_dropped(tmp_path: Path, size: tuple[int, int]) -> None:
+    """A single page of the slices' size is one of them; of another size, a thumbnail or a label."""
+    with tifffile.TiffWriter(tmp_path / "v.tif") as writer:
+        for z in range(5):
+            other = z == 2
+            page = np.full(size if other else (6, 7), z, np.uint16)
+            writer.write(page, photometric="miniswhite" if other else "minisblack", metadata=None)
+    if size == (6, 7):
+        with pytest.raises(BadInput, match="holds 2 images"):
+            read_here(tmp_path / "v.tif")
+    else:
+        assert to_array(read_here(tmp_path / "v.tif"))[:, 0, 0].tolist() == [0, 1, 3, 4]

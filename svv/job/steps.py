@@ -21,6 +21,7 @@ from svv.io.files.keyed_results import digest
 from svv.io.pictures.output import write_mp4, write_png, write_region_png
 from svv.io.pictures.style_picture import read_style
 from svv.io.scene_file import checkpoint_of, remove_checkpoints
+from svv.io.views.agreement import check_agreement
 from svv.io.views.transforms import transforms_file
 from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn, ViewSource
@@ -118,6 +119,9 @@ class Job:
         options, checkpoint = self.settings.train, checkpoint_of(self.scene)
 
         def work(progress: Progress) -> None:
+            if self.has_unseen and not isinstance(self.source, Drawn):  # before the training, not after it
+                unseen = ViewSet.read(self.views, "test")
+                check_agreement(unseen.cameras, unseen.images, unseen.names, "the split test")
             views = ViewSet.read(self.views, "train", part(progress, 0.0, 0.01))
             scene, report = train_scene(views, options, part(progress, 0.01, 1.0), checkpoint)
             scene.save(self.scene)

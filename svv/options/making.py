@@ -142,7 +142,7 @@ class TrainOptions:
     nothing; by default network, or auto with fewer than 32 views."""
     views_only: bool = False
     """Learn from views only, as the paper does. By default, the volume is used as well, if the views come with it."""
-    ignore_fixed: Annotated[bool, Setting("--ignore-fixed", panel="")] = False
+    ignore_fixed: Annotated[bool, Setting("--ignore-fixed", advanced=True)] = False
     """Leave out what stands still on the screen in all views: colour bars, axes, logos, text."""
     change: Annotated[
         tuple[str, ...],

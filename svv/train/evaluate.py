@@ -17,6 +17,7 @@ from svv.core.json_values import list_in, needed, number_in, numbers_in, object_
 from svv.errors import Progress, silent
 from svv.fields.radiance.kept_views import nothing_kept
 from svv.fields.scene.scene import Scene
+from svv.io.views.agreement import check_agreement
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import usable_cpus
@@ -26,6 +27,12 @@ Value = TypeVar("Value")
 
 MOST_AT_A_TIME = 8
 """Maximum number of images whose metrics are computed side by side: FLIP needs half a kilobyte a pixel."""
+
+COMPARED, COMPARED_SIDE = 8, 64
+"""Views whose outlines are compared with the scene's before it is scored, and the longer side of those, pixels."""
+
+LEAST_SHARED = 0.5
+"""Intersection over union of the outlines, in terms of alpha, below which views show something else."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +119,32 @@ class Scores:
         content["size"] = list(self.size)
         overlap = content.pop("region_overlap")
         return content if overlap is None else {**content, "region_overlap": list(overlap)}
+
+
+def check_views(scene: Scene, views: ViewSet) -> list[str]:
+    """Return what may be wrong with views before a scene is scored with them, as sentences.
+
+    Raises:
+        BadInput: The pictures contradict their cameras.
+    """
+    agreement = check_agreement(views.cameras, views.images, views.names)
+    chosen = np.unique(np.linspace(0, len(views) - 1, COMPARED).round().astype(int)).tolist()
+    shared = either = 0.0
+    for number in chosen:
+        camera, (height, width) = views.cameras[number], views.images.shape[1:3]
+        size = [max(1, round(side * COMPARED_SIDE / max(width, height))) for side in (width, height)]
+        ours = scene.render(camera.resized(*size), scene.networks[0]).rgba[..., 3]
+        rows, columns = ((np.arange(n) + 0.5) * side / n for n, side in zip(size[::-1], (height, width)))
+        theirs = views.images[number, ..., 3][np.ix_(rows.astype(int), columns.astype(int))] / 255.0
+        shared, either = shared + np.minimum(ours, theirs).sum(), either + np.maximum(ours, theirs).sum()
+    told = [agreement.doubt, agreement.fixed]
+    if shared < LEAST_SHARED * either:
+        told.append(
+            f"The views and the scene have only {shared / either:.0%} of their outlines in common: either the scene "
+            "was trained for too short a time, or the views show another volume, or their cameras are in other "
+            "coordinates or units than those of its training."
+        )
+    return [said for said in told if said is not None]
 
 
 def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, progress: Progress = silent) -> Scores:

@@ -48,6 +48,9 @@ BEGINNING_PART = 0.2
 BASE_PART = 0.68
 """Fraction of a time limit given to stage 1; stage 2 gets the rest, less the time of the steps between them."""
 
+REGIONS_PART = 0.25
+"""Fraction of what is then left that finding the regions without a volume may take."""
+
 
 class Training:
     """Stages 1 and 2 of one scene.
@@ -209,7 +212,8 @@ class Training:
         else:
             palette = palette_of(views, scene.occupancy, seed)
             if self.chosen.fitted and isinstance(scene.base.encoding, SparseLattice):
-                known = regions_in(scene, views, palette, seed)
+                left = self._left()
+                known = regions_in(scene, views, palette, seed, None if left is None else left * REGIONS_PART)
         if self.chosen.fitted:
             borders = known is not None and len(known.ranges) > 1
             scene, reason = with_fewest_levels(scene, views, seed, borders)

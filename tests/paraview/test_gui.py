@@ -103,6 +103,10 @@ MENU, SUBMENU = (300, 390), (462, 670)
 """Columns of the screen where menu Filters and its submenus show that, in the versions with Qt 5 and with Qt 6."""
 
 
+ITEMS = 12
+"""Items of the menu StyleRF, of which most need a scene."""
+
+
 def chosen(running: Any, picture: Path, columns: tuple[int, int]) -> int:
     """Row of the screen at which the chosen item stands, 0 if there is none."""
     colours = pixels(running.screenshot(picture))[24:700, slice(*columns)]
@@ -113,9 +117,9 @@ def chosen(running: Any, picture: Path, columns: tuple[int, int]) -> int:
 def choose(running: Any, picture: Path, columns: tuple[int, int], *keys: str) -> int:
     """Press keys until another item is chosen; returns its row."""
     before = chosen(running, picture, columns)
-    for _ in range(6):
+    for _ in range(ITEMS):
         running.xdotool("key", *keys)
-        until = time.monotonic() + 3.0  # an item that cannot be chosen is passed without a mark
+        until = time.monotonic() + 3.0  # in 6.1, an item that cannot be chosen is passed without a mark
         while time.monotonic() < until:
             now = chosen(running, picture, columns)
             if now not in (0, before):

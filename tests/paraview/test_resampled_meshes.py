@@ -46,6 +46,13 @@ said["middle"] = float(found[24, 24, 3])
 levels = AMRGaussianPulseSource()
 found, said["levels"] = views(levels, ("CELLS", "Gaussian-Pulse"))
 said["seen"] = float(found[..., 3].max())
+tree = (RandomHyperTreeGridSource if "RandomHyperTreeGridSource" in globals() else HyperTreeGridRandom)()
+tree.MaxDepth = 3
+tree.UpdatePipeline()
+GetColorTransferFunction("Depth").RescaleTransferFunction(0, 3)
+seen = StyleRFViews(Input=tree, Views=12, TestViews=0, ViewSize=48, RayCaster="cpu")
+seen.TransferFunction = GetColorTransferFunction("Depth")  # no view shows such grids as volumes
+said["tree"] = status(seen)
 surface = StyleRFViews(Input=Sphere())
 surface.TransferFunction = GetColorTransferFunction("RTData")
 said["surface"] = status(surface)
@@ -63,6 +70,7 @@ def test_the_filters_resample_what_is_no_image(inside) -> None:
     assert "30 x 30 x 30 points" in said["finer"] and said["finer off"] < 3
     assert "96 x 96 x 96 points" in said["ball"] and (said["corners"], said["middle"] > 0) == (0, True)
     assert "vtkOverlappingAMR, was resampled to 10 x 10 x 10" in said["levels"] and said["seen"] > 0
+    assert "12 views" in said["tree"] and "The input, a vtkHyperTreeGrid, was resampled to " in said["tree"]
     assert "surfaces, which fill no space" in said["surface"]
     assert "12 views" in said["next"] and "resampled" not in said["next"] + said["image"]
 

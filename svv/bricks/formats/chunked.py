@@ -22,6 +22,9 @@ CHUNK_CACHE = 128 << 20
 ELEMENT_SIZE = ("element_size_um", "spacing", "voxel_size", "resolution")
 """Attributes of an HDF5 dataset that may hold the size of a voxel along z, y, x."""
 
+UNEVEN = 0.01
+"""Part of a step by which steps between voxels may differ: scales are often stored in single precision."""
+
 
 class ChunkedSource:
     """Arrays of several resolutions.
@@ -85,19 +88,23 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
     try:
         opened = h5py.File(file, "r", rdcc_nbytes=CHUNK_CACHE, rdcc_nslots=100_003)
         data = _dataset(h5py, opened, file, array)
-        axes, size = _axes_of_dataset(data)
+        axes, size, origin = _axes_of_dataset(data, file)
         shape, kind = data.shape, data.dtype
     except BadInput:
         raise
     except Exception as error:  # damaged files make HDF5 raise all kinds of errors
         raise BadInput(f"Cannot read {file}: it is damaged, incomplete, or not an HDF5 file.") from error
     pick = picked(axes, shape, choice, file.name)
-    level = level_of(pick.sides(shape), np.diag(size), np.zeros(3), file.name)
+    level = level_of(pick.sides(shape), np.diag(size), origin, file.name)
     return ChunkedSource(file.name, [partial(pick.box, data)], kind, [level])
 
 
 def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
-    """Return the dataset of a path, or the largest one with three axes."""
+    """Return the dataset of a path, or the largest one with three axes.
+
+    Raises:
+        BadInput: There is none, or no path and several of the largest size.
+    """
     found: dict[str, Any] = {}
 
     def note(name: str, item: Any) -> None:
@@ -109,12 +116,18 @@ def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
         names = ", ".join(found) or "none"
         wanted = f"no volume '{array}'" if array else "no dataset with three axes"
         raise BadInput(f"{file} has {wanted}; datasets with three axes: {names}.")
-    return found[array.strip("/")] if array is not None else max(found.values(), key=lambda item: item.size)
+    if array is not None:
+        return found[array.strip("/")]
+    most = max(item.size for item in found.values())
+    largest = [name for name, item in found.items() if item.size == most]
+    if len(largest) > 1:
+        raise BadInput(f"{file} has several volumes of one size: name one of them ({', '.join(largest)}) with --array.")
+    return found[largest[0]]
 
 
-def _axes_of_dataset(data: Any) -> tuple[list[str], NDArray[np.float64]]:
-    """Return the names of a dataset's axes, and the size of a voxel along x, y, z."""
-    size = np.ones(3)
+def _axes_of_dataset(data: Any, file: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the names of a dataset's axes, the size of a voxel, and the first voxel's place, along x, y, z both."""
+    size, origin = np.ones(3), np.zeros(3)
     for key in ELEMENT_SIZE:
         values = np.atleast_1d(np.asarray(data.attrs.get(key, ()), dtype=object))
         if values.shape == (3,) and all(isinstance(v, (int, float, np.number)) for v in values):
@@ -127,10 +140,33 @@ def _axes_of_dataset(data: Any) -> tuple[list[str], NDArray[np.float64]]:
     except (KeyError, TypeError, ValueError):
         names, steps = named(dimension.label for dimension in data.dims), {}
     if len(names) != data.ndim or not set("zyx") <= set(names):
-        return unnamed(data.shape), size
+        names, steps = unnamed(data.shape), {}
     if all(steps.get(axis, 0.0) > 0.0 for axis in "xyz"):
         size = np.array([steps[axis] for axis in "xyz"])
-    return names, size
+    elif (size == 1.0).all() and set("zyx") <= set(names):
+        size, origin = _scaled([data.dims[names.index(axis)] for axis in "xyz"], file)
+    return names, size, origin
+
+
+def _scaled(dimensions: Sequence[Any], file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the size of a voxel and the first voxel's place along x, y, z, by the scales attached to those axes.
+
+    Axes without a scale keep 1 and 0, and so do all if their units differ: degrees and metres make no place.
+
+    Raises:
+        BadInput: The voxels of an axis are not evenly spaced.
+    """
+    size, origin, units = np.ones(3), np.zeros(3), set()
+    for k, dimension in enumerate(dimensions):
+        values = np.asarray(dimension[0]) if len(dimension) else np.zeros(0)
+        if values.ndim != 1 or values.size < 2 or values.dtype.kind not in "iuf":
+            continue
+        steps = np.diff(values.astype(np.float64))
+        if not np.abs(steps - steps.mean()).max() < UNEVEN * np.abs(steps.mean()):
+            raise BadInput(f"{file} is not evenly spaced along its scale '{dimension[0].name}': resample it first.")
+        units.add(str(dimension[0].attrs.get("units", "")))
+        size[k], origin[k] = steps.mean(), values[0]
+    return (size, origin) if len(units) == 1 else (np.ones(3), np.zeros(3))
 
 
 def unnamed(shape: Sequence[int]) -> list[str]:

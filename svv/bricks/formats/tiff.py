@@ -186,7 +186,9 @@ def _series(there: Sequence[Any], array: str | None, path: Path) -> Any:
         if len(chosen) == 1:
             return chosen[0]
     several = [s for s in there if len(s.pages) > 1 or len(s.shape) > 2]
-    if len(there) == 1 or (len(several) == 1 and array is None and len(there[0].pages) > 1):
+    # A single page beside a stack is a label or a thumbnail, unless its size says that it is a slice of another kind.
+    slices = [s for s in there if s not in several and several and tuple(s.shape) == tuple(several[0].shape[-2:])]
+    if len(there) == 1 or (len(several) == 1 and not slices and array is None and len(there[0].pages) > 1):
         return several[0] if several else there[0]
     listed = ", ".join(f"{k} {s.name}".strip() + f" ({' x '.join(map(str, s.shape))})" for k, s in enumerate(there))
     raise BadInput(

@@ -167,6 +167,7 @@ def evaluate(
     from svv.io.files.atomic import write_json
     from svv.io.views.viewset import read_classified
     from svv.styles.weights import NO_LPIPS
+    from svv.train.evaluate import check_views
     from svv.train.palette.ranges import region_overlaps
     from svv.train.pipeline import evaluate_scene
 
@@ -175,6 +176,8 @@ def evaluate(
     with shown("Reading") as progress:
         view_set = read_views(views, scoring.split, progress)
     volume = read_classified(views)  # before minutes of work, in case it is damaged
+    for said in check_views(loaded, view_set):
+        print(said, file=sys.stderr)
     with shown("Evaluating") as progress:
         scores = evaluate_scene(loaded, view_set, scoring.network or "pcn", progress)
     if volume is not None and loaded.palette_network is not None:

@@ -142,6 +142,10 @@ def disagreement(cameras: Sequence[Camera], silhouettes: Silhouettes) -> Array:
     return differences(Views.of(cameras), silhouettes)
 
 
+LEAST_OF_A_VIEW = 6
+"""Differences of a view below which it says nothing alone."""
+
+
 def differences(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS, paired: Views | None = None) -> Array:
     """Return what :func:`disagreement` returns, of cameras that may be mirrored.
 
@@ -152,6 +156,28 @@ def differences(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS, 
         paired: Cameras by which pairs are chosen; by default the same.
     """
     return _differences(views, silhouettes, _pairs(paired or views, silhouettes, most))
+
+
+def differences_by_view(views: Views, silhouettes: Silhouettes, most: int) -> Array:
+    """Return by how many pixels the silhouette of each view differs from the others': medians, NaN if unknown. (n,)
+
+    Args:
+        views: The cameras.
+        silhouettes: Their silhouettes.
+        most: Most pairs of views that are compared.
+    """
+    pairs = _pairs(views, silhouettes, most)
+    medians = np.full(len(views.matrices), np.nan)
+    if not len(pairs):
+        return medians
+    pairs = pairs[np.argsort(~views.parallel[pairs[:, 0]], kind="stable")]  # as _differences returns them
+    found = np.abs(_differences(views, silhouettes, pairs)).reshape(len(pairs), -1)
+    for view in range(len(medians)):
+        own = found[(pairs == view).any(axis=1)]
+        own = own[np.isfinite(own)]
+        if len(own) >= LEAST_OF_A_VIEW:
+            medians[view] = np.median(own)
+    return medians
 
 
 def best_fov(cameras: Sequence[Camera], silhouettes: Silhouettes) -> Fit | None:

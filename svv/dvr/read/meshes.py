@@ -1,4 +1,4 @@
-"""Grids that are no images, resampled to one: unstructured, curvilinear, rectilinear and AMR grids, and blocks of them.
+"""Grids that are no images, resampled to one: unstructured, curvilinear, AMR and hyper tree grids, and blocks of them.
 
 Points of the image outside the cells are blanked (:mod:`svv.dvr.draw.appearance`), so that nothing is drawn there.
 """
@@ -14,20 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import (
+    VTK_VOXEL,
     vtkCompositeDataSet,
     vtkDataObject,
     vtkDataSet,
     vtkDataSetAttributes,
     vtkGenericCell,
+    vtkHyperTreeGrid,
     vtkImageData,
     vtkPolyData,
     vtkUniformGridAMR,
     vtkUnstructuredGrid,
 )
 from vtkmodules.vtkFiltersCore import vtkProbeFilter, vtkThreshold
+from vtkmodules.vtkFiltersExtraction import vtkExtractCellsByType
+from vtkmodules.vtkFiltersHyperTree import vtkHyperTreeGridToUnstructuredGrid
 
 from svv.dvr.draw.appearance import GHOSTS
-from svv.dvr.read.grids import pick_scalars, put_own_unit_distance, put_scalars
+from svv.dvr.read.grids import check_precision, pick_scalars, put_own_unit_distance, put_scalars
 from svv.errors import BadInput
 from svv.io.files.memory import memory_there
 
@@ -46,7 +50,8 @@ INSIDE = 1e-6
 
 def is_mesh(data: object) -> bool:
     """Return whether a data object is a grid, or blocks of grids, that must be resampled before it is drawn."""
-    return isinstance(data, (vtkDataSet, vtkCompositeDataSet)) and not isinstance(data, vtkImageData)
+    kinds = (vtkDataSet, vtkCompositeDataSet, vtkHyperTreeGrid)
+    return isinstance(data, kinds) and not isinstance(data, vtkImageData)
 
 
 def resampled(
@@ -99,6 +104,11 @@ def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
     if isinstance(data, vtkDataSet):
         if data.GetNumberOfCells():
             yield data
+    elif isinstance(data, vtkHyperTreeGrid):
+        leaves = vtkHyperTreeGridToUnstructuredGrid()
+        leaves.SetInputData(data)
+        leaves.Update()
+        yield from _blocks(leaves.GetOutput())
     elif isinstance(data, vtkUniformGridAMR):
         for level in reversed(range(data.GetNumberOfLevels())):
             for number in range(data.GetNumberOfDataSets(level)):
@@ -120,7 +130,7 @@ def _arrays_of(data: vtkDataObject, array: str | None, cells: bool, name: str) -
         BadInput: No grid has it.
     """
     every = list(_blocks(data))
-    solid = [block for block in every if _fills_space(block)]
+    solid = [_solid(block) for block in every if _fills_space(block)]
     refusal = f"{name} is a {data.GetClassName()} without cells, and a volume needs some."
     if every:
         refusal = (
@@ -144,12 +154,35 @@ def _fills_space(block: vtkDataSet) -> bool:
         return False
     if not isinstance(block, vtkUnstructuredGrid):
         return block.GetNumberOfCells() > 0 and int(block.GetMaxCellSize()) >= 8
+    return any(_dimension(kind) == 3 for kind in _kinds(block))
+
+
+def _kinds(block: vtkUnstructuredGrid) -> list[int]:
+    """Return the types of a grid's cells, each once."""
+    return vtk_to_numpy(block.GetDistinctCellTypesArray()).tolist()
+
+
+def _dimension(kind: int) -> int:
+    """Return the number of dimensions of a type of cells."""
     cell = vtkGenericCell()
-    for kind in vtk_to_numpy(block.GetDistinctCellTypesArray()).tolist():
-        cell.SetCellType(kind)
-        if cell.GetCellDimension() == 3:
-            return True
-    return False
+    cell.SetCellType(kind)
+    return int(cell.GetCellDimension())
+
+
+def _solid(block: vtkDataSet) -> vtkDataSet:
+    """Return a grid without its points, lines and surfaces, which ParaView's volumes do not show."""
+    if not isinstance(block, vtkUnstructuredGrid):
+        return block
+    kinds = _kinds(block)
+    cells = [kind for kind in kinds if _dimension(kind) == 3]
+    if len(cells) == len(kinds):
+        return block
+    extract = vtkExtractCellsByType()
+    extract.SetInputData(block)
+    for kind in cells:
+        extract.AddCellType(kind)
+    extract.Update()
+    return extract.GetOutput()
 
 
 def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
@@ -164,6 +197,7 @@ def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
             "extract a component or the magnitude first."
         )
     values = vtk_to_numpy(array)
+    check_precision(values)
     if not on_cells and values.dtype.kind in "iu":
         array = numpy_to_vtk(values.astype(np.float64), deep=True)
         array.SetName(name)
@@ -195,9 +229,11 @@ def _hidden_cells(block: vtkDataSet) -> NDArray[np.bool_] | None:
     hidden = np.zeros(block.GetNumberOfCells(), bool)
     if cells is not None:
         hidden |= (vtk_to_numpy(cells) & vtkDataSetAttributes.HIDDENCELL) > 0
+    size = [0, 0, 0]
     if points is not None and hasattr(block, "GetDimensions"):
-        size = list(block.GetDimensions())[::-1]
-        blank = ((vtk_to_numpy(points) & vtkDataSetAttributes.HIDDENPOINT) > 0).reshape(size)
+        block.GetDimensions(size)
+    if math.prod(size) == block.GetNumberOfPoints():  # points of an explicit structured grid may lie in no such rows
+        blank = ((vtk_to_numpy(points) & vtkDataSetAttributes.HIDDENPOINT) > 0).reshape(size[::-1])
         for ends in product((slice(1, None), slice(None, -1)), repeat=3):
             hidden |= blank[ends].ravel()
     return hidden if hidden.any() else None
@@ -219,22 +255,35 @@ def _sampled(
         raise BadInput(f"{name} is flat: a volume needs cells with an extent along x, y and z.")
     most = min(MOST_POINTS, memory_there() // 2 // BYTES_A_POINT)
     count = sum(part.GetNumberOfCells() if on_cells else part.GetNumberOfPoints() for part in parts)
-    images = [min(part.GetSpacing()) for part in parts if isinstance(part, vtkImageData)]
-    levels = len(images) == len(parts)  # of an AMR grid
+    finest = [step for part in parts if (step := _finest(part, on_cells))]
+    levels = len(finest) == len(parts)  # of an AMR or hyper tree grid
     centred = on_cells and levels
     if along is not None:
         step = float(sides.max()) / (along - (0 if centred else 1))
     elif levels:
-        step = max(min(images), _step(sides, most))
+        step = max(min(finest), _step(sides, most))
     else:
         step = _step(sides, min(count, most))
     image = _image_over(low, sides, step, centred, (name, most))
     values, known = _values_at(image, parts, array)
-    if along is None and not levels and (on_cells or not known.all()):
+    edges = not known.all() and not all(isinstance(part, vtkImageData) for part in parts)
+    if along is None and (edges or (on_cells and not levels)):
         wanted = np.clip(FINER * count / max(known.mean(), 0.01), LEAST_POINTS, most)
         image = _image_over(low, sides, _step(sides, wanted), False, (name, most))
         values, known = _values_at(image, parts, array)
     return image, values, known
+
+
+def _finest(part: vtkDataSet, on_cells: bool) -> float | None:
+    """Return the smallest spacing of an image, or side of cells with values of which all are voxels; otherwise None."""
+    if isinstance(part, vtkImageData):
+        return float(min(part.GetSpacing()))
+    if not (on_cells and isinstance(part, vtkUnstructuredGrid)):
+        return None
+    if _kinds(part) != [VTK_VOXEL]:
+        return None
+    ends = vtk_to_numpy(part.GetCells().GetConnectivityArray()).reshape(-1, 8)[:, [0, 7]]
+    return float(np.diff(vtk_to_numpy(part.GetPoints().GetData())[ends], axis=1).min()) or None
 
 
 def _step(sides: NDArray[np.float64], count: float) -> float:
@@ -279,8 +328,9 @@ def _values_at(
 ) -> tuple[NDArray[np.floating[Any]], NDArray[np.bool_]]:
     """Return the values at the points of an image, and which of them lie in a cell. (Z, Y, X) both"""
     shape = image.GetDimensions()[::-1]
-    first = parts[0].GetPointData().GetScalars() or parts[0].GetCellData().GetScalars()
-    values, known = np.zeros(shape, vtk_to_numpy(first).dtype), np.zeros(shape, bool)
+    arrays = [part.GetPointData().GetScalars() or part.GetCellData().GetScalars() for part in parts]
+    kind = np.result_type(*(vtk_to_numpy(array).dtype for array in arrays))
+    values, known = np.zeros(shape, kind), np.zeros(shape, bool)
     origin, spacing = np.array(image.GetOrigin()), np.array(image.GetSpacing())
     for part in parts:
         ends = np.array(part.GetBounds()).reshape(3, 2)

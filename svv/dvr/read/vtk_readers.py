@@ -12,7 +12,13 @@ from typing import Any
 import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
-from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataSet, vtkImageData, vtkRectilinearGrid
+from vtkmodules.vtkCommonDataModel import (
+    vtkCompositeDataSet,
+    vtkDataSet,
+    vtkHyperTreeGrid,
+    vtkImageData,
+    vtkRectilinearGrid,
+)
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 
 from svv.bricks.formats.stored import damaged, too_large
@@ -62,7 +68,7 @@ def run(reader: Any, path: Path) -> Any:
         raise damaged(path)
     if output.IsA("vtkRectilinearGrid"):
         return _evenly_spaced(output)
-    if not isinstance(output, (vtkDataSet, vtkCompositeDataSet)):
+    if not isinstance(output, (vtkDataSet, vtkCompositeDataSet, vtkHyperTreeGrid)):
         raise BadInput(f"{path} contains a {output.GetClassName()}, not a volume.")
     return output
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from svv.core.geometry.cameras import Camera
-from svv.core.view_checks.agreement import MOST_PAIRS, Outlines
+from svv.core.view_checks.agreement import MOST_PAIRS, MOST_VIEWS, Outlines
 from svv.core.view_checks.camera_mistakes import Mistake, mistakes, turned_by
-from svv.core.view_checks.silhouettes import Views, differences
+from svv.core.view_checks.silhouettes import Views, differences, differences_by_view
 from svv.errors import BadInput
 from svv.io.views.on_screen import fixed_in, noticed, without
 
@@ -64,6 +64,12 @@ EQUAL = 0.15
 
 WHOLE_EDGE, MANY = 0.95, 0.3
 """Fraction of the pixels at a picture's edge that the scene fills if its camera is inside, and of such views."""
+
+APART, PAIRS_A_VIEW = (5.0, 2.0), 12
+"""Factor of the usual difference and pixels from which a view disagrees with the others, and pairs of each view."""
+
+NAMED = 5
+"""Pictures that a sentence names at most."""
 
 FACED = 0.5
 """Fraction of the cameras that must look towards what they show."""
@@ -113,8 +119,48 @@ def check_agreement(
     if fixed is not None:  # a colour bar must not be blamed on the cameras
         images = without(images, fixed)
     found, doubt = _check(cameras, images, names, where, also)
-    doubt = " ".join(filter(None, (doubt, _surrounded(images)))) or None
+    alone = None if found is None else _apart(cameras, images, names)
+    doubt = " ".join(filter(None, (doubt, alone, _empty(images, names), _surrounded(images)))) or None
     return Agreement(found, doubt, None if fixed is None else noticed(fixed))
+
+
+def _apart(cameras: Sequence[Camera], images: NDArray[np.uint8], names: Sequence[str]) -> str | None:
+    """Name the views whose silhouettes disagree with those of all others, which agree among themselves."""
+    count, wrong = len(cameras), []
+    step = -(-count // MOST_VIEWS)
+    for first in range(step):
+        some = np.arange(first, count, step)
+        outlines = Outlines.of(images[some])
+        views = Views.of([cameras[int(k)] for k in some])
+        levels = [level for level, alpha in zip(outlines.levels, outlines.of_alpha) if alpha]
+        if not levels:
+            return None
+        found = np.stack([differences_by_view(views, level, PAIRS_A_VIEW * len(some)) for level in levels])
+        told = np.isfinite(found)
+        usual = np.array([np.median(row[row_told]) if row_told.any() else np.inf for row, row_told in zip(found, told)])
+        far = told & (found > np.maximum(APART[0] * usual, APART[1])[:, None])
+        wrong += some[(far.sum(axis=0) > 0.5 * told.sum(axis=0)) & told.any(axis=0)].tolist()
+    if not wrong or len(wrong) > MANY * count:
+        return None
+    return (
+        f"{_some(wrong, names)} disagree{'s' * (len(wrong) == 1)} with the silhouettes of all other pictures: check "
+        "their cameras, or leave them out."
+    )
+
+
+def _empty(images: NDArray[np.uint8], names: Sequence[str]) -> str | None:
+    """Name the pictures that show nothing, if others show something."""
+    empty = np.flatnonzero(~(images[..., 3] > 0).any(axis=(1, 2))).tolist()
+    if not empty or len(empty) == len(images):
+        return None
+    return f"{_some(empty, names)} show{'s' * (len(empty) == 1)} nothing: leave out what was not drawn."
+
+
+def _some(which: Sequence[int], names: Sequence[str]) -> str:
+    """Return the names of some pictures, the first few of many."""
+    listed = ", ".join(str(names[k]) for k in which[:NAMED])
+    more = f" and {len(which) - NAMED} more" if len(which) > NAMED else ""
+    return f"The picture{'s' * (len(which) > 1)} {listed}{more}"
 
 
 def _surrounded(images: NDArray[np.uint8]) -> str | None:

@@ -177,16 +177,19 @@ LIGHT_KIT = "Lit from the camera, which is darker than the light kit of ParaView
 
 
 CROPPED = (
-    "The volume is cropped by its display, which this version of ParaView does in another way than 5.11, and StyleRF "
-    "does not: turn Use Cropping off in the display's properties, and insert the filter Extract Subset."
+    "The volume is cropped by its display, and how ParaView 5.12 does that was not compared with StyleRF: turn Use "
+    "Cropping off in the display's properties, and insert the filter Extract Subset."
 )
 
 
 def crops_as_known() -> bool:
-    """Return whether this ParaView crops as 5.11 does: pictures of 6.1 differ, and 5.13 renamed the displays' place."""
+    """Return whether this ParaView crops in a known way (:data:`svv.pv.display.shown.CROPS_INDICES`).
+
+    Between 5.11 and 5.13, what the display's scale multiplies has changed; 5.12 was not seen.
+    """
     from paraview.servermanager import vtkSMProxyManager
 
-    return (vtkSMProxyManager.GetVersionMajor(), vtkSMProxyManager.GetVersionMinor()) < (5, 13)
+    return (vtkSMProxyManager.GetVersionMajor(), vtkSMProxyManager.GetVersionMinor()) != (5, 12)
 
 
 def refused_by(display: Any) -> str:

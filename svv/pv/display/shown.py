@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkRenderingCore import vtkVolume
 
@@ -41,6 +42,9 @@ SHEARED = (
     "The display scales a volume whose axes are turned differently along x, y and z, which shears it: give Scale three "
     "equal numbers, or insert the filter Resample To Image before."
 )
+CROPS_INDICES = (vtkVersion.GetVTKMajorVersion(), vtkVersion.GetVTKMinorVersion()) >= (9, 3)
+"""Whether ParaView scales the extent of a volume, in indices, where it crops it; until 5.11, it scaled its bounds."""
+
 TURNED = (
     "The display crops a volume whose axes are turned, where ParaView itself crops in wrong places: turn Use Cropping "
     "off and insert the filter Extract Subset."
@@ -132,7 +136,7 @@ def _crop(data: vtkImageData, image: vtkImageData, given: Mapping[str, Any], on_
     place = index_to_world(image)
     if np.abs(place[:3, :3] - np.diag(np.diag(place[:3, :3]))).max() > 1e-6 * np.abs(place[:3, :3]).max():
         raise BadInput(TURNED)
-    bounds = np.array(data.GetBounds()).reshape(3, 2).T
+    bounds = np.array(data.GetExtent() if CROPS_INDICES else data.GetBounds(), dtype=float).reshape(3, 2).T
     corners = np.array(given["CroppingOrigin"]) + bounds * np.array(given["CroppingScale"])
     index = (corners - place[:3, 3]) / np.diag(place[:3, :3])
     if not on_cells:

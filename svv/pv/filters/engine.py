@@ -22,7 +22,7 @@ from svv.io.files.keyed_results import digest, digest_of_file
 from svv.options.described import chosen
 from svv.options.figures import VISIONS, VisionName
 from svv.options.making import DeviceOptions, PaintOptions, RenderOptions, TrainOptions, ViewOptions
-from svv.pv.display.shown import DIVIDED, chosen_of, scale_of, volume_shown
+from svv.pv.display.shown import CROPS_INDICES, DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
 from svv.pv.filters.parallel import crew_of
@@ -93,7 +93,9 @@ def _drawing(values: Values) -> list[Any]:
     """Return how the volume is displayed, except for the transfer function, and the options of its views."""
     drawing = [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
     display = chosen_of(values)
-    return [*drawing, display] if display else drawing
+    # Versions of ParaView crop differently, and may share a folder of kept results.
+    ours = [CROPS_INDICES] if "UseCropping" in display and CROPS_INDICES else []
+    return [*drawing, display, *ours] if display else drawing
 
 
 def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:

@@ -28,7 +28,8 @@ VISIBLE = re.compile(r'panel_visibility="default"')
 
 def stylized_view_properties() -> list[Property]:
     """Return the properties of StyleRF Stylized View: first the few that choose how the painting looks."""
-    training, image, volume = training_properties("fast"), image_properties(400), volume_properties(ViewOptions(test=0))
+    training = training_properties("fast", skip=("ignore_fixed",))  # nothing stands still in views that it draws
+    image, volume = image_properties(400), volume_properties(ViewOptions(test=0))
     return [
         files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
         *map(with_meanings, picked(training, "Preset")),

@@ -79,7 +79,7 @@ def keep_input_visible(cls: Any) -> Any:
 def takes_volume(cls: Any) -> Any:
     """Give the filter a grid as its input, which may consist of blocks."""
     arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
-    cls = smdomain.datatype(dataTypes=["vtkDataSet"], composite_data_supported=True)(cls)
+    cls = smdomain.datatype(dataTypes=["vtkDataSet", "vtkHyperTreeGrid"], composite_data_supported=True)(cls)
     return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
 
 
@@ -136,7 +136,8 @@ def display_properties() -> Sequence[Property]:
                "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),
         switch("UseCropping", False, "Show only a part of the volume.", True),
         numbers("CroppingOrigin", (0.0, 0.0, 0.0), "Offset of that part, in the volume's units.", None, True),
-        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds that gives that part.", None, True),
+        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds, or of its extent in voxels since "
+                "ParaView 5.13, that gives that part.", None, True),
         numbers("Position", (0.0, 0.0, 0.0), "Where the volume is moved.", None, True),
         numbers("Scale", (1.0, 1.0, 1.0), "Factors of the volume's size along x, y and z.", None, True),
         numbers("Orientation", (0.0, 0.0, 0.0), "Angles by which the volume is turned, degrees.", None, True),
@@ -151,14 +152,14 @@ def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str,
         options: The panel's defaults.
         skip: Names of fields that the panel shows in another way.
     """
-    (views_only,) = (made for made in properties_of(options) if made.name == "ViewsOnly")
-    return [*group("Learn From", [views_only]), *properties_of(options, skip=(*skip, "views_only"))]
+    heading = [made for made in properties_of(options, skip=skip) if made.name in ("ViewsOnly", "IgnoreFixed")]
+    return [*group("Learn From", heading), *properties_of(options, skip=(*skip, "views_only", "ignore_fixed"))]
 
 
-def training_properties(preset: PresetName) -> list[Property]:
-    """Return the properties of training."""
+def training_properties(preset: PresetName, skip: tuple[str, ...] = ()) -> list[Property]:
+    """Return the properties of training, except for those of fields in ``skip``."""
     return [
-        *learning_properties(TrainOptions(preset=preset), skip=("device",)),
+        *learning_properties(TrainOptions(preset=preset), skip=("device", *skip)),
         switch("TrainEachTimeStep", False,
                "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
                "until Take What Is Shown Now is pressed. The scenes of the most recent steps are kept."),

@@ -16,6 +16,8 @@ Letters: S samples, R rays, V vertices, E edges between neighbours, P regions.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -106,7 +108,7 @@ class Unmixed:
     """Part by which held-out rays are explained better than before; 0 if nothing was changed."""
 
 
-def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer]) -> Unmixed:
+def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer], until: float = math.inf) -> Unmixed:
     """Return the regions of vertices that explain held-out rays best, starting from regions found otherwise.
 
     Args:
@@ -114,8 +116,9 @@ def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer]
         region: Region of each vertex. (V,)
         count: Number of regions P; one region is returned as it is.
         places: Integer coordinates of the vertices on their grid. (V, 3)
+        until: When to stop with the best regions so far, on the clock of :func:`time.monotonic`.
     """
-    if count < 2:
+    if count < 2 or time.monotonic() >= until:
         return Unmixed(region, 0.0)
     kept = np.arange(len(seen.pixel)) % HELD_OUT > 0
     known, held = seen.part(kept), seen.part(~kept)
@@ -128,6 +131,8 @@ def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer]
         if error < least:
             best, least = found, error
         elif error > last:
+            break
+        if time.monotonic() >= until:
             break
         last = error
     return Unmixed(best, 0.0 if best is region else 1.0 - least / max(before, 1e-12))

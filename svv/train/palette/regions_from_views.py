@@ -14,7 +14,10 @@ Letters: S samples, R rays, V vertices of the grid of regions, P regions.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -121,8 +124,8 @@ class _Points:
     ``pixel`` (R, 3): colour over black, ``alpha`` (R,).
     """
 
-    def __init__(self, scene: Scene, views: ViewSet, seed: int) -> None:
-        """Follow :data:`RAYS` training rays through a scene."""
+    def __init__(self, scene: Scene, views: ViewSet, seed: int, until: float = math.inf) -> None:
+        """Follow :data:`RAYS` training rays through a scene, or as many as time allows (:func:`regions_in`)."""
         occupancy, settings = scene.occupancy, scene.settings
         self._shading = views.meta.shading
         assert scene.base.density is not None
@@ -132,8 +135,10 @@ class _Points:
         empty = self.labels(np.zeros(len(self._places), np.int64))
         normals = torch.from_numpy(surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)).to(self._device)
         pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
-        parts = []
+        parts: list[list[NDArray[Any]]] = []
         for number in range(RAYS // AT_A_TIME):
+            if parts and time.monotonic() >= until:
+                break
             batch = pool.batch(number, AT_A_TIME)
             samples = march(batch.rays, occupancy, scene.base.density, scene.marching)
             sigma, geometry = scene.base.geometry(samples)
@@ -147,6 +152,7 @@ class _Points:
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
+        self._until = until
         self._seen = Seen(len(self._places), self.vertex, self.ray, self.weight, self.cosine, self.pixel)
 
     def labels(self, region: NDArray[np.integer]) -> Labels:
@@ -210,7 +216,7 @@ class _Points:
 
     def unmixed(self, region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], list[str]]:
         """Return regions (V,) that explain held-out rays best, and what was gained, if anything was."""
-        found = unmixed(self._seen, region, count, self._places)
+        found = unmixed(self._seen, region, count, self._places, self._until)
         if not found.gain:
             return region, []
         return found.region, [f"unmixed along rays, regions explain the hues of held-out rays {found.gain:.0%} better"]
@@ -331,7 +337,7 @@ def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_
 
 
 @torch.no_grad()
-def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int) -> KnownRegions:
+def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, seconds: float | None = None) -> KnownRegions:
     """Return the regions of a scene that was learned from views alone.
 
     Args:
@@ -339,8 +345,10 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int) -> Kno
         views: Training views.
         palette: Palette of the pixels: its hues divide the points.
         seed: Seed of the rays.
+        seconds: About how long it may take: fewer rays are then followed, and less is unmixed along them.
     """
-    points, hues = _Points(scene, views, seed), palette.colours
+    until = math.inf if seconds is None else time.monotonic() + seconds
+    points, hues = _Points(scene, views, seed, until), palette.colours
     region, steps = points.nearest_in_hue(hues), list(palette.steps[:-1])
     number, count, most = 0, len(hues), PaletteSettings().max_colours
     while number < count:

@@ -159,7 +159,7 @@ def filters() -> Iterator[str]:
             shown = element.get("panel_visibility", "default") != "never"
             if not element.tag.endswith("Property") or not shown or element.get("name") in (None, "Input"):
                 continue
-            text = element.findtext("Documentation") or ""
+            text = re.sub(r"<br/><img [^>]*>", "", element.findtext("Documentation") or "")  # a picture in the tooltip
             more = " *(advanced)*" if element.get("panel_visibility") == "advanced" else ""
             default, entries = element.get("default_values", ""), element.findall(".//Entry")
             if entries:

@@ -28,6 +28,7 @@ from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import to_bytes
 from svv.io.views.viewset import ViewSet
 from svv.options.making import PaintOptions
+from svv.pv.panel import properties
 from svv.render.distinct import distinct
 from svv.render.figures.figure import Panel, figure
 from svv.render.figures.files import pixels_of
@@ -38,12 +39,16 @@ from svv.render.pictures import sheet
 from svv.render.supersampled import supersampled
 from svv.render.words.say import say
 from svv.styles.gallery import gallery_picture
+from svv.styles.offered import GALLERY
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
 from svv_bench.styles.exhibits import Exhibit, paint_figures
 
 IMAGES = Path(__file__).resolve().parent / "images"
 KEPT = IMAGES.parents[1] / "build" / "pictures"
+
+TOOLTIP = 640
+"""Width of the pictures in tooltips in pixels."""
 
 WIDTH = 1600
 """Width of the showpiece and the gallery in pixels."""
@@ -155,6 +160,14 @@ def write(name: str, pictures: Sequence[Pixels], below: bool = False, width: int
     image = Image.fromarray(np.rint(255 * page).astype(np.uint8))
     how = {} if name.endswith(".png") else {"quality": 90, "subsampling": 0, "progressive": True}
     image.save(IMAGES / name, optimize=True, **how)
+    if name in properties.PICTURED.values():
+        write_tooltip(name, image)
+
+
+def write_tooltip(name: str, page: Image.Image) -> None:
+    """Write a picture of what can be chosen, small, for a tooltip in ParaView's panel."""
+    small = page.convert("RGB").resize((TOOLTIP, round(page.height * TOOLTIP / page.width)), Image.Resampling.LANCZOS)
+    small.save(properties.PICTURES / name, quality=80, optimize=True)
 
 
 def showpiece(studio: Studio) -> None:
@@ -308,6 +321,16 @@ def _sphere(name: str, side: int) -> Pixels:
     return np.pad(ball, ((margin // 2, margin // 2), (margin, margin), (0, 0)), constant_values=1.0)
 
 
+def styles(studio: Studio) -> None:
+    """The gallery's pictures."""
+    side = WIDTH // 6
+    pictures = [Image.fromarray(to_bytes(gallery_picture(name, 512))) for name in GALLERY]
+    shown = [np.asarray(one.resize((side, side), Image.Resampling.LANCZOS)) / 255.0 for one in pictures]
+    rows = [piece for k in (0, 6) for piece in (
+        np.concatenate(shown[k : k + 6], axis=1), labelled([*GALLERY][k : k + 6], side))]  # fmt: skip
+    write("styles.jpg", rows, below=True, width=WIDTH)
+
+
 def looks(studio: Studio) -> None:
     """The looks that ship, on scenes of one, two and three regions."""
     side, pictures = WIDTH // 5, []
@@ -369,6 +392,7 @@ PICTURES: dict[str, Callable[[Studio], None]] = {
         parts,
         journal_figure,
         colour_vision,
+        styles,
         matcaps,
         looks,
         look_on_another,

@@ -104,6 +104,18 @@ def test_a_panel_begins_with_at_most_twelve_properties(monkeypatch: pytest.Monke
     assert {name for name, count in counts.items() if count > 12} == rows
 
 
+def test_tooltips_of_what_can_be_chosen_show_its_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("vtkmodules", reason="the reader of filters needs VTK: install svv[standalone]")
+    monkeypatch.syspath_prepend(str(DOCS))
+    shown: dict[str, str] = {}
+    for cls in importlib.import_module("generated")._decorated():
+        for one in ElementTree.fromstring(f"<all>{''.join(cls.xml)}</all>").iter():
+            found = re.findall(r'<img src="([^"]+)"', one.findtext("Documentation") or "")
+            shown |= {f"{cls.__name__}.{one.get('name')}": Path(path).name for path in found if Path(path).is_file()}
+    assert shown["StyleRFLook.Look"] == "looks.jpg" and shown["StyleRFEdit.Region0MatCap"] == "matcaps.jpg"
+    assert shown["StyleRFStylize.Gallery"] == shown["StyleRFStylize.Region0Style"] == "styles.jpg"
+
+
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the examples start from."""

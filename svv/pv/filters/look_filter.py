@@ -26,8 +26,8 @@ FILE = "the file below"
 @smproxy.filter(label="StyleRF Look", support_reload=False)
 @menu
 @panel(
-    choice("Look", (FILE, *LOOKS), FILE, "The look: a file, or one that ships, by the name of its picture in the guide "
-           "to looks. The largest region gets the first of its regions."),
+    choice("Look", (FILE, *LOOKS), FILE, "The look: a file, or one that ships, by the name of its picture. The "
+           "largest region gets the first of its regions."),
     file("LookFile", "json", "Looks", "A look that Save Look or `svv look save` wrote."),
     text("Pairs", "Pairs of a region of the scene and one of the look, such as 0=1, 1=0. Empty: regions match by name, "
          "by values, then by colour."),

@@ -176,6 +176,12 @@ def test_a_palette_is_corrected_and_learned_again(inside, tmp_path: Path) -> Non
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.5, 48)
     images = np.stack([to_bytes(cube.render(camera).rgba) for camera in cameras])
     ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12))).write(tmp_path / "views", "train")
+    region, places = cube.render(cameras[3]).region, []
+    for number in (1, 2):
+        rows, columns = np.nonzero(region == number)
+        middle = len(rows) // 2
+        places.append(",".join(f"{v:.6f}" for v in cube.point_at(cameras[3], (columns[middle], rows[middle]))))
+    (tmp_path / "points.txt").write_text("=".join(places))
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")
 palette = StyleRFPalette(Input=reader, Preset="draft")
@@ -185,7 +191,13 @@ said["no views"] = status(palette)
 views = OpenDataFile(folder + "/views/transforms_train.json")
 palette.Views = views
 said["merged"] = [status(palette), column(palette, "Region")]
-palette.Merge, palette.Views, palette.ViewsFile = "", None, folder + "/views/transforms_train.json"
+palette.Merge, palette.Points = "", open(folder + "/points.txt").read()
+said["pointed"] = [status(palette), column(palette, "Region")]
+palette.Points = "9,9,9=1"
+said["no place"] = status(palette)
+palette.Points = "1,2,3"
+said["no point"] = status(palette)
+palette.Points, palette.Views, palette.ViewsFile = "", None, folder + "/views/transforms_train.json"
 palette.Region1SetColour, palette.Region1Colour = 1, [0.1, 0.2, 0.9]
 palette.Colour0Add, palette.Colour0Value = 1, [0.9, 0.9, 0.1]
 said["changed"] = [status(palette), column(palette, "Region")]
@@ -198,6 +210,8 @@ said["no region"] = status(palette)
 """)
     assert "palette is unchanged" in said["nothing"] and "connect StyleRF Views" in said["no views"], said
     assert said["merged"][1] == [0, 1] and "regions 0 and 2 merged" in said["merged"][0]
+    assert said["pointed"][1] == [0, 1] and "regions 1 and 2 merged" in said["pointed"][0]
+    assert "There is nothing at 9, 9, 9" in said["no place"] and "write x,y,z=region or x,y,z=x,y,z" in said["no point"]
     assert said["changed"][1] == [0, 1, 2, 3] and "#e6e61a added" in said["changed"][0]
     assert len(Scene.load(tmp_path / "corrected.svv").regions) == 4
     assert said["reset"] == [0, [0, 1, 2]] and "no region 7" in said["no region"]

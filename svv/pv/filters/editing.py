@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from svv.core.colour.correction import Correction
+from svv.core.colour.correction import Correction, Point
 from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, silent
 from svv.options.editing import (
@@ -179,7 +179,31 @@ def correction_in(values: Values) -> Correction:
         {k: values[f"Region{k}Colour"] for k in chosen["SetColour"]},
         tuple(chosen["Split"]),
         tuple(values[f"Colour{k}Value"] for k in range(ADDED) if values[f"Colour{k}Add"]),
+        *pointed_in(values["Points"]),
     )
+
+
+def pointed_in(text: str) -> tuple[tuple[tuple[Point, int], ...], tuple[tuple[Point, Point], ...]]:
+    """Return the places of '1,2,3=0; 1,2,3=4,5,6' that have a region, and the pairs of places that have the same one.
+
+    Raises:
+        BadInput: The text has another form.
+    """
+    points: list[tuple[Point, int]] = []
+    same: list[tuple[Point, Point]] = []
+    for one in filter(str.strip, text.split(";")):
+        place, _, said = one.partition("=")
+        found = places_in(place, "Points")
+        if found and said.strip().isascii() and said.strip().isdigit():
+            points.append((found[0], int(said)))
+            continue
+        others = places_in(said, "Points")
+        if not found or not others:
+            raise BadInput(
+                f"'{one.strip()}' does not point at a place: write x,y,z=region or x,y,z=x,y,z; semicolons separate."
+            )
+        same.append((found[0], others[0]))
+    return tuple(points), tuple(same)
 
 
 def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) -> Scene:

@@ -80,6 +80,9 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
         <Hints><Optional/></Hints></InputProperty>''', None, {}),
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
+    text("Points", "Places in a scene learned from views alone, each with the region that is there, or another place "
+         "of the same region: x,y,z=1; x,y,z=x,y,z. Click Part of StyleRF Edit writes what is clicked on into its Parts, "
+         "from where it can be copied. The number after the last region is a new one."),
     text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
     *(p for region in range(PALETTE) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
@@ -121,7 +124,7 @@ class StyleRFPalette(SceneOutput):
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
         if not correction:
             self.give(scene, outputs[0])
-            return "The palette is unchanged: set, add, merge, remove or split a colour."
+            return "The palette is unchanged: set, add, merge, remove or split a colour, or point at places."
         base = digest_of_scene(scene)
         source = key_of_views(inputs[1]) or self._file_key()
         settings = digest(vars(correction), chosen(options_in(PaletteOptions, self.values)))

@@ -81,7 +81,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
     text("Points", "Places in a scene learned from views alone, each with the region that is there, or another place "
-         "of the same region: x,y,z=1; x,y,z=x,y,z. Click Part of StyleRF Edit writes what is clicked on into its Parts, "
+         "of the same region: x,y,z=1; x,y,z=x,y,z. Click Part of StyleRF Edit writes what is clicked on into Parts, "
          "from where it can be copied. The number after the last region is a new one."),
     text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
     *(p for region in range(PALETTE) for p in correction_properties(region)),

@@ -119,7 +119,8 @@ def test_equal_pictures_of_different_cameras_are_noted() -> None:
     said = equal_views(twice)
     assert said is not None and said.startswith("2 of 12 views (r_3, r_7) have exactly the same picture")
     _, report = train_scene(twice, TINY)
-    assert report["warnings"] == [said] and said in report["notes"]
+    wrong, equal = report["warnings"]
+    assert wrong.startswith("The picture r_7 disagrees") and equal == said and said in report["notes"]
     assert train_scene(views, TINY)[1]["warnings"] == []
 
 

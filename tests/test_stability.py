@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -319,6 +320,17 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert not ended.value.code
     assert "4 runs" in capsys.readouterr().out
     assert "| transparent everywhere | 2 | - | - | - | - | none |" in (tmp_path / "out" / "stability.md").read_text()
+
+
+def test_without_vtk_a_sentence_says_how_to_get_it(tmp_path: Path) -> None:
+    code = (
+        "import importlib.util as util; find = util.find_spec\n"
+        "util.find_spec = lambda name, *rest: None if name == 'vtkmodules' else find(name, *rest)\n"
+        "from svv.cli.app import main; main()"
+    )
+    command = [sys.executable, "-c", code, "bench", "stability", "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and "svv[standalone]" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 def test_a_matrix_without_runs() -> None:

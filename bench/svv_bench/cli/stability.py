@@ -73,6 +73,7 @@ def stability(
     The results are a table (stability.md, .csv, .json) and a heat map (stability.png). Each run is kept in a file;
     after Ctrl-C, the same command resumes.
     """
+    import svv.dvr  # noqa: F401  # says how to get VTK
     from svv_bench.charts import need_matplotlib
     from svv_bench.stability.cases import CASES, USUAL
     from svv_bench.stability.runs import Matrix, run_stability

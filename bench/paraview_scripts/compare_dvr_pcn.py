@@ -151,7 +151,7 @@ def source_of(chosen, progress):
         return GeneratedSource(chosen.volumes[0])
     dims = parse_dims(chosen.dims) if chosen.dims else None
     spacing = parse_numbers(chosen.spacing, "--spacing") if chosen.spacing else None
-    how = dims, chosen.dtype, spacing, None, chosen.array
+    how = dims, chosen.dtype, spacing, None, VolumeOptions(array=tuple(chosen.array)).only_array
     opened = open_bricks(chosen.volume, *how)
     if opened is None:  # a format that is only read as a whole
         image = read_volume(chosen.volume, *how)

@@ -191,10 +191,10 @@ class PaintOptions:
     """Scale of the strokes, from 0.25 to 4: 1 makes them 10 pixels wide in a picture of 800, 2 twice as large."""
     manner: MannerName = "auto"
     """What paint is laid in: brush strokes, or pieces of the picture; auto paints the hand of a painter by strokes, and
-    mosaics, prints, textures and photographs by pieces."""
+    mosaics, halftones, textures and photographs by pieces."""
     hand: AskedHandName = "auto"
-    """The technique of the strokes; auto measures it in the picture: oil, watercolour, dots or ink wash. Any other word
-    asks for strokes."""
+    """The technique of the strokes; auto measures it in the picture: oil, watercolour, dots, ink wash or print. Any
+    other word asks for strokes."""
     strength: Annotated[float, Setting(metavar="F", panel="")] = 1.0
     """How strongly the style shows, above 0 and up to 1; can be edited afterwards."""
     go_on: Annotated[bool, Setting("--continue", panel="")] = False

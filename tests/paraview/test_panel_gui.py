@@ -92,8 +92,10 @@ done("ready")
 
 COLUMN = 138
 """Where the panel's buttons are, from the left."""
-ROWS = {(5, 11): (612, 641, 670, 872), (5, 13): (633, 659, 685, 865), (6, 1): (630, 656, 681, 860)}
-"""Of each version from which on they hold: rows of the buttons Undo Edit, Redo Edit, Reset Edits, and Click Inside."""
+ROWS = {(5, 11): (612, 641, 670), (5, 13): (633, 659, 685), (6, 1): (630, 656, 681)}
+"""Of each version from which on they hold: rows of the buttons Undo Edit, Redo Edit and Reset Edits."""
+SEARCH = 62
+"""How far the field that searches for properties is above the first of them."""
 FLOWER = 920, 760
 """A place in the picture of the painting, at the right."""
 
@@ -110,7 +112,7 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
         scene = str(tmp_path / "cube.svv")
         cube_scene().save(scene)
     write_png(tmp_path / "impasto.png", gallery_picture("impasto"))
-    *buttons, inside = ROWS[max(version for version in ROWS if version <= programs.find().version)]
+    buttons = ROWS[max(version for version in ROWS if version <= programs.find().version)]
     running = gui(f"ARGUMENTS = {[str(Path(scene).resolve()), str(tmp_path / 'impasto.png')]!r}\n{SCRIPT}")
     assert running.first == "ready"
     said = running.wait()
@@ -120,7 +122,11 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
         running.xdotool("mousemove", COLUMN, row, "click", 1)
         assert running.wait() == expected
     assert running.wait() == "painting"
-    running.xdotool("mousemove", COLUMN, inside, "click", 1, "sleep", "1", "mousemove", *FLOWER, "click", 1)
+    # The button is further down than the panel shows: searched for, it is the first.
+    search = ("mousemove", COLUMN, buttons[0] - SEARCH, "click", 1, "sleep", "1")
+    running.xdotool("windowfocus", running.fill_screen(), "sleep", "1", *search, "type", "Click Inside")
+    running.xdotool("sleep", "3", "mousemove", COLUMN, buttons[0], "click", 1, "sleep", "1")
+    running.xdotool(*search, "key", "ctrl+a", "key", "Delete", "sleep", "2", "mousemove", *FLOWER, "click", 1)
     assert running.wait().startswith("points 250,260; ")
     stylize = running.screenshot(tmp_path / "stylize.png")
     # The mark of the new point is where the click was, so it is the right pixel.

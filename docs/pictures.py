@@ -14,10 +14,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from docs import volumes
+from docs.sheets import IMAGES, WHITE, Pixels, halved, labelled, over_white, write
 from svv.core.colour.colour_vision import COLOUR_VISIONS, simulated
 from svv.core.colour.matcaps import MATCAPS, matcap_picture
 from svv.core.geometry.cameras import Camera
@@ -28,7 +28,6 @@ from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import to_bytes
 from svv.io.views.viewset import ViewSet
 from svv.options.making import PaintOptions
-from svv.pv.panel import properties
 from svv.render.distinct import distinct
 from svv.render.figures.figure import Panel, figure
 from svv.render.figures.files import pixels_of
@@ -44,11 +43,7 @@ from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
 from svv_bench.styles.exhibits import Exhibit, paint_figures
 
-IMAGES = Path(__file__).resolve().parent / "images"
 KEPT = IMAGES.parents[1] / "build" / "pictures"
-
-TOOLTIP = 640
-"""Width of the pictures in tooltips in pixels."""
 
 WIDTH = 1600
 """Width of the showpiece and the gallery in pixels."""
@@ -80,10 +75,6 @@ LOBE = (0.0, 0.59, 0.0)
 
 SIZE = 420
 """Width and height of each picture of a stage, in pixels."""
-
-WHITE, INK = (1.0, 1.0, 1.0), (60, 60, 60)
-
-Pixels = NDArray[np.float64]
 
 
 class Studio:
@@ -126,48 +117,6 @@ def view_of(scene: Scene, frame: int, size: int) -> Camera:
 def drawn(scene: Scene, camera: Camera, network: str | None = None) -> Pixels:
     """Render a scene over white. (height, width, 3)"""
     return np.asarray(supersampled(scene, camera, network, WHITE).rgba[..., :3], np.float64)
-
-
-def over_white(rgba: NDArray[np.uint8]) -> Pixels:
-    """Return an image with straight alpha (height, width, 4; 0 to 255) over white (height, width, 3), in [0, 1]."""
-    levels = rgba.astype(np.float64) / 255
-    return levels[..., :3] * levels[..., 3:] + (1 - levels[..., 3:])
-
-
-def halved(picture: Pixels) -> Pixels:
-    """Return a picture at half its size, by means of 2 x 2 pixels."""
-    height, width = picture.shape[:2]
-    return picture.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
-
-
-def labelled(labels: Sequence[str], width: int, height: int = 44) -> Pixels:
-    """Return a white strip with labels above columns of a width."""
-    strip = Image.new("RGB", (width * len(labels), height), "white")
-    pen, font = ImageDraw.Draw(strip), ImageFont.load_default(height // 2)
-    for column, label in enumerate(labels):
-        pen.text(((column + 0.5) * width, height / 2), label, INK, font, anchor="mm")
-    return np.asarray(strip, np.float64) / 255
-
-
-def write(name: str, pictures: Sequence[Pixels], below: bool = False, width: int = 0) -> None:
-    """Write pictures (height, width, 3), in [0, 1], side by side or below each other, in a white frame of a width.
-
-    Drawings, with few colours and sharp edges, are PNG files; the others are compressed.
-    """
-    page = np.clip(np.concatenate(pictures, axis=0 if below else 1), 0.0, 1.0)
-    spare = max(width - page.shape[1], 0)
-    page = np.pad(page, ((0, 0), (spare // 2, spare - spare // 2), (0, 0)), constant_values=1.0)
-    image = Image.fromarray(np.rint(255 * page).astype(np.uint8))
-    how = {} if name.endswith(".png") else {"quality": 90, "subsampling": 0, "progressive": True}
-    image.save(IMAGES / name, optimize=True, **how)
-    if name in properties.PICTURED.values():
-        write_tooltip(name, image)
-
-
-def write_tooltip(name: str, page: Image.Image) -> None:
-    """Write a picture of what can be chosen, small, for a tooltip in ParaView's panel."""
-    small = page.convert("RGB").resize((TOOLTIP, round(page.height * TOOLTIP / page.width)), Image.Resampling.LANCZOS)
-    small.save(properties.PICTURES / name, quality=80, optimize=True)
 
 
 def showpiece(studio: Studio) -> None:

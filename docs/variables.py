@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from docs.pictures import IMAGES, WHITE, halved, labelled
+from docs.sheets import IMAGES, WHITE, halved, labelled
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction

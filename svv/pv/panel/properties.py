@@ -11,20 +11,13 @@ import re
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
+from svv.pv.panel.tooltips import with_picture
+
 SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
 """ParaView's names of the surfaces between which :func:`shape` chooses."""
-
-PICTURES = Path(__file__).parent / "pictures"
-"""Folder of the pictures in tooltips, which ``python -m docs.pictures`` makes."""
-
-PICTURED = {
-    "Look": "looks.jpg", "Gallery": "styles.jpg", "RegionStyle": "styles.jpg", "RegionMatCap": "matcaps.jpg",
-}  # fmt: skip
-"""Property, without the number of its region -> picture of what can be chosen."""
 
 CELLS = 1
 """VTK's number of arrays that belong to cells."""
@@ -151,16 +144,6 @@ def choice(name: str, entries: Sequence[str], default: str, help: str, advanced:
         f'<EnumerationDomain name="enum">{inside}</EnumerationDomain>', advanced,
     )  # fmt: skip
     return Property(name, xml, default, {f"Set{name}": stored(name, lambda k: entries[int(k)])})
-
-
-def _pictured(made: Property) -> str:
-    """Return a property's XML, with a picture in its tooltip if there is one of what can be chosen."""
-    picture = PICTURED.get(re.sub(r"\d", "", made.name))
-    if picture is None:
-        return made.xml
-    # Qt shows rich text; ParaView's lists have words alone.
-    shown = escape(f'<br/><img src="{PICTURES / picture}"/>')
-    return made.xml.replace("</Documentation>", f"{shown}</Documentation>")
 
 
 def text(name: str, help: str, default: str = "", advanced: bool = False) -> Property:
@@ -412,6 +395,6 @@ def panel(*properties: Property) -> Callable[[Class], Class]:
             for name, setter in property.setters.items():
                 setattr(plain, name, setter)
         plain.defaults = {p.name: p.default for p in properties if p.setters}
-        return smproperty.xml("".join(map(_pictured, properties)))(cls)
+        return smproperty.xml("".join(with_picture(p.name, p.xml) for p in properties))(cls)
 
     return decorate

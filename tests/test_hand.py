@@ -113,6 +113,14 @@ def test_inks_are_the_commonest_colours_that_differ_the_commonest_first() -> Non
     assert inks == pytest.approx(np.array([(0.9, 0.85, 0.7), (0.1, 0.2, 0.45), (0.8, 0.25, 0.15)]), abs=0.02)
 
 
+def test_soft_edges_between_flat_colours_are_no_inks() -> None:
+    picture = np.full((200, 200, 3), (0.95, 0.9, 0.75), np.float32)
+    picture[:, 100:] = 0.05, 0.05, 0.1
+    for k in range(3):
+        picture[:, 98 + k] = picture[0, 0] + (k + 1) / 4 * (picture[0, -1] - picture[0, 0])
+    assert len(measure_hand(picture).inks) == 2
+
+
 def test_even_a_picture_of_many_colours_has_an_ink() -> None:
     noise = np.random.default_rng(0).random((300, 300, 3)).astype(np.float32)
     assert 1 <= len(measure_hand(noise).inks) <= INKS

@@ -262,6 +262,15 @@ def test_prints_on_glass_take_the_vivid_inks() -> None:
     assert chroma[1] > 1.15 * chroma[0]
 
 
+def test_grey_prints_on_glass_keep_all_their_inks() -> None:
+    grey = np.repeat(gallery_picture("woodcut", 300).mean(2, keepdims=True), 3, 2)
+    surface = ball()
+    surface = replace(surface, alpha=np.zeros(len(surface), np.float32))
+    painter = Painter(replace(measure_hand(grey), technique="print"), surface, EMPTY, 64, WIDTH, 0.004, 0)
+    work = painter.painted(silent)
+    assert work is not None and len(np.unique(work.strokes.colour.round(2), axis=0)) >= 2
+
+
 def test_rims_and_teeth_are_as_large_as_the_washes_below_the_lines() -> None:
     lines = straight_stroke((0.3, 0.5, 0.5), (0.7, 0.5, 0.5), 0.002, points=90)
     assert joined([crossing(1, 1), lines]).unit == crossing(1, 1).unit == pytest.approx(0.1)

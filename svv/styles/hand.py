@@ -241,7 +241,7 @@ def _uses(lab: Floats, inside: NDArray[np.bool_]) -> tuple[float, float, Floats]
     _, count = _binned(colours)
     common = float(np.sort(count)[-COMMONEST:].sum() / len(colours))
     # Pixels between two inks are a mixture of both, which is no ink.
-    flat = spread < np.minimum(np.quantile(spread, FLAT), EVEN**2)
+    flat = spread <= np.minimum(np.quantile(spread, FLAT), EVEN**2)
     return float((spread < SMOOTH**2).mean()), common, _inks(colours[flat] if flat.any() else colours)
 
 

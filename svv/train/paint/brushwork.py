@@ -75,6 +75,9 @@ is chosen; and the weight of chance."""
 LOOSE = 5.0
 """How much more inks on what is wholly transparent may differ in tone from what is wanted."""
 
+DULLED = 0.98
+"""How much less often a grey ink is chosen on what is wholly transparent; it may be the only kind that there is."""
+
 APT = 0.4
 """How far an ink's rank by lightness may be from a block's tone until it is seldom chosen."""
 
@@ -344,7 +347,7 @@ class Painter:
         # Blocks differ: the middle one has the inks between the darkest and the lightest, however common these are.
         order = np.argsort(np.argsort(inks[:, 0])) / max(len(inks) - 1, 1)
         apt = np.exp(-np.square((order - 0.5 - layer.tone[0]) / APT))
-        np.add.at(votes, (patch, ink), apt[ink] * (1.0 - self.clear[seed] * self._dull(inks)[ink]))
+        np.add.at(votes, (patch, ink), apt[ink] * (1.0 - DULLED * self.clear[seed] * self._dull(inks)[ink]))
         share = np.cumsum(votes, 1) / np.maximum(votes.sum(1, keepdims=True), 1e-9)
         drawn = (share < self.generator.random((len(votes), 1))).sum(1).clip(max=len(inks) - 1)
         return np.asarray(inks[drawn[patch]], np.float64)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from svv.core.strokes.stroke_reference import noise, paint_at
 from svv.core.strokes.strokes import Brush, Strokes, joined, straight_stroke
@@ -66,6 +67,35 @@ def test_the_kernel_equals_the_reference(seed: int, soft: float, brush: Brush) -
     assert (expected[:, 3] > 0.5).sum() > 500
     # Where two points are equally near, rounding decides which counts: a few positions may differ.
     assert (np.abs(expected - found).max(1) < 2e-3).mean() > 0.995
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("soft", [0.004, 0.012])
+def test_bins_of_wider_edges_give_the_same_paint(seed: int, soft: float) -> None:
+    strokes, place = wet(curved(seed), 2 + seed), np.random.default_rng(seed).uniform(0.1, 0.9, (4000, 3))
+    wider = StrokePaint(strokes, BRUSHES[0], 1.15 * soft)
+    again, own = StrokePaint(strokes, BRUSHES[0], soft, wider), StrokePaint(strokes, BRUSHES[0], soft)
+    assert again.bins is wider.bins and own.bins is not wider.bins
+    np.testing.assert_array_equal(again.coverage(place), own.coverage(place))
+    for other in (1.3 * wider.bins.soft, 0.5 * soft):  # too wide for the bins, or so narrow that they list too much
+        assert StrokePaint(strokes, BRUSHES[0], other, wider).bins is not wider.bins
+
+
+@pytest.mark.parametrize("soft", [0.002, 0.03])
+def test_a_bin_lists_every_point_whose_paint_reaches_it(soft: float) -> None:
+    strokes = curved(3)
+    paint = StrokePaint(strokes, PLAIN, soft)
+    size, (start, points) = paint.bins.size, paint.bins.on(torch.device("cpu"))
+    place = np.random.default_rng(0).uniform(0.2, 0.8, (3000, 3))
+    away = place[:, None] - strokes.where  # (P, K, 3)
+    height, along = (away * strokes.normal).sum(2), (away * strokes.frames[0]).sum(2)
+    across = (away * np.cross(strokes.normal, strokes.frames[0])).sum(2) - 0.5 * strokes.frames[2] * along**2
+    reach = 1.2 * strokes.radius + soft
+    near = (height < strokes.outer) & (height > -strokes.inner) & (abs(along) < 2 * reach) & (abs(across) < reach)
+    at = np.ravel_multi_index(tuple((place * size).astype(int).T), (size,) * 3)
+    assert near.sum() > 300
+    for p, k in np.argwhere(near):
+        assert k in points[start[at[p]] : start[at[p] + 1]]
 
 
 def test_a_stroke_covers_its_width_its_length_and_nothing_else() -> None:

@@ -12,6 +12,7 @@ import torch
 from svv.fields.strokes import stroke_checks
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.fields.strokes.stroke_tables import bins_of
+from svv.kernels.numba.strokes import sort_into_bins
 from tests.interpreted import GPU, triton_kernels
 
 CPU = torch.device("cpu")
@@ -39,7 +40,7 @@ def test_strokes_far_apart_leave_the_ground_of_the_nearest() -> None:
 def test_bins_are_those_of_the_cpu(soft: float) -> None:
     strokes = stroke_checks.curved_strokes(9, 2)
     paint = StrokePaint(strokes, stroke_checks.BRUSHES["oil"], soft)
-    start, entries = bins_of(strokes, strokes.frames[0], paint.soft, paint.size, DEVICE)
-    expected, points = paint.bins
+    start, entries = bins_of(paint.around, 0.01, paint.bins.size, DEVICE)
+    expected, points = sort_into_bins(paint.around, 0.01, paint.bins.size)
     np.testing.assert_array_equal(start.cpu(), expected)
     np.testing.assert_array_equal(entries.cpu(), points)

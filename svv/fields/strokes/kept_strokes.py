@@ -67,7 +67,7 @@ class Brushed:
         """Return the paint of a region for cells or pixels of a size, in box units; the last one is remembered."""
         known = self._paints.get(region)
         if known is None or abs(known.soft - soft) > 1e-3 * soft:
-            self._paints[region] = known = StrokePaint(*self.regions[region], soft)
+            self._paints[region] = known = StrokePaint(*self.regions[region], soft, known)
         return known
 
     def baked(

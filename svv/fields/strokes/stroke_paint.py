@@ -9,14 +9,20 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from torch import Tensor
 
 from svv.core.strokes.strokes import NOISE, Brush, Floats, Strokes
-from svv.fields.strokes.stroke_tables import cells_near, tables_of
+from svv.fields.strokes.stroke_tables import bins_of, cells_near, tables_of
 from svv.kernels.numba import strokes as numba_strokes
 from svv.kernels.types import StrokeTables
 
 MOST_BINS = 160
 """Maximum number of bins along the box: four million in all."""
+
+ROOM = 1.2
+"""How much wider edges may become before they need other bins: a camera that comes closer has all its widths."""
+
+CPU = torch.device("cpu")
 
 BARE = 0.98
 """Coverage below which the ground shows."""
@@ -34,6 +40,37 @@ def shared_width(width: float) -> float:
     return float(2.0 ** (round(np.log2(width) * 32.0) / 32.0))
 
 
+class Bins:
+    """The points whose paint may reach into each bin of a grid, for paint of any width up to ``soft``.
+
+    Args:
+        around: See :func:`svv.kernels.numba.strokes.surroundings`, for edges of the width ``narrow``. (K, 16)
+        radius: Median radius of the strokes. All in box units.
+    """
+
+    def __init__(self, around: Floats, radius: float, narrow: float) -> None:
+        self.soft = ROOM * narrow
+        # In wide pixels every point reaches far: finer bins would list it a thousand times.
+        side = max(radius, 0.5 * self.soft, 1.0 / MOST_BINS)
+        self.size = max(int(np.ceil(1.0 / side)), 1)
+        self._around, self._wider = around, 2.0 * (self.soft - narrow)
+        self._there: dict[torch.device, tuple[Tensor, Tensor]] = {}
+
+    def suit(self, soft: float) -> bool:
+        """Return whether they serve edges of another width about as well as bins of their own would."""
+        return soft <= self.soft <= ROOM**2 * soft
+
+    def on(self, device: torch.device) -> tuple[Tensor, Tensor]:
+        """Return the first entry of each bin (size^3 + 1,) and the points (B,), made when they are first asked for."""
+        if device not in self._there:
+            if device.type == "cpu":
+                start, points = numba_strokes.sort_into_bins(self._around, self._wider, self.size)
+                self._there[device] = torch.from_numpy(start), torch.from_numpy(points)
+            else:
+                self._there[device] = bins_of(self._around, self._wider, self.size, device)
+        return self._there[device]
+
+
 class StrokePaint:
     """The paint of one region, everywhere: where no stroke reaches, the ground shows.
 
@@ -41,42 +78,28 @@ class StrokePaint:
         strokes: The strokes; at least one.
         brush: How their paint looks.
         soft: Width of soft edges in box units: the cell or pixel in which the paint is shown.
+        like: Paint of the same strokes with edges of another width, whose bins are used again if they suit.
     """
 
-    def __init__(self, strokes: Strokes, brush: Brush, soft: float) -> None:
+    def __init__(self, strokes: Strokes, brush: Brush, soft: float, like: StrokePaint | None = None) -> None:
         self.strokes, self.brush, self.soft = strokes, brush, float(soft)
-        # In wide pixels every point reaches far: finer bins would list it a thousand times.
-        side = max(float(np.median(strokes.radius)), 0.5 * self.soft, 1.0 / MOST_BINS)
-        self.size = max(int(np.ceil(1.0 / side)), 1)
-        self.side = 1.0 / self.size
         self.around = numba_strokes.surroundings(
             strokes.where, strokes.normal, strokes.frames[0], strokes.frames[2], strokes.radius, strokes.inner,
             strokes.outer, self.soft,
         )  # fmt: skip
-        self._bins: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
+        if like is not None and like.strokes is strokes and like.bins.suit(self.soft):
+            self.bins: Bins = like.bins
+        else:
+            self.bins = Bins(self.around, float(np.median(strokes.radius)), self.soft)
+        """Shared with the paint of other colours and of similar widths."""
         self._there: dict[torch.device, StrokeTables] = {}
-
-    @property
-    def bins(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """First entry of each bin (size^3 + 1,), and the points whose paint may reach into each (B,)."""
-        if not self._bins:  # shared with the paint of other colours
-            strokes = self.strokes
-            points = (
-                strokes.where, strokes.normal, strokes.frames[0], strokes.radius, strokes.inner, strokes.outer,
-                self.soft, self.side, self.size,
-            )  # fmt: skip
-            start = np.zeros(self.size**3 + 1, np.int64)
-            numba_strokes.sort_into_bins(*points, start, np.empty(0, np.int32))
-            entries = np.empty(int(start[-1]), np.int32)
-            numba_strokes.sort_into_bins(*points, start, entries)
-            self._bins.append((start, entries))
-        return self._bins[0]
 
     def on(self, device: torch.device) -> StrokeTables:
         """Return the strokes as the kernels of a GPU take them, made when they are first asked for."""
         if device not in self._there:
-            widths = self.size, self.soft, self.reach
-            self._there[device] = tables_of(self.strokes, self.brush, self.around, widths, (GROUND, BARE), device)
+            bins = self.bins.size, *self.bins.on(device)
+            widths, ground = (self.soft, self.reach), (GROUND, BARE)
+            self._there[device] = tables_of(self.strokes, self.brush, self.around, bins, widths, ground, device)
         return self._there[device]
 
     @cached_property
@@ -104,11 +127,12 @@ class StrokePaint:
         """Return colour times coverage, and coverage, at box coordinates (P, 3). (P, 4)"""
         strokes, brush = self.strokes, self.brush
         out = np.empty((len(position), 4), np.float32)
+        size, (start, points) = self.bins.size, self.bins.on(CPU)
         tangent, arc, _, widen = strokes.frames
         look = np.array([brush.relief, brush.dry, brush.mixed, brush.rim, brush.body, brush.grain, brush.tooth,
                          brush.flow, brush.feather, brush.blunt])  # fmt: skip
         numba_strokes.paint(
-            np.ascontiguousarray(position, np.float32), self.side, self.size, *self.bins, NOISE,
+            np.ascontiguousarray(position, np.float32), 1.0 / size, size, start.numpy(), points.numpy(), NOISE,
             self.around, strokes.normal, tangent, arc, widen, strokes.radius, strokes.inner, strokes.outer,
             strokes.stroke, strokes.length, strokes.colour, strokes.second, strokes.bristles, strokes.seed,
             look, np.array(brush.light), np.array(brush.paper), strokes.unit, self.soft, out,

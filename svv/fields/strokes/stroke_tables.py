@@ -15,6 +15,7 @@ from scipy.ndimage import binary_dilation
 from torch import Tensor
 
 from svv.core.strokes.strokes import FLOW, NOISE, RAGGED, RIM, TAPER, WET, Brush, Floats, Strokes
+from svv.kernels.numba.strokes import FLAT, SLACK
 from svv.kernels.types import StrokeTables
 
 
@@ -40,8 +41,8 @@ def look_of(brush: Brush, unit: float, soft: float, side: float) -> Floats:
 
 
 def tables_of(
-    strokes: Strokes, brush: Brush, around: Floats, widths: tuple[int, float, float], ground: tuple[float, float],
-    device: torch.device,
+    strokes: Strokes, brush: Brush, around: Floats, bins: tuple[int, Tensor, Tensor], widths: tuple[float, float],
+    ground: tuple[float, float], device: torch.device,
 ) -> StrokeTables:  # fmt: skip
     """Return the tables of strokes for a device.
 
@@ -49,13 +50,13 @@ def tables_of(
         strokes: N strokes of K points.
         brush: How their paint looks.
         around: See :func:`svv.kernels.numba.strokes.surroundings`. (K, 16)
-        widths: Bins along the box, and in box units the width of soft edges and how far from points there is ground.
+        bins: How many along the box, first entry of each, and the points (:func:`bins_of`).
+        widths: Width of soft edges, and how far from points there is ground, in box units.
         ground: Brightness of the ground relative to the nearest stroke, and the coverage below which it shows.
         device: Where they are used.
     """
-    size, soft, reach = widths
-    tangent, arc, _, widen = strokes.frames
-    start, entries = bins_of(strokes, tangent, soft, size, device)
+    size, soft, reach = bins[0], *widths
+    _, arc, _, widen = strokes.frames
     cells, near, first, inside = _cells_of(strokes.where, reach)
     columns = strokes.colour, strokes.second, strokes.bristles[:, None], strokes.length[:, None]
 
@@ -63,7 +64,7 @@ def tables_of(
         return torch.from_numpy(np.ascontiguousarray(array, kind)).to(device)
 
     return StrokeTables(
-        size, start, entries, there(strokes.stroke, np.int32), there(around),
+        *bins, there(strokes.stroke, np.int32), there(around),
         there(np.stack([arc, widen, strokes.radius], 1)), there(np.concatenate(columns, 1)),
         there(strokes.seed, np.int32), _noise(device), there(look_of(brush, strokes.unit, soft, 1.0 / size)),
         bool((strokes.bristles < WET).any()), brush.grain > 0.0, cells, there(near, np.uint8), there(first, np.int64),
@@ -71,7 +72,7 @@ def tables_of(
     )  # fmt: skip
 
 
-def bins_of(strokes: Strokes, tangent: Floats, soft: float, size: int, device: torch.device) -> tuple[Tensor, Tensor]:
+def bins_of(around: Floats, wider: float, size: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """List the points whose paint may reach into each bin of a grid, the last points first, on a device.
 
     The same as :func:`svv.kernels.numba.strokes.sort_into_bins`, which describes it.
@@ -79,30 +80,39 @@ def bins_of(strokes: Strokes, tangent: Floats, soft: float, size: int, device: t
     Returns:
         First entry of each bin (size^3 + 1,) int64, and entries (B,) int32.
     """
-    backward = [a[::-1].copy() for a in (strokes.where, strokes.normal, tangent)]
-    where, normal, along = (torch.from_numpy(a).to(device, torch.float64) for a in backward)
-    columns = np.stack([strokes.radius, strokes.inner, strokes.outer], 1)[::-1].copy()
-    radius, inner, outer = torch.from_numpy(columns).to(device, torch.float64).T[:, :, None]
-    r = 1.2 * radius + soft
-    wide = 2.0 * r * along.abs() + r * (1.0 - normal.square() - along.square()).clamp(min=0.0).sqrt()
-    low = where - wide - torch.maximum(inner * normal, -outer * normal)
-    high = where + wide + torch.maximum(outer * normal, -inner * normal)
-    least, most = ((edge * size).to(torch.int32).clamp(0, size - 1) for edge in (low, high))
-    sides = most - least + 1
-    each = sides.prod(dim=1)
-    point = torch.arange(len(where), dtype=torch.int32, device=device).repeat_interleave(each)
-    index = torch.arange(len(point), dtype=torch.int32, device=device) - (each.cumsum(0) - each).int()[point]
-    own, depth = sides[point], sides[point, 2]
-    k, rest = index % depth, index // depth
-    i, j = rest // own[:, 1], rest % own[:, 1]
-    del index, rest, depth, own
-    first = least[point]
-    which = ((first[:, 0] + i) * size + first[:, 1] + j) * size + first[:, 2] + k
-    del first, i, j, k
+    table = torch.from_numpy(around[::-1].copy()).to(device, torch.float64)
+    side, where, long = 1.0 / size, table[:, :3], table[:, 11] + wider
+    bend = table[:, 15] * long * long
+    left, right = -0.5 * long + bend.clamp(max=0.0), 0.5 * long + bend.clamp(min=0.0)
+    slabs = [(table[:, 3:6], table[:, 7], table[:, 6]), (table[:, 8:11], -long, long), (table[:, 12:15], left, right)]
+    reach = [torch.stack([low[:, None] * v, high[:, None] * v]) for v, low, high in slabs]
+    low, high = where + sum(r.amin(0) for r in reach), where + sum(r.amax(0) for r in reach)
+    first, last = ((edge / side).to(torch.int64).clamp(0, size - 1) for edge in (low - SLACK, high + SLACK))
+    sides = last - first + 1
+    point, index = _spread(sides[:, 0] * sides[:, 1])
+    column = torch.stack([first[point, 0] + index // sides[point, 1], first[point, 1] + index % sides[point, 1]], 1)
+    at = torch.cat([(column + 0.5) * side - where[point, :2], -where[point, 2:]], 1)
+    near, far = first[point, 2].double(), last[point, 2].double()
+    for v, lowest, highest in slabs:
+        v = v[point]
+        half, base = 0.5 * side * v.abs().sum(1) + SLACK, (v * at).sum(1)
+        ends = torch.stack([lowest[point] - half - base, highest[point] + half - base])
+        within = (ends[0] <= 0.0) & (ends[1] >= 0.0)
+        flat, ends = v[:, 2].abs() < FLAT, ends / (v[:, 2] * side) - 0.5
+        near = torch.where(flat, near, torch.maximum(near, ends.amin(0).ceil()))
+        far = torch.where(flat, torch.where(within, far, -1.0), torch.minimum(far, ends.amax(0).floor()))
+    of, index = _spread((far - near + 1.0).clamp(min=0.0).long())
+    which = (column[of, 0] * size + column[of, 1]) * size + near[of].long() + index
     order = which.sort(stable=True)[1]
     start = torch.zeros(size**3 + 1, dtype=torch.int64, device=device)
     torch.cumsum(torch.bincount(which, minlength=size**3), 0, out=start[1:])
-    return start, (len(where) - 1 - point[order]).int()
+    return start, (len(around) - 1 - point[of[order]]).int()
+
+
+def _spread(counts: Tensor) -> tuple[Tensor, Tensor]:
+    """Return which of N things each of so many items (N,) belongs to, and its number among those. (sum of counts,)"""
+    of = torch.arange(len(counts), device=counts.device).repeat_interleave(counts)
+    return of, torch.arange(len(of), device=of.device) - (counts.cumsum(0) - counts)[of]
 
 
 def _cells_of(where: Floats, reach: float) -> tuple[int, NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit, prange
+from numpy.typing import NDArray
 
 from svv.core.fast_math import FAST_MATH
 from svv.core.strokes.strokes import (
@@ -38,6 +39,12 @@ LAST = len(NOISE) - 1
 HALF, FAR = np.float32(0.5), np.float32(np.inf)
 """In single precision, as the search for a stroke's nearest point is: with Python floats, it would be in double."""
 
+SLACK, FLAT = 1e-6, 1e-9
+"""Of the bins that a point reaches into: what rounding may lose, and the slope of a plane along a column of bins."""
+
+PIECES = 16
+"""Pieces of the bins that threads fill."""
+
 
 def surroundings(where, normal, tangent, bend, radius, inner, outer, soft):  # type: ignore[no-untyped-def]
     """Return what decides whether a position is near each point, one line of the CPU's cache for each. (K, 16)
@@ -53,47 +60,91 @@ def surroundings(where, normal, tangent, bend, radius, inner, outer, soft):  # t
 
 
 @njit(cache=True)
-def _reach(k, axis, where, normal, tangent, radius, inner, outer, soft, side, size, out):  # type: ignore[no-untyped-def]
-    """Write the first and last bin along an axis that a point's paint may reach into."""
-    n, t = normal[k, axis], tangent[k, axis]
-    r = 1.2 * radius[k] + soft
-    b2 = max(1.0 - n * n - t * t, 0.0)
-    wide = 2.0 * r * abs(t) + r * np.sqrt(b2)
-    low = where[k, axis] - wide - max(inner[k] * n, -outer[k] * n)
-    high = where[k, axis] + wide + max(outer[k] * n, -inner[k] * n)
-    out[0] = min(max(int(low / side), 0), size - 1)
-    out[1] = min(max(int(high / side), 0), size - 1)
+def _bounds(around, wider, side, size, bounds):  # type: ignore[no-untyped-def]
+    """Write the first and last bin along each axis that each point's paint may reach into. (K, 6)"""
+    for k in range(len(around)):
+        long = float(around[k, 11]) + wider
+        bend = around[k, 15] * long * long
+        left, right = -0.5 * long + min(bend, 0.0), 0.5 * long + max(bend, 0.0)
+        for axis in range(3):
+            n, t, b = float(around[k, 3 + axis]), float(around[k, 8 + axis]), float(around[k, 12 + axis])
+            low = around[k, axis] + min(around[k, 7] * n, around[k, 6] * n) - long * abs(t) + min(left * b, right * b)
+            high = around[k, axis] + max(around[k, 7] * n, around[k, 6] * n) + long * abs(t) + max(left * b, right * b)
+            bounds[k, 2 * axis] = min(max(int((low - SLACK) / side), 0), size - 1)
+            bounds[k, 2 * axis + 1] = min(max(int((high + SLACK) / side), 0), size - 1)
 
 
 @njit(cache=True)
-def sort_into_bins(where, normal, tangent, radius, inner, outer, soft, side, size, start, entries):  # type: ignore[no-untyped-def]
-    """List the points in the bins of a grid of size^3, whose side is ``side``; the last points come first.
+def _narrow(v0, v1, v2, x, y, z, low, high, side, first, last):  # type: ignore[no-untyped-def]
+    """Return the first and last bin of a column that reach into a slab, of those between ``first`` and ``last``.
 
-    With ``entries`` empty, ``start`` (size^3 + 1,) receives the number of entries before each bin; afterwards,
-    ``entries`` (B,) receives the points.
+    The slab is where the dot product with v is from ``low`` to ``high``; x, y: of the column's axis; z: of its end.
     """
-    x, y, z = np.empty(2, np.int64), np.empty(2, np.int64), np.empty(2, np.int64)
+    half = 0.5 * side * (abs(v0) + abs(v1) + abs(v2)) + SLACK
+    base = v0 * x + v1 * y + v2 * z
+    low, high = low - half - base, high + half - base
+    if abs(v2) < FLAT:
+        return (first, last) if low <= 0.0 <= high else (1, 0)
+    ends = low / (v2 * side) - 0.5, high / (v2 * side) - 0.5
+    near, far = max(min(ends[0], ends[1]), float(first)), min(max(ends[0], ends[1]), float(last))
+    return (int(np.ceil(near)), int(np.floor(far))) if near <= far else (1, 0)
+
+
+@njit(cache=True)
+def _column(around, k, wider, side, i, j, first, last):  # type: ignore[no-untyped-def]
+    """Return the first and last of the bins i, j, ``first`` to ``last`` that a point's paint may reach into."""
+    x, y, z = (i + 0.5) * side - around[k, 0], (j + 0.5) * side - around[k, 1], -float(around[k, 2])
+    long = float(around[k, 11]) + wider
+    bend = around[k, 15] * long * long
+    v0, v1, v2 = float(around[k, 3]), float(around[k, 4]), float(around[k, 5])
+    first, last = _narrow(v0, v1, v2, x, y, z, around[k, 7], around[k, 6], side, first, last)
+    if first <= last:
+        v0, v1, v2 = float(around[k, 8]), float(around[k, 9]), float(around[k, 10])
+        first, last = _narrow(v0, v1, v2, x, y, z, -long, long, side, first, last)
+    if first <= last:
+        v0, v1, v2 = float(around[k, 12]), float(around[k, 13]), float(around[k, 14])
+        low, high = -0.5 * long + min(bend, 0.0), 0.5 * long + max(bend, 0.0)
+        first, last = _narrow(v0, v1, v2, x, y, z, low, high, side, first, last)
+    return first, last
+
+
+@njit(parallel=True, cache=True)
+def _sort(around, wider, side, size, bounds, start, entries):  # type: ignore[no-untyped-def]
     counting = len(entries) == 0
-    for k in range(len(where) - 1, -1, -1):
-        _reach(k, 0, where, normal, tangent, radius, inner, outer, soft, side, size, x)
-        _reach(k, 1, where, normal, tangent, radius, inner, outer, soft, side, size, y)
-        _reach(k, 2, where, normal, tangent, radius, inner, outer, soft, side, size, z)
-        for i in range(x[0], x[1] + 1):
-            for j in range(y[0], y[1] + 1):
-                for m in range(z[0], z[1] + 1):
-                    b = (i * size + j) * size + m
-                    if counting:
-                        start[b + 1] += 1
-                    else:
-                        entries[start[b]] = k
-                        start[b] += 1
-    if counting:
-        for b in range(size * size * size):
-            start[b + 1] += start[b]
-    else:  # the entries have moved every start to the next bin's
-        for b in range(size * size * size, 0, -1):
-            start[b] = start[b - 1]
-        start[0] = 0
+    for piece in prange(PIECES):
+        left, right = piece * size // PIECES, (piece + 1) * size // PIECES
+        for k in range(len(around) - 1, -1, -1):
+            for i in range(max(bounds[k, 0], left), min(bounds[k, 1] + 1, right)):
+                for j in range(bounds[k, 2], bounds[k, 3] + 1):
+                    first, last = _column(around, k, wider, side, i, j, bounds[k, 4], bounds[k, 5])
+                    b = (i * size + j) * size
+                    for m in range(b + first, b + last + 1):
+                        if counting:
+                            start[m + 1] += 1
+                        else:
+                            entries[start[m]] = k
+                            start[m] += 1
+
+
+def sort_into_bins(around: NDArray[np.float32], wider: float, size: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """List the points whose paint may reach into each bin of a grid of size^3; the last points come first.
+
+    Args:
+        around: See :func:`surroundings`. (K, 16)
+        wider: How much farther along strokes, and half of it across them, paint may reach than ``around`` tells.
+        size: Bins along the box.
+
+    Returns:
+        First entry of each bin (size^3 + 1,), and the points (B,).
+    """
+    side, start = 1.0 / size, np.zeros(size**3 + 1, np.int64)
+    bounds = np.empty((len(around), 6), np.int64)
+    _bounds(around, wider, side, size, bounds)
+    _sort(around, wider, side, size, bounds, start, np.empty(0, np.int32))
+    np.cumsum(start, out=start)
+    entries, ends = np.empty(int(start[-1]), np.int32), start.copy()
+    _sort(around, wider, side, size, bounds, ends, entries)
+    return start, entries
 
 
 @njit(cache=True, fastmath=FAST_MATH)

@@ -49,6 +49,9 @@ SCRIPTS = (
 )  # fmt: skip
 """The viewer's program, in order."""
 
+COMPRESSION = 7
+"""Of zlib: 9 takes five times as long for 3 % less."""
+
 MATCAP_SIDE = 96
 """Side in pixels of the MatCaps of a page."""
 
@@ -301,7 +304,7 @@ def _painting(scene: Scene, name: str) -> dict[str, Any]:
 
 
 def _compressed(arrays: Sequence[NDArray[np.uint8]]) -> str:
-    return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), 9)).decode()
+    return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), COMPRESSION)).decode()
 
 
 def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> dict[str, str]:

@@ -8,6 +8,7 @@ import sys
 import tarfile
 import zipfile
 from collections.abc import Iterable
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -116,3 +117,28 @@ def test_pyvista_finds_the_reader_and_the_accessor_of_the_wheel(built: Path, tmp
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "3"
+
+
+def test_the_conda_recipe_has_the_version_and_the_requirements_of_the_project() -> None:
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML")
+    recipe, project = (ROOT / "conda/recipe.yaml").read_text(), tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert f'version: "{__version__}"' in recipe
+
+    def listed(heading: str) -> set[str]:
+        lines = recipe.partition(f"  {heading}:\n")[2].splitlines()
+        block = takewhile(lambda line: line.startswith("    - "), lines)
+        return {line.removeprefix("    - ").replace(" ", "") for line in block}
+
+    def requirement(text: str) -> str:
+        return "pytorch" + text.removeprefix("torch") if text.startswith("torch>") else text
+
+    needs = {requirement(text) for text in project["project"]["dependencies"]}
+    assert listed("run") == needs | {f"python{project['project']['requires-python']}"}
+    assert listed("host") == {
+        f"python{project['project']['requires-python']}",
+        "pip",
+        *project["build-system"]["requires"],
+    }
+    assert listed("run_constraints") == set(project["project"]["optional-dependencies"]["standalone"])
+    (command,) = (f"{name} = {value}" for name, value in project["project"]["scripts"].items())
+    assert f"- {command}" in recipe

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from svv.bricks.opened import open_bricks
+from svv.bricks.source import Source
 from svv.errors import BadInput
 
 
@@ -175,3 +178,35 @@ def test_bad_files_are_one_sentence(case: str, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=words) as caught:
         open_bricks(tmp_path / name, **arguments)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("form", ["hdf5", "zarr"])
+def test_packed_values_are_unpacked_and_missing_ones_refused(form: str, tmp_path: Path) -> None:
+    """Climate and forecast files store value = stored * scale_factor + add_offset, and a number for no value."""
+    h5py, zarr = pytest.importorskip("h5py"), pytest.importorskip("zarr", minversion="3")
+    stored = np.arange(5 * 6 * 7, dtype=np.int16).reshape(5, 6, 7)
+
+    def written(values: NDArray[Any], **told: Any) -> Source:
+        path = tmp_path / f"v{len(list(tmp_path.iterdir()))}.{'h5' if form == 'hdf5' else 'zarr'}"
+        if form == "hdf5":
+            with h5py.File(path, "w") as file:
+                file.create_dataset("t", data=values).attrs.update(told)
+        else:
+            zarr.create_array(path, data=values, chunks=(4, 4, 4)).attrs.update(told)
+        source = open_bricks(path)
+        assert source is not None
+        return source
+
+    source = written(stored, scale_factor=0.01, add_offset=273.15, _FillValue=-32768)
+    assert source.dtype == np.float32
+    np.testing.assert_allclose(source.read(0, (1, 0, 0), (5, 6, 7)), stored[1:] * 0.01 + 273.15, rtol=1e-6)
+    assert written(stored, scale_factor=1.0, add_offset=0.0).dtype == np.int16
+    assert written(stored, scale_factor=0.001, add_offset=1e3).dtype == np.float64  # float32 would not separate values
+    with pytest.raises(BadInput, match=r"voxels without a value \(its attribute _FillValue is 3\): replace"):
+        written(stored, _FillValue=np.array([3]) if form == "hdf5" else 3).read(0, (0, 0, 0), (5, 6, 7))
+    with pytest.raises(BadInput, match=r"attribute scale_factor = .*, which is no number"):
+        written(stored, scale_factor="two")
+    as_xarray_does = base64.standard_b64encode(struct.pack("<d", 1e20)).decode()
+    values = np.where(stored == 3, 1e20, stored)
+    with pytest.raises(BadInput, match=r"_FillValue is 1e\+20"):
+        written(values, _FillValue=as_xarray_does).read(0, (0, 0, 0), (5, 6, 7))

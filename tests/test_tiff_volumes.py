@@ -227,3 +227,11 @@ def test_a_slice_of_another_kind_is_not_dropped(tmp_path: Path, size: tuple[int,
             read_here(tmp_path / "v.tif")
     else:
         assert to_array(read_here(tmp_path / "v.tif"))[:, 0, 0].tolist() == [0, 1, 3, 4]
+
+
+@pytest.mark.parametrize(("resolution", "spacing"), [((300, 150), 2.0), ((72, 72), 1.0), (None, 1.0)])
+def test_pixels_of_plain_pages_that_are_not_square_keep_their_shape(
+    resolution: tuple[int, int] | None, spacing: float, tmp_path: Path
+) -> None:
+    path = tiff(tmp_path / "v.tif", U, metadata=None, resolution=resolution, **GREY)
+    np.testing.assert_allclose(read_here(path).GetSpacing(), (1.0, spacing, 1.0))

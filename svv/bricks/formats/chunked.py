@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import base64
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice, in_one_unit, named, picked
-from svv.bricks.source import Box, Level, level_of, native
+from svv.bricks.source import Box, Level, level_of, native, scaled_type
 from svv.core.json_values import parsed
 from svv.errors import BadInput
 
@@ -21,6 +23,13 @@ CHUNK_CACHE = 128 << 20
 
 ELEMENT_SIZE = ("element_size_um", "spacing", "voxel_size", "resolution")
 """Attributes of an HDF5 dataset that may hold the size of a voxel along z, y, x."""
+
+PACKED = {"scale_factor": 1.0, "add_offset": 0.0}
+"""Attributes by which stored values are multiplied, and to which the products are added (climate and forecast metadata
+conventions, section 8.1), and what stands for a missing one."""
+
+MISSING = ("_FillValue", "missing_value")
+"""Attributes with stored values that stand for none (ibid., section 2.5.1)."""
 
 UNEVEN = 0.01
 """Part of a step by which steps between voxels may differ: scales are often stored in single precision."""
@@ -34,6 +43,10 @@ class ChunkedSource:
         arrays: For each level, a function that reads the box from ``start`` to ``stop``.
         dtype: Type of the values as stored.
         levels: The levels.
+        attributes: Of the array, which may tell how its values are packed.
+
+    Raises:
+        BadInput: What the attributes tell are not numbers.
     """
 
     def __init__(
@@ -42,10 +55,15 @@ class ChunkedSource:
         arrays: Sequence[Callable[[Box, Box], NDArray[Any]]],
         dtype: Any,
         levels: Sequence[Level],
+        attributes: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
-        self.name, self.dtype = name, native(dtype, name)
+        self.name, self._stored = name, native(dtype, name)
         self.levels: Sequence[Level] = tuple(levels)
         self._arrays = arrays
+        (gain,), (shift,) = (_numbers(attributes, key, name) or (first,) for key, first in PACKED.items())
+        self._scale = None if (gain, shift) == (1.0, 0.0) else (gain, shift)
+        self._missing = {value: key for key in MISSING for value in _numbers(attributes, key, name)}
+        self.dtype = self._stored if self._scale is None else scaled_type(self._stored, *self._scale)
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
@@ -54,7 +72,30 @@ class ChunkedSource:
         except Exception as error:  # codecs and stores raise errors of all kinds
             where = " x ".join(f"{a}..{b - 1}" for a, b in zip(start[::-1], stop[::-1]))
             raise BadInput(f"Cannot read voxels {where} of {self.name}: {_said(error)}.") from error
+        for value, key in self._missing.items():
+            if (box == value).any():
+                raise BadInput(
+                    f"{self.name} has voxels without a value (its attribute {key} is {value:g}): "
+                    "replace them with numbers first."
+                )
+        if self._scale is not None:
+            box = box * np.float64(self._scale[0]) + self._scale[1]
         return np.ascontiguousarray(box, dtype=self.dtype)
+
+
+def _numbers(attributes: Mapping[str, Any], key: str, name: str) -> tuple[float, ...]:
+    """Return the numbers of an attribute; nothing without it.
+
+    Raises:
+        BadInput: It holds something else, or several numbers where a value can be packed in one way only.
+    """
+    told = attributes.get(key, ())
+    if isinstance(told, str) and len(told) == 12:  # xarray writes real numbers into Zarr as base64
+        told = np.frombuffer(base64.b64decode(told), "<f8")
+    values = np.atleast_1d(np.asarray(told))
+    if values.dtype.kind not in "iuf" or values.ndim != 1 or (key in PACKED and values.size > 1):
+        raise BadInput(f"{name} has the attribute {key} = {attributes[key]!r}, which is no number: correct it first.")
+    return tuple(values.tolist())
 
 
 def _said(error: Exception) -> str:
@@ -89,14 +130,14 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
         opened = h5py.File(file, "r", rdcc_nbytes=CHUNK_CACHE, rdcc_nslots=100_003)
         data = _dataset(h5py, opened, file, array)
         axes, size, origin = _axes_of_dataset(data, file)
-        shape, kind = data.shape, data.dtype
+        shape, kind, told = data.shape, data.dtype, dict(data.attrs)
     except BadInput:
         raise
     except Exception as error:  # damaged files make HDF5 raise all kinds of errors
         raise BadInput(f"Cannot read {file}: it is damaged, incomplete, or not an HDF5 file.") from error
     pick = picked(axes, shape, choice, file.name)
     level = level_of(pick.sides(shape), np.diag(size), origin, file.name)
-    return ChunkedSource(file.name, [partial(pick.box, data)], kind, [level])
+    return ChunkedSource(file.name, [partial(pick.box, data)], kind, [level], told)
 
 
 def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
@@ -212,7 +253,7 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
     axes = names if len(names) == opened.ndim and set("zyx") <= set(names) else unnamed(opened.shape)
     pick = picked(axes, opened.shape, choice, folder.name)
     level = level_of(pick.sides(opened.shape), np.eye(3), np.zeros(3), folder.name)
-    return ChunkedSource(folder.name, [partial(pick.box, opened)], opened.dtype, [level])
+    return ChunkedSource(folder.name, [partial(pick.box, opened)], opened.dtype, [level], attributes)
 
 
 def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) -> ChunkedSource | None:

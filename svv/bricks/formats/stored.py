@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.mapped import MappedSource, too_short
-from svv.bricks.source import Array, ArraySource, Box, level_of
+from svv.bricks.source import Array, ArraySource, Box, level_of, scaled_type
 from svv.errors import BadInput
 from svv.io.files.atomic import is_file
 from svv.io.files.memory import memory_there
@@ -156,17 +156,12 @@ class Stored:
 
 
 class Scaled(ArraySource):
-    """A volume whose values are gain * stored + shift.
-
-    They are read as float32 if that separates all values of the stored type, otherwise as float64.
-    """
+    """A volume whose values are gain * stored + shift."""
 
     def __init__(self, values: NDArray[Any], axes: Array, origin: Array, name: str, scale: tuple[float, float]) -> None:
         super().__init__(values, axes, origin, name)
         self._gain, self._shift = scale
-        narrow = self.dtype.itemsize <= 2 or self.dtype == np.float32
-        fine = abs(self._shift) <= 65536.0 * abs(self._gain)
-        self.dtype = np.dtype(np.float32 if narrow and fine else np.float64)
+        self.dtype = scaled_type(self.dtype, *scale)
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""

@@ -58,7 +58,8 @@ def axes_of_names(files: Sequence[Path]) -> tuple[list[str], list[int]]:
 def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
     """Return the size of a voxel along x, y, z as OME-TIFF, ImageJ and tifffile give it, in the unit of x. (3,)
 
-    It is 1 if unknown: TIFF's own resolution says nothing about the distance of slices, so it counts only with that.
+    It is 1 if unknown: TIFF's own resolution says nothing about the distance of slices, so without that it only tells
+    how much longer pixels are than wide.
 
     Args:
         opened: A ``tifffile.TiffFile``.
@@ -82,7 +83,8 @@ def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
         return in_one_unit(sizes, [known.get(axis, known[given[0]]) for axis in "XYZ"], name)
     if opened.is_imagej or "spacing" in told or "unit" in told:
         return in_one_unit(*_of_imagej(told, series.keyframe), name)
-    return np.ones(3)
+    (x, y), _ = _of_resolution(series.keyframe)
+    return np.array([1.0, y / x if x and y else 1.0, 1.0])
 
 
 def _fits(told: dict[str, Any], series: Any) -> bool:
@@ -92,18 +94,25 @@ def _fits(told: dict[str, Any], series: Any) -> bool:
 
 def _of_imagej(told: dict[str, Any], page: Any) -> tuple[list[float], list[str | None]]:
     """Return the sizes along x, y, z, and their units, by the rules of ImageJ's own reader."""
+    sizes, unit = _of_resolution(page)
+    sizes = [size or 1.0 for size in sizes]
+    if "unit" not in told and sizes[0] == 1.0 / 72.0:  # a screen's, which means nothing
+        sizes = [1.0, 1.0]
+    unit = str(told.get("unit") or unit)
+    other = [str(told.get(f"{axis}unit") or unit) for axis in "yz"]
+    spacing = abs(float(told.get("spacing", 1.0))) or 1.0
+    return [*sizes, spacing], [unit, *other]
+
+
+def _of_resolution(page: Any) -> tuple[list[float], str]:
+    """Return the width and height of a pixel by a page's resolution, 0 where it tells none, and their unit."""
     sizes = []
     for tag in ("XResolution", "YResolution"):
         value = page.tags[tag].value if tag in page.tags else (0, 1)
         up, down = (float(x) for x in (value if isinstance(value, tuple) else (value, 1)))
-        sizes.append(down / up if up > 0 and down > 0 else 1.0)
-    if "unit" not in told and sizes[0] == 1.0 / 72.0:  # a screen's, which means nothing
-        sizes = [1.0, 1.0]
+        sizes.append(down / up if up > 0 and down > 0 else 0.0)
     unit_tag = int(page.tags["ResolutionUnit"].value) if "ResolutionUnit" in page.tags else 1
-    unit = str(told.get("unit") or RESOLUTION_UNITS.get(unit_tag, ""))
-    other = [str(told.get(f"{axis}unit") or unit) for axis in "yz"]
-    spacing = abs(float(told.get("spacing", 1.0))) or 1.0
-    return [*sizes, spacing], [unit, *other]
+    return sizes, RESOLUTION_UNITS.get(unit_tag, "")
 
 
 def names_of_channels(opened: Any, series: Any, axes: list[str]) -> list[str]:

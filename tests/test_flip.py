@@ -119,3 +119,11 @@ def test_the_farthest_colours_differ_by_1_and_values_outside_are_clamped() -> No
     green[..., 1] = blue[..., 2] = 1
     assert error_map(green, blue) == pytest.approx(1)
     np.testing.assert_array_equal(error_map(3 * green - 1, 3 * blue - 1), error_map(green, blue))
+
+
+@pytest.mark.parametrize("rows", [1, 7, 64])
+def test_bands_of_rows_change_nothing(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    test, reference = np.random.default_rng(3).random((2, 61, 40, 3))
+    whole = error_map(test, reference)
+    monkeypatch.setattr("svv.core.images.flip.ROWS_AT_A_TIME", rows)
+    np.testing.assert_array_equal(error_map(test, reference), whole)

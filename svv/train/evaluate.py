@@ -26,7 +26,7 @@ from svv.train.lpips import load_lpips, lpips
 Value = TypeVar("Value")
 
 MOST_AT_A_TIME = 8
-"""Maximum number of images whose metrics are computed side by side: FLIP needs half a kilobyte a pixel."""
+"""Maximum number of images whose metrics are computed side by side: FLIP needs memory for each."""
 
 COMPARED, COMPARED_SIDE = 8, 64
 """Views whose outlines are compared with the scene's before it is scored, and the longer side of those, pixels."""

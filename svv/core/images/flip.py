@@ -36,6 +36,16 @@ COLOUR_EXPONENT = 0.7  # q_c
 KNEE, KNEE_ERROR = 0.4, 0.95  # p_c, p_t: this fraction of the largest colour difference gives this error
 FEATURE_WIDTH = 0.082  # w, degrees
 FEATURE_EXPONENT = 0.5  # q_f
+FEATURE_DEVIATION = FEATURE_WIDTH / 2 * PIXELS_PER_DEGREE
+"""Standard deviation of the Gaussian that detects features, in pixels."""
+
+BLUR_RADIUS = math.ceil(3 * math.sqrt(max(b for _, b in BLUE_YELLOW_CSF) / (2 * math.pi**2)) * PIXELS_PER_DEGREE)
+FEATURE_RADIUS = math.ceil(3 * FEATURE_DEVIATION)
+REACH = max(BLUR_RADIUS, FEATURE_RADIUS)
+"""How far the filters reach, in pixels: three standard deviations of the widest Gaussian (sections 4.1 and 4.2)."""
+
+ROWS_AT_A_TIME = 160
+"""Rows of a picture that are compared together, which bounds the memory."""
 
 
 def error_map(test: NDArray[np.floating], reference: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -48,10 +58,20 @@ def error_map(test: NDArray[np.floating], reference: NDArray[np.floating]) -> ND
     Returns:
         Errors in [0, 1]; 0 where the pictures are equal. (h, w)
     """
+    # Rows are compared in bands, with the rows around them that the filters reach.
+    errors = np.empty(reference.shape[:2], np.float32)
+    for first in range(0, len(reference), ROWS_AT_A_TIME):
+        low, high = max(first - REACH, 0), first + ROWS_AT_A_TIME + REACH
+        band = _errors(test[low:high], reference[low:high])
+        errors[first : first + ROWS_AT_A_TIME] = band[first - low :][:ROWS_AT_A_TIME]
+    return errors
+
+
+def _errors(test: NDArray[np.floating], reference: NDArray[np.floating]) -> Array:
     opponents = [_opponents(picture) for picture in (test, reference)]
     colour = _colour_error(*(_seen(picture) for picture in opponents))
     luminance = [(picture[0] + 16) / 116 for picture in opponents]
-    return np.power(colour, 1 - _feature_error(*luminance)).astype(np.float32)
+    return np.power(colour, 1 - _feature_error(*luminance))
 
 
 def _opponents(srgb: NDArray[np.floating]) -> Array:
@@ -101,8 +121,7 @@ def _blurred(channel: Array, gaussians: tuple[tuple[float, float], ...]) -> Arra
     Each Gaussian is separable, so each dimension has the root of its amplitude. The radius is 3 standard deviations of
     the widest Gaussian of all channels, the weights sum to 1, and border pixels are repeated outside.
     """
-    radius = math.ceil(3 * math.sqrt(max(b for _, b in BLUE_YELLOW_CSF) / (2 * math.pi**2)) * PIXELS_PER_DEGREE)
-    squares = (np.arange(-radius, radius + 1) / PIXELS_PER_DEGREE) ** 2
+    squares = (np.arange(-BLUR_RADIUS, BLUR_RADIUS + 1) / PIXELS_PER_DEGREE) ** 2
     taps = [math.sqrt(a * math.sqrt(math.pi / b)) * np.exp(-(math.pi**2) * squares / b) for a, b in gaussians]
     total = sum(weights.sum() ** 2 for weights in taps)
     return np.sum([_filtered(channel, weights, weights) for weights in taps], 0) / total
@@ -135,11 +154,9 @@ def _feature_error(test: Array, reference: Array) -> Array:
     Edges and points are the lengths of the first and second derivatives of the luminance along x and y, taken with a
     Gaussian whose standard deviation is half the feature width.
     """
-    deviation = FEATURE_WIDTH / 2 * PIXELS_PER_DEGREE
-    radius = math.ceil(3 * deviation)
-    x = np.arange(-radius, radius + 1, dtype=np.float64)
-    gaussian = np.exp(-(x**2) / (2 * deviation**2))
-    first, second = (_balanced(weights * gaussian) for weights in (-x, x**2 / deviation**2 - 1))
+    x = np.arange(-FEATURE_RADIUS, FEATURE_RADIUS + 1, dtype=np.float64)
+    gaussian = np.exp(-(x**2) / (2 * FEATURE_DEVIATION**2))
+    first, second = (_balanced(weights * gaussian) for weights in (-x, x**2 / FEATURE_DEVIATION**2 - 1))
     gaussian /= gaussian.sum()
 
     def change(derivative: Array) -> Array:

@@ -139,7 +139,7 @@ EDITS = [
 def test_kernels_light_as_torch_does(lit_cube: Scene, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = EDITS[number](lit_cube)
     quick = scene.render(cube_camera()).rgba
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     np.testing.assert_allclose(quick, scene.render(cube_camera()).rgba, atol=1e-5)
     if number:
         assert np.abs(quick - lit_cube.render(cube_camera()).rgba).max() > 0.02

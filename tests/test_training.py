@@ -215,7 +215,7 @@ def test_images_of_the_kernels_are_those_of_plain_torch(
         scene = replace(scene, styled=styled, regions=regions)
     assert image_kernels_of(scene) is not None
     one = scene.render(front(), network)
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     other = scene.render(front(), network)
     np.testing.assert_allclose(one.rgba, other.rgba, atol=2e-5)
     np.testing.assert_allclose(one.depth, other.depth, rtol=1e-5)

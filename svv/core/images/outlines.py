@@ -37,7 +37,7 @@ class Pen:
     """Opacity of the ink, in [0, 1]."""
     width: float
     """Width of silhouettes in pixels of an image whose shorter side has :data:`VIEW`, in (0, :data:`WIDEST`]."""
-    colour: tuple[float, float, float]
+    colour: Sequence[float]
     """Colour of the ink, RGB in [0, 1]."""
 
     def __post_init__(self) -> None:

@@ -9,33 +9,33 @@ Letters: R rays, S samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Generic, TypeVar, cast
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 
 from svv.core.geometry.cameras import Camera
 from svv.core.rays.compositing import LEAST_ALPHA
-from svv.errors import BadInput, Progress, silent
+from svv.errors import BadInput, Progress
 from svv.fields.radiance.phong import Beams
-from svv.fields.radiance.rendering import RayCaster, Rays, composite
+from svv.fields.radiance.rendering import RayCaster, composite
+from svv.fields.scene.edits import split_at as split_alone
+from svv.fields.scene.edits import with_part
 from svv.fields.scene.history import History
+from svv.fields.scene.model import Model
 from svv.fields.scene.region import Region, of_layer
-from svv.fields.scene.variants import PaintedModel
+from svv.fields.scene.shading import Seen, seen_along
 from svv.kernels.types import Samples
 
-Painted = TypeVar("Painted", bound=PaintedModel)
-
-Shaded = tuple[Samples, Tensor, Tensor, Tensor]
-"""S samples, their colours (S, 3), regions (S,) and edited extinctions (S,)."""
+S = TypeVar("S", bound=Model)
 
 MOST = 8
 """Maximum number of joined scenes."""
 
 
-def joined(scenes: Sequence[Painted]) -> Painted:
+def joined(scenes: Sequence[S]) -> S:
     """Return one scene of several, whose regions are those of all, in their order.
 
     Args:
@@ -75,26 +75,24 @@ def joined(scenes: Sequence[Painted]) -> Painted:
     return replace(plain[0], regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
 
 
-def _near(first: PaintedModel, other: PaintedModel) -> bool:
+def _near(first: Model, other: Model) -> bool:
     """Return whether the boxes of two scenes overlap."""
     low, high = (torch.tensor(scene.occupancy.box.bounds) for scene in (first, other))
     return bool((torch.minimum(low[1], high[1]) - torch.maximum(low[0], high[0]) > 0).all())
 
 
-def members(scene: Painted) -> tuple[Painted, ...]:
+def members(scene: S) -> tuple[S, ...]:
     """Return the scenes that a scene was joined from, each with its own regions; the scene alone if it was not."""
     if not scene.layers:
         return (scene,)
-    layers = cast("tuple[Painted, ...]", scene.layers)
-    plain = [replace(scene, layers=()), *(replace(s, steps=s.steps or scene.steps) for s in layers)]
     found = []
-    for number, member in enumerate(plain):
+    for number, member in enumerate(scene.every_layer):
         every, count = of_layer(scene.every_region, number), sum(r.layer == number for r in scene.regions)
         found.append(replace(member, lamp=scene.lamp, history=History(), regions=every[:count], unsplit=every[count:]))
     return tuple(found)
 
 
-def with_members(scene: Painted, changed: Sequence[Painted]) -> Painted:
+def with_members(scene: S, changed: Sequence[S]) -> S:
     """Return a joined scene with its members changed, which keep their regions; its light and its history stay."""
     own = [iter(member.every_region) for member in changed]
     every = tuple(replace(next(own[r.layer]), layer=r.layer, part_of=r.part_of) for r in scene.every_region)
@@ -109,19 +107,21 @@ def with_members(scene: Painted, changed: Sequence[Painted]) -> Painted:
     )  # fmt: skip
 
 
-def split_in_a_layer(scene: Painted, point: Sequence[float], level: float, progress: Progress = silent) -> Painted:
-    """Return a joined scene with a part of the function that is the most opaque one at a point as a region.
+def split_at(scene: S, point: Sequence[float], level: float, progress: Progress) -> S:
+    """Return a scene with a part as a region of its own, of the function that is the most opaque one at a point.
 
-    See :meth:`svv.fields.scene.edits.EditedModel.split_at`.
+    See :meth:`svv.Scene.split_at`.
     """
+    if not scene.layers:
+        return split_alone(scene, point, level, progress)
     every = members(scene)
     opaque = [_extinction_seen_at(member, point) for member in every]
     number = max(range(len(every)), key=opaque.__getitem__)
-    split = every[number].split_at(point, level, progress)
+    split = split_alone(every[number], point, level, progress)
     numbers = [k for k, region in enumerate(scene.regions) if region.layer == number]
     part, whole = split.regions[-1], every[number].regions
     assert part.part_of is not None
-    after = scene.with_part(numbers[part.part_of], part.share / max(whole[part.part_of].share, 1e-12))
+    after = with_part(scene, numbers[part.part_of], part.share / max(whole[part.part_of].share, 1e-12))
     # The new step forgets undone splits, also those of the other functions.
     first, *others = (
         split.parts if k == number else member.parts and member.parts.without_undone() for k, member in enumerate(every)
@@ -131,7 +131,7 @@ def split_in_a_layer(scene: Painted, point: Sequence[float], level: float, progr
 
 
 @torch.no_grad()
-def _extinction_seen_at(member: PaintedModel, point: Sequence[float]) -> float:
+def _extinction_seen_at(member: Model, point: Sequence[float]) -> float:
     """Return the edited extinction at a point in the world, in 1 / world unit; -1 outside the occupied cells."""
     occupancy = member.occupancy
     place = torch.as_tensor(occupancy.box.to_box(torch.tensor(point, dtype=torch.float64).numpy()))
@@ -145,19 +145,13 @@ def _extinction_seen_at(member: PaintedModel, point: Sequence[float]) -> float:
     return float(member.base.extinction_at(at)) * member.regions[region].seen_opacity / occupancy.box.size
 
 
-class Together(Generic[Painted]):
+class Together:
     """Draws a joined scene from one camera; a plain scene is one of one member."""
 
-    def __init__(
-        self,
-        scene: Painted,
-        camera: Camera,
-        network: str,
-        shaded: Callable[[Painted, Rays, Beams, str], Shaded | None],
-    ) -> None:
-        """Prepare the members that are visible; ``shaded`` returns what an image shows of one of them along rays."""
-        self.camera, self.count, self.shaded = camera, len(scene.regions), shaded
-        self.shown: list[tuple[Tensor, Painted, RayCaster, str]] = []
+    def __init__(self, scene: Model, camera: Camera, network: str) -> None:
+        """Prepare the members that are visible."""
+        self.camera, self.count = camera, len(scene.regions)
+        self.shown: list[tuple[Tensor, Model, RayCaster, str]] = []
         """Number in the whole of each region of a member (or 0 without regions), the member, its rays and network."""
         for number, member in enumerate(members(scene)):
             if network == "base" or any(r.seen_opacity > 0.0 for r in member.regions):
@@ -171,7 +165,7 @@ class Together(Generic[Painted]):
         found = [caster.in_sight(member.occupancy) for _, member, caster, _ in self.shown]
         return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
 
-    def samples(self, pixels: Tensor) -> tuple[Samples, Tensor, Tensor, Tensor] | None:
+    def samples(self, pixels: Tensor) -> Seen | None:
         """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
 
         Returns:
@@ -183,7 +177,7 @@ class Together(Generic[Painted]):
         for numbers, member, caster, network in self.shown:
             rays = caster.rays(pixels)
             beams = Beams.of(member.lamp, self.camera, rays)
-            found = self.shaded(member, rays, beams, network)
+            found = seen_along(member, rays, beams, network)
             if found is None:
                 continue
             samples, colour, of, sigma = found

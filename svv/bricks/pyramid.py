@@ -54,7 +54,7 @@ class PyramidSource:
         self.range = low, high
         """Smallest and largest value of the finest level."""
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         return self._parts[level].read(0, start, stop)
 
@@ -195,7 +195,7 @@ def _in_turn(pool: ThreadPoolExecutor, work: Any, items: Sequence[Any]) -> Itera
         yield future.result()
 
 
-def _write(file: int, layer: NDArray[Any], place: int) -> None:
+def _write(file: int, layer: NDArray[np.generic], place: int) -> None:
     data = np.ascontiguousarray(layer).data.cast("B")
     while data:
         written = os.pwrite(file, data, place)
@@ -236,7 +236,7 @@ def _readable(size: float) -> str:
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB"
 
 
-def halved(values: NDArray[Any]) -> NDArray[Any]:
+def halved(values: NDArray[np.generic]) -> NDArray[np.generic]:
     """Return the means of 2 x 2 x 2 voxels, of integers rounded; at the end of an odd side, of fewer. (z, y, x)"""
     out = np.empty([-(-size // 2) for size in values.shape], values.dtype)
     if values.dtype.kind == "f":

@@ -36,7 +36,7 @@ class Drawn(ABC):
         """Name of the volume, for the record."""
 
     @abstractmethod
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Identify the volume, the transfer function and their options, to detect changes (JSON)."""
 
     @abstractmethod
@@ -127,7 +127,7 @@ class VolumeSource(Drawn):
         """Name of the volume file."""
         return self.volume.name
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Identify the files and options.
 
         Raises:
@@ -170,7 +170,7 @@ class ViewSource:
 
     folder: Path
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Identify the views, to detect changes.
 
         Raises:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ class Seen:
     weights: Array
     """How much of the region has each; they sum to 1. (N,)"""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain values."""
         return {"name": self.name, "colours": self.colours.round(4).tolist(), "weights": self.weights.round(5).tolist()}
 
@@ -152,10 +152,28 @@ def pairs_of(seen: Sequence[Seen]) -> list[Pair]:
     ]
 
 
-def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str, Any]:
+class Nearest(TypedDict):
+    """The smallest difference in one way of seeing, and the two regions."""
+
+    difference: float
+    between: list[str]
+
+
+class ColourReport(TypedDict):
+    """How far the colours of regions are apart."""
+
+    regions: list[str]
+    least: float
+    smallest: dict[str, Nearest]
+    """By the way of seeing."""
+    merging: list[dict[str, object]]
+    """Pairs that are nearer than ``least``, as :class:`Pair`."""
+
+
+def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> ColourReport:
     """Return the smallest difference in each way of seeing, with its pair, and the pairs that merge."""
     pairs = pairs_of(seen)
-    smallest = {}
+    smallest: dict[str, Nearest] = {}
     for vision in VISIONS:
         nearest = min((pair for pair in pairs if pair.vision == vision), key=lambda pair: pair.difference, default=None)
         if nearest is not None:

@@ -145,7 +145,7 @@ def image_data(rendering: Rendering) -> Any:
     """
     height, width = rendering.depth.shape
     image = _pyvista().ImageData(dimensions=(width, height, 1))
-    arrays: dict[str, NDArray[Any]] = {
+    arrays: dict[str, NDArray[np.generic]] = {
         "RGBA": to_bytes(rendering.rgba),
         "Depth": rendering.depth,
         "Region": rendering.region,

@@ -354,7 +354,9 @@ def _check_used(options: PaintOptions, chosen: Preset) -> None:
 Options = TypeVar("Options", TrainOptions, PaletteOptions, PaintOptions)
 
 
-def given(kind: type[Options], options: Options | Preset | str, changes: Mapping[str, Any]) -> tuple[Options, Preset]:
+def given(
+    kind: type[Options], options: Options | Preset | str, changes: Mapping[str, object]
+) -> tuple[Options, Preset]:
     """Return the options passed to a function of the Python interface, and the settings of its stages.
 
     Args:

@@ -86,9 +86,9 @@ class Training:
         return "volume and views" if self._volume is not None else "views only"
 
     @property
-    def told_of_regions(self) -> dict[str, list[float]]:
-        """The confidence of each region for the report; nothing if the volume tells the regions."""
-        return {"confidence": [round(sure, 3) for sure in self.confidence]} if self.confidence else {}
+    def told_of_regions(self) -> list[float]:
+        """The confidence of each region for the report; empty if the volume tells the regions."""
+        return [round(sure, 3) for sure in self.confidence]
 
     @property
     def _volume(self) -> ClassifiedVolume | None:

@@ -39,6 +39,7 @@ from svv.measure import measured
 from svv.render.frames import orbit
 from svv.train.config import Preset, preset
 from svv.train.pipeline import train_scene
+from svv.train.report import Report
 from svv_bench.chart.plan import Training
 from svv_bench.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv_bench.chart.tasks import RenderTask, TrainTask
@@ -80,7 +81,7 @@ def _train(
     limit: float | None,
     progress: Progress,
     checkpoint: Path | None,
-) -> tuple[Scene, dict[str, Any]]:
+) -> tuple[Scene, Report]:
     return train_scene(
         views,
         chosen,

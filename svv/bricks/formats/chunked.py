@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from svv.bricks.formats.axes import Choice, in_one_unit, named, picked
 from svv.bricks.source import Box, Level, level_of, native
 from svv.core.json_values import parsed
 from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    import h5py
 
 CHUNK_CACHE = 128 << 20
 """Bytes of decoded chunks or pages that are kept, since neighbouring boxes share them."""
@@ -39,7 +42,7 @@ class ChunkedSource:
     def __init__(
         self,
         name: str,
-        arrays: Sequence[Callable[[Box, Box], NDArray[Any]]],
+        arrays: Sequence[Callable[[Box, Box], NDArray[np.generic]]],
         dtype: Any,
         levels: Sequence[Level],
     ) -> None:
@@ -47,7 +50,7 @@ class ChunkedSource:
         self.levels: Sequence[Level] = tuple(levels)
         self._arrays = arrays
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         try:
             box = self._arrays[level](start, stop)
@@ -87,7 +90,7 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
     h5py = package("h5py", file)
     try:
         opened = h5py.File(file, "r", rdcc_nbytes=CHUNK_CACHE, rdcc_nslots=100_003)
-        data = _dataset(h5py, opened, file, array)
+        data = _dataset(opened, file, array)
         axes, size, origin = _axes_of_dataset(data, file)
         shape, kind = data.shape, data.dtype
     except BadInput:
@@ -99,15 +102,15 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
     return ChunkedSource(file.name, [partial(pick.box, data)], kind, [level])
 
 
-def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
+def _dataset(opened: h5py.File, file: Path, array: str | None) -> h5py.Dataset:
     """Return the dataset of a path, or the largest one with three axes.
 
     Raises:
         BadInput: There is none, or no path and several of the largest size.
     """
-    found: dict[str, Any] = {}
+    found: dict[str, h5py.Dataset] = {}
 
-    def note(name: str, item: Any) -> None:
+    def note(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset) and sum(side > 1 for side in item.shape or ()) >= 3:
             found[name] = item
 
@@ -125,7 +128,7 @@ def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
     return found[largest[0]]
 
 
-def _axes_of_dataset(data: Any, file: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
+def _axes_of_dataset(data: h5py.Dataset, file: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
     """Return the names of a dataset's axes, the size of a voxel, and the first voxel's place, along x, y, z both."""
     size, origin = np.ones(3), np.zeros(3)
     for key in ELEMENT_SIZE:
@@ -148,7 +151,7 @@ def _axes_of_dataset(data: Any, file: Path) -> tuple[list[str], NDArray[np.float
     return names, size, origin
 
 
-def _scaled(dimensions: Sequence[Any], file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _scaled(dimensions: Sequence[h5py.DimensionProxy], file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the size of a voxel and the first voxel's place along x, y, z, by the scales attached to those axes.
 
     Axes without a scale keep 1 and 0, and so do all if their units differ: degrees and metres make no place.

@@ -94,7 +94,8 @@ def render(
         images = _draw(scene, camera, network, progress)
         if background is not None and not outlines:
             _blend(images[0], background)
-        rgba, depth, region = (image.reshape(*shape, *image.shape[1:]) for image in on_cpu(images))
+        rgba, depth, region = on_cpu(images)
+        rgba, depth, region = rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape)
     if outlines:
         pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in scene.regions]
         size = scene.occupancy.box.size

@@ -59,7 +59,7 @@ def tables_of(
     cells, near, first, inside = _cells_of(strokes.where, reach)
     columns = strokes.colour, strokes.second, strokes.bristles[:, None], strokes.length[:, None]
 
-    def there(array: NDArray[Any], kind: Any = np.float32) -> Tensor:
+    def there(array: NDArray[np.generic], kind: Any = np.float32) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(array, kind)).to(device)
 
     return StrokeTables(

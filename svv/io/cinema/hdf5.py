@@ -15,7 +15,7 @@ SUFFIXES = (".h5", ".hdf5")
 """Suffixes of HDF5 files, lower case."""
 
 
-def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
     """Read the picture and the metadata of one file.
 
     Returns:

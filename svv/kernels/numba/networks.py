@@ -24,6 +24,8 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.kernels.types import Context
+
 ROWS = 4
 """Rows of a tile of a product: its sums stay in registers, 8 of AVX2 for 4 x 16."""
 
@@ -209,7 +211,7 @@ class Network(torch.autograd.Function):
     """Linear layers without biases, with ReLU between them: x (S, I) and weights (to, from) each -> (S, O)."""
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, *weights: Tensor) -> Tensor:
+    def forward(ctx: Context, x: Tensor, *weights: Tensor) -> Tensor:
         x, out = x.detach().contiguous(), torch.empty(len(x), len(weights[-1]))
         matrices = [w.detach().numpy() for w in weights]
         widths, wide = _widths(matrices)
@@ -218,7 +220,7 @@ class Network(torch.autograd.Function):
         return out
 
     @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Context, upstream: Tensor) -> tuple[Tensor | None, ...]:
         x, *weights = ctx.saved_tensors
         matrices = [w.detach().numpy() for w in weights]
         widths, wide = _widths(matrices)

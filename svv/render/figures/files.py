@@ -84,7 +84,7 @@ def told_in(picture: Image.Image) -> str:
     return text if isinstance(text, str) and text.startswith("{") else ""
 
 
-def _saved(figure: Any, kind: str, metadata: Mapping[str, Any]) -> bytes:
+def _saved(figure: Any, kind: str, metadata: Mapping[str, object]) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format=kind, metadata=metadata, dpi=figure.dpi)
     return stream.getvalue()

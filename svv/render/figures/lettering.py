@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from matplotlib import font_manager, rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -32,6 +33,14 @@ MEASURED = 720.0
 MM_A_POINT = 25.4 / 72.0
 
 
+class TextStyle(TypedDict):
+    """Keyword arguments of matplotlib's texts."""
+
+    fontproperties: FontProperties
+    color: str
+    parse_math: bool
+
+
 @dataclass(frozen=True)
 class Lettering:
     """Fonts, in the order in which characters are looked for, and size and colour of the text."""
@@ -45,7 +54,7 @@ class Lettering:
         """Distance of lines in mm."""
         return LINE * self.points * MM_A_POINT
 
-    def properties(self, bold: bool = False, size: float = 1.0) -> dict[str, Any]:
+    def properties(self, bold: bool = False, size: float = 1.0) -> TextStyle:
         """Return keyword arguments of matplotlib's texts; a ``$`` is a dollar sign."""
         weight = "bold" if bold else "normal"
         font = FontProperties(family=list(self.families), weight=weight, size=size * self.points)
@@ -132,6 +141,6 @@ def _others() -> Sequence[str]:
     return [name for name in names if not name.startswith(NOT_FONTS)]
 
 
-def as_text() -> Any:
+def as_text() -> AbstractContextManager[None]:
     """Return a context in which matplotlib writes text as text, with its fonts, and the same file each time."""
     return rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "svv", "axes.unicode_minus": True})

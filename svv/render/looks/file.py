@@ -80,7 +80,7 @@ def read(path: str | Path) -> Kept:
 
 def to_json(look: Kept) -> dict[str, Any]:
     """Return a look as plain values."""
-    content: dict[str, Any] = {KEY: VERSION}
+    content: dict[str, object] = {KEY: VERSION}
     if look.title:
         content["title"] = look.title
     content["regions"] = [_region_told(region) for region in look.regions]
@@ -89,7 +89,7 @@ def to_json(look: Kept) -> dict[str, Any]:
         content["lamp"] = vars(look.lamp)
     if look.camera is not None:
         camera = look.camera
-        told: dict[str, Any] = {"camera_to_world": camera.camera_to_world.tolist()}
+        told: dict[str, object] = {"camera_to_world": camera.camera_to_world.tolist()}
         told |= {"width": camera.width, "height": camera.height}
         lens = {"fov": float(np.degrees(camera.fov_x))} if camera.span_x is None else {"span_x": camera.span_x}
         content["camera"] = told | lens | ({} if camera.centre is None else {"centre": camera.centre})
@@ -98,8 +98,8 @@ def to_json(look: Kept) -> dict[str, Any]:
     return content
 
 
-def _region_told(region: LookRegion) -> dict[str, Any]:
-    told: dict[str, Any] = {"edits": dict(region.edits)}
+def _region_told(region: LookRegion) -> dict[str, object]:
+    told: dict[str, object] = {"edits": dict(region.edits)}
     told |= {key: value for key in ("colour", "values", "style") if (value := getattr(region, key)) is not None}
     return told if region.laid == Laid() else {**told, "laid": vars(region.laid)}
 

@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TypedDict
 
 from svv.errors import BadInput
 from svv.options.making import PREFIX
 from svv.styles.offered import INKS
 
 
-def _look(title: str, *regions: dict[str, Any]) -> dict[str, Any]:
+class OfferedLook(TypedDict):
+    """A look as plain values (:func:`svv.render.looks.file.from_json`)."""
+
+    svv_look: int
+    title: str
+    regions: list[dict[str, object]]
+    styles: dict[str, dict[str, str]]
+
+
+def _look(title: str, *regions: Mapping[str, str | float | tuple[float, ...]]) -> OfferedLook:
     """Return a look as plain values; its regions have edits, and may have a ``style``: a gallery picture or an ink."""
-    told: list[dict[str, Any]] = []
+    told: list[dict[str, object]] = []
     styles: dict[str, dict[str, str]] = {}
     for region in regions:
         edits = dict(region)
         style = edits.pop("style", None)
         told.append({"edits": edits} if style is None else {"edits": edits, "style": style})
-        if style is not None:
+        if isinstance(style, str):
             kind = "ink" if style in INKS else "gallery"
             styles[style] = {kind: style}
     return {"svv_look": 1, "title": title, "regions": told, "styles": styles}
 
 
-LOOKS: dict[str, dict[str, Any]] = {
+LOOKS: dict[str, OfferedLook] = {
     "terracotta": _look("unglazed clay", {"matcap": "clay"}),
     "sunflower": _look("thick oil paint", {"style": "impasto"}),
     "engraving": _look("pen and ink on paper", {"style": "cross-hatching", "outline": 1.0}),
@@ -47,7 +57,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 """Name -> look as plain values. Their regions are handed out in turn, the largest of a scene first."""
 
 
-def offered(source: str) -> dict[str, Any] | None:
+def offered(source: str) -> OfferedLook | None:
     """Return the look that ``gallery:NAME`` means, as plain values; None if the text names no look of the gallery.
 
     Raises:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from svv.core.differences import above
 
@@ -53,6 +52,6 @@ class Numbers:
             return values
         return np.asarray(self.gain * above(values, self.origin), np.float32)
 
-    def mapped(self, values: Any) -> Any:
+    def mapped(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return numbers such as the limits of a range in the kept scale, as float64."""
         return self.gain * (np.asarray(values, np.float64) - self.origin)

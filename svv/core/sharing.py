@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol, TypeVar
+
+Result = TypeVar("Result")
 
 
-def _call(work: Callable[[], Any]) -> Any:
+def _call(work: Callable[[], Result]) -> Result:
     return work()
+
+
+class Once(Protocol):
+    """Does work in one process."""
+
+    def __call__(self, work: Callable[[], Result], /) -> Result:
+        """Return the result of the work in every process."""
 
 
 def _go_on() -> None:
@@ -23,7 +32,7 @@ class Sharing:
     """Number of this process; the first one, 0, does what must be done once."""
     count: int = 1
     """Number of processes."""
-    once: Callable[[Callable[[], Any]], Any] = _call
+    once: Once = _call
     """Returns the result of work that the first process does, in every process."""
     wait: Callable[[], object] = _go_on
     """Waits until every process has come here."""

@@ -10,11 +10,10 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 REMEMBERED = 512
@@ -32,7 +31,7 @@ def on_device(array: NDArray[np.generic], device: torch.device) -> Tensor:
     return _known(array.tobytes(), array.shape, array.dtype.str, device)
 
 
-def numbers_on(values: Sequence[Any] | NDArray[np.generic], device: torch.device) -> Tensor:
+def numbers_on(values: ArrayLike, device: torch.device) -> Tensor:
     """Return numbers as float32 on a device, of the shape of nested sequences; not to be written to.
 
     >>> numbers_on([(0.5, 1.0)], torch.device("cpu")).shape

@@ -298,7 +298,7 @@ def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
     return chosen
 
 
-def _value(setting: Described, key: str, text: str) -> Any:
+def _value(setting: Described, key: str, text: str) -> object:
     """Parse the value of a setting; raises BadInput if it has the wrong type."""
     try:
         if setting.optional and text == "none":

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -58,7 +57,7 @@ def correct_palette(
     options: PaletteOptions | Preset | str = PaletteOptions(),
     progress: Progress = silent,
     checkpoint: Path | None = None,
-    **changes: Any,
+    **changes: object,
 ) -> tuple[Scene, Report]:
     """Correct the palette of a scene and train its palette colour network again; the base network does not change.
 

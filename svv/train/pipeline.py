@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Literal, overload
 
 import numpy as np
 import torch
@@ -49,7 +49,7 @@ def train_scene(
     checkpoint: Path | None = ...,
     *,
     background: Literal[False] = ...,
-    **changes: Any,
+    **changes: object,
 ) -> tuple[Scene, Report]: ...
 
 
@@ -61,7 +61,7 @@ def train_scene(
     checkpoint: Path | None = ...,
     *,
     background: Literal[True],
-    **changes: Any,
+    **changes: object,
 ) -> Learning: ...
 
 
@@ -72,7 +72,7 @@ def train_scene(
     checkpoint: Path | None = None,
     *,
     background: bool = False,
-    **changes: Any,
+    **changes: object,
 ) -> tuple[Scene, Report] | Learning:
     """Train a scene: base field, palette and palette colour network (stages 1 and 2).
 
@@ -157,7 +157,7 @@ def stylize_scene(
     checkpoint: Path | None = None,
     preview: Show | None = None,
     pieces: PieceSettings = PieceSettings(),
-    **changes: Any,
+    **changes: object,
 ) -> tuple[Scene, Report]:
     """Stylize a scene (stage 3): paint is laid, or with the preset ``paper`` learned by matching features.
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
 import torch
 
 from svv.core.colour.palette import Palette
@@ -189,7 +190,9 @@ class Training:
             values, arrays = saved.finished["beginning"], saved.arrays
             self.seconds["extinction"] = values["seconds"]
             self.notes.append(values["reason"])
-            return Beginning.from_arrays(replace(occupancy, occupied=arrays["occupied"]), values["cells"], arrays)
+            return Beginning.from_arrays(
+                replace(occupancy, occupied=arrays["occupied"].astype(np.uint8, copy=False)), values["cells"], arrays
+            )
         limit = None if self.limit is None else self.limit * BEGINNING_PART
         begun = time.monotonic()
         beginning, reason = begin(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from svv.bricks.formats.axes import Choice, in_one_unit, named, picked
 from svv.bricks.source import Box, Level, level_of, native
@@ -43,7 +44,7 @@ class ChunkedSource:
         self,
         name: str,
         arrays: Sequence[Callable[[Box, Box], NDArray[np.generic]]],
-        dtype: Any,
+        dtype: DTypeLike,
         levels: Sequence[Level],
     ) -> None:
         self.name, self.dtype = name, native(dtype, name)
@@ -65,7 +66,7 @@ def _said(error: Exception) -> str:
     return (text[0].rstrip(".") if text else "") or type(error).__name__
 
 
-def package(name: str, file: Path) -> Any:
+def package(name: str, file: Path) -> ModuleType:
     """Import a package that only some formats need.
 
     Raises:
@@ -111,7 +112,7 @@ def _dataset(opened: h5py.File, file: Path, array: str | None) -> h5py.Dataset:
     found: dict[str, h5py.Dataset] = {}
 
     def note(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and sum(side > 1 for side in item.shape or ()) >= 3:
+        if isinstance(item, package("h5py", file).Dataset) and sum(side > 1 for side in item.shape or ()) >= 3:
             found[name] = item
 
     opened.visititems(note)
@@ -246,7 +247,7 @@ def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) 
     )
 
 
-def _named_axes(told: Any, count: int) -> tuple[list[str], dict[str, str]]:
+def _named_axes(told: Sequence[object] | None, count: int) -> tuple[list[str], dict[str, str]]:
     """Return a name for each axis, and the units of those that have one."""
     axes = [one if isinstance(one, dict) else {"name": one} for one in told or "tczyx"[-count:]]
     if len(axes) != count:
@@ -256,14 +257,14 @@ def _named_axes(told: Any, count: int) -> tuple[list[str], dict[str, str]]:
     return names, {name: str(one["unit"]) for name, one in zip(names, axes) if one.get("unit")}
 
 
-def _labels(omero: Any) -> list[str]:
+def _labels(omero: object) -> list[str]:
     """Return the names of the channels; nothing unless every channel has one."""
     channels = omero.get("channels") if isinstance(omero, dict) else None
     names = [str(one.get("label") or "") for one in channels or () if isinstance(one, dict)]
     return names if all(names) else []
 
 
-def _transform(steps: Sequence[Any], axes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _transform(steps: Sequence[Mapping[str, Any]], axes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the scale and the translation along each axis.
 
     Raises:

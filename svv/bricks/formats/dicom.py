@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,7 +84,7 @@ def open_dicom(path: Path, choice: Choice = Choice(), array: str | None = None) 
         raise damaged(path) from error
 
 
-def _read(pydicom: Any, path: Path, choice: Choice, array: str | None) -> ArraySource:
+def _read(pydicom: ModuleType, path: Path, choice: Choice, array: str | None) -> ArraySource:
     files = sorted(f for f in path.iterdir() if f.is_file() and is_dicom(f)) if path.is_dir() else [path]
     heads = [(file, pydicom.dcmread(file, stop_before_pixels=True, force=True)) for file in files]
     heads = [(file, head) for file, head in heads if "Rows" in head and "Columns" in head]
@@ -197,9 +198,9 @@ def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slic
     return np.array([plane[0] * first.pixel[0], plane[1] * first.pixel[1], step]).T, places
 
 
-def _values(pydicom: Any, slices: Sequence[Slice]) -> NDArray[np.generic]:
+def _values(pydicom: ModuleType, slices: Sequence[Slice]) -> NDArray[np.generic]:
     """Decode the slices. (nz, ny, nx)"""
-    read: tuple[Path | None, Any] = (None, None)
+    read: tuple[Path | None, NDArray[np.generic]] = (None, np.empty(0))
     stored = []
     for one in slices:
         if read[0] != one.file:

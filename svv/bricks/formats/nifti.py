@@ -11,7 +11,6 @@ import gzip
 import sys
 import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +98,7 @@ def _files(file: Path) -> tuple[Path, Path]:
     return file, file
 
 
-def _described(file: Path, data: Path, read: Any, order: str, packed: bool) -> Stored:
+def _described(file: Path, data: Path, read: np.void, order: str, packed: bool) -> Stored:
     dims = [int(n) for n in read["dim"]]
     code = int(read["kind"])
     if code in OTHERS:
@@ -125,7 +124,7 @@ def _described(file: Path, data: Path, read: Any, order: str, packed: bool) -> S
     )  # fmt: skip
 
 
-def _placed(read: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _placed(read: np.void) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the steps between voxels (3, 3) and the position of the first (3,)."""
     pixels = read["pixdim"].astype(np.float64)
     if read["sform"] > 0:

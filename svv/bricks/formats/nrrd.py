@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,7 +189,7 @@ def _data_files(file: Path, target: str | None, listed: Sequence[str], sizes: Se
         if file.suffix.lower() == ".nhdr":
             raise BadInput(f"{file} names no data file: it is damaged or incomplete.")
         return (file,)
-    words: list[Any] = target.split()
+    words = target.split()
     if words[:1] == ["LIST"]:
         files = tuple(file.parent / name for name in listed)
     elif "%" in target and len(words) in (4, 5):

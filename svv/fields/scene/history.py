@@ -74,7 +74,7 @@ class History:
         """Return the history with one more step; undone edits can no longer be redone."""
         return History((*self.past, step)[-MOST_UNDO_STEPS:])
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain values for the scene's header."""
         named = {"past": self.past, "future": self.future}
         return {name: [{**vars(s), "lamp": vars(s.lamp)} for s in steps] for name, steps in named.items()}

@@ -37,7 +37,7 @@ def info_of(scene: Model) -> dict[str, Any]:
     }
 
 
-def _light_of(scene: Model) -> dict[str, Any]:
+def _light_of(scene: Model) -> dict[str, object]:
     every = [member.coefficients() for member in members(scene)]
     if any(coefficients is None for coefficients in every):
         return {"lighting": scene.settings.lighting}

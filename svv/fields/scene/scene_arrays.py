@@ -32,7 +32,7 @@ from svv.fields.values.value_function import ValueFunction
 
 S = TypeVar("S", bound=Model)
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[np.generic]]
 
 
 def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
@@ -284,7 +284,7 @@ def _unpacked(header: dict[str, Any], tensors: Arrays, occupancy: Occupancy) -> 
         raise ValueError(f"parts of {header['cells']} cells do not fit {occupancy.cells}")
     zone = np.zeros([finer * n for n in occupancy.occupied.shape], np.uint8)
     _rows(zone, finer)[occupancy.occupied > 0] = tensors["parts.zone"].reshape(-1, finer, finer, finer)
-    return Parts(int(header["cells"]), zone, tensors["parts.inside"] > 0)
+    return Parts(int(header["cells"]), zone, np.greater(tensors["parts.inside"], 0))
 
 
 def _rows(zone: NDArray[np.uint8], finer: int) -> NDArray[np.uint8]:
@@ -320,5 +320,5 @@ def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
     return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
 
 
-def _styles_in(value: list[Any]) -> tuple[str | None, ...]:
+def _styles_in(value: Sequence[object]) -> tuple[str | None, ...]:
     return tuple(None if style is None else text_in(style, "style") for style in value)

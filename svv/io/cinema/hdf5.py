@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +55,7 @@ def _h5py() -> ModuleType:
     return h5py
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return text for bytes, and arrays without axes of length 1 at their ends."""
     array = np.squeeze(np.asarray(value))
     if array.dtype.kind in "SO" and array.ndim == 0:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ def deep_tiff(path: Path) -> Image.Image | None:
     import tifffile  # only here: it is slow to import
 
     with tifffile.TiffFile(path) as file:
-        page: Any = file.pages[0]
+        page = file.pages.first
         kind, photometric = np.dtype(page.dtype), int(page.photometric)
         if (
             kind.itemsize == 1 or kind.kind not in "uif" or int(page.compression) not in TIFFFILE_DECODES

@@ -13,7 +13,6 @@ Letters: S samples, I inputs, O outputs. Widths are padded with zeros to multipl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -55,11 +54,11 @@ def _tile(columns: int, kind: str) -> Callable[..., None]:
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         a0, am, ak, b0, bk, depth, c0, cm = (arguments[k] for k in (1, 2, 3, 5, 6, 7, 9, 10))
 
-        def at(number: int, offset: Any) -> Any:
+        def at(number: int, offset: ir.Value) -> ir.Value:
             array = context.make_array(signature.args[number])(context, builder, arguments[number])
             return builder.gep(array.data, [offset])
 
-        def row(pointer: Any, stride: Any, m: int) -> Any:
+        def row(pointer: ir.Value, stride: ir.Value, m: int) -> ir.Value:
             return builder.gep(pointer, [builder.mul(stride, stride.type(m))])
 
         out = [builder.bitcast(row(at(8, c0), cm, m), vector.as_pointer()) for m in range(ROWS)]

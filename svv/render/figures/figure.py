@@ -30,11 +30,13 @@ from svv.render.figures.framing import (
     preview_camera,
     windows_of,
 )
+from svv.render.figures.layout import Line
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from svv.fields.scene.scene import Scene
@@ -283,7 +285,7 @@ class Drawing:
     def _pixels(self, mm: float) -> int:
         return max(1, round(mm / 25.4 * self.options.dpi))
 
-    def _axes(self, left: int, top: int, width: int, height: int) -> Any:
+    def _axes(self, left: int, top: int, width: int, height: int) -> Axes:
         """Return matplotlib's axes over whole pixels, without frame."""
         across, down = self.size
         axes = self.figure.add_axes((left / across, 1.0 - (top + height) / down, width / across, height / down))
@@ -372,7 +374,7 @@ class Drawing:
             at = self._pixels(x) / across, 1.0 - y / 25.4 * self.options.dpi / down
             self.figure.text(at[0], at[1], text, va="baseline", **self.lettering.properties(bold))
 
-    def _draw_line(self, line: Any) -> None:
+    def _draw_line(self, line: Line) -> None:
         """Draw a line of the legend: the swatch, and its name above its values."""
         from svv.render.figures.layout import BESIDE, swatch_diameter
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -233,7 +233,7 @@ def figure_in(told: object, name: str) -> dict[str, Any]:
     return {key: _setting_in(fields[key], value, f"{name}, {key}") for key, value in content.items()}
 
 
-def _setting_in(field: Described, value: object, name: str) -> Any:
+def _setting_in(field: Described, value: object, name: str) -> object:
     if value is None and field.optional:
         return None
     if field.choices:
@@ -244,5 +244,10 @@ def _setting_in(field: Described, value: object, name: str) -> Any:
         if get_args(field.kind)[0] is float:
             return vector_in(value, name)
         return tuple(text_in(one, name) for one in list_in(value, len(value) if isinstance(value, list) else 0, name))
-    kinds: dict[Any, Any] = {bool: switch_in, int: whole_in, float: number_in, str: text_in}
+    kinds: dict[object, Callable[[object, str], object]] = {
+        bool: switch_in,
+        int: whole_in,
+        float: number_in,
+        str: text_in,
+    }
     return kinds[field.kind](value, name)

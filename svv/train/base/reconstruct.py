@@ -198,9 +198,9 @@ class Reconstruction:
         if layout is None:
             return
         if layout["refined"].size:
-            self.occupancy = replace(self.occupancy, occupied=layout["refined"].astype(np.uint8))
+            self.occupancy = replace(self.occupancy, occupied=layout["refined"].astype(np.uint8, copy=False))
             self.refine()
-        self.occupancy = replace(self.occupancy, occupied=layout["occupied"].astype(np.uint8))
+        self.occupancy = replace(self.occupancy, occupied=layout["occupied"].astype(np.uint8, copy=False))
         self.budget.rays = int(layout["rays"])
 
     def finish(self) -> tuple[BaseField, Occupancy]:

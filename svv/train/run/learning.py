@@ -10,11 +10,10 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.scene import Scene
@@ -66,7 +65,7 @@ class Learning:
         self._sending = threading.Thread(target=self._send, args=(views, order), daemon=True)
         self._sending.start()
 
-    def _send(self, views: ViewSet, order: dict[str, Any]) -> None:
+    def _send(self, views: ViewSet, order: Mapping[str, object]) -> None:
         try:
             views.write(self._worker.folder / VIEWS)
             self._worker.send(order)

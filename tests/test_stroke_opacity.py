@@ -16,8 +16,8 @@ from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.radiance.rendering import RayCaster, composite, march
+from svv.fields.scene.images import marching_as_edited
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.shading import marching_as_edited
 from svv.fields.strokes.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, fade_of, paleness, strokes_of
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint, cube_scene

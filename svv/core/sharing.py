@@ -4,20 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
-
-Result = TypeVar("Result")
+from typing import Any
 
 
-def _call(work: Callable[[], Result]) -> Result:
+def _call(work: Callable[[], Any]) -> Any:
     return work()
-
-
-class Once(Protocol):
-    """Does work in one process."""
-
-    def __call__(self, work: Callable[[], Result], /) -> Result:
-        """Return the result of the work in every process."""
 
 
 def _go_on() -> None:
@@ -32,7 +23,7 @@ class Sharing:
     """Number of this process; the first one, 0, does what must be done once."""
     count: int = 1
     """Number of processes."""
-    once: Once = _call
+    once: Callable[[Callable[[], Any]], Any] = _call
     """Returns the result of work that the first process does, in every process."""
     wait: Callable[[], object] = _go_on
     """Waits until every process has come here."""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,28 +152,10 @@ def pairs_of(seen: Sequence[Seen]) -> list[Pair]:
     ]
 
 
-class Nearest(TypedDict):
-    """The smallest difference in one way of seeing, and the two regions."""
-
-    difference: float
-    between: list[str]
-
-
-class ColourReport(TypedDict):
-    """How far the colours of regions are apart."""
-
-    regions: list[str]
-    least: float
-    smallest: dict[str, Nearest]
-    """By the way of seeing."""
-    merging: list[dict[str, object]]
-    """Pairs that are nearer than ``least``, as :class:`Pair`."""
-
-
-def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> ColourReport:
+def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str, Any]:
     """Return the smallest difference in each way of seeing, with its pair, and the pairs that merge."""
     pairs = pairs_of(seen)
-    smallest: dict[str, Nearest] = {}
+    smallest = {}
     for vision in VISIONS:
         nearest = min((pair for pair in pairs if pair.vision == vision), key=lambda pair: pair.difference, default=None)
         if nearest is not None:

@@ -15,9 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bricks.formats.axes import Choice
 from svv.bricks.formats.stored import Stored, damaged
-from svv.bricks.source import Source
 from svv.errors import BadInput
 
 TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
@@ -45,16 +43,6 @@ SECOND = np.dtype(
     }
 )
 """Fields of the header of version 2."""
-
-
-def open_nifti(file: Path, choice: Choice = Choice(), whole: bool = False) -> Source | None:  # noqa: B008 - frozen
-    """Open a NIfTI file; see :meth:`svv.bricks.formats.stored.Stored.source`.
-
-    Raises:
-        BadInput: The header is damaged, values are no real numbers, or the data is missing, cut off, or more than
-            memory can hold.
-    """
-    return nifti_header(file).source(choice, whole)
 
 
 def nifti_header(file: Path) -> Stored:

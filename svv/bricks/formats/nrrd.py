@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bricks.formats.axes import Choice, in_one_unit
+from svv.bricks.formats.axes import in_one_unit
 from svv.bricks.formats.mapped import MOST_HEADER
 from svv.bricks.formats.stored import Stored, bad_header, damaged, numbered
-from svv.bricks.source import Source
 from svv.errors import BadInput
 
 TYPES = {
@@ -43,18 +42,6 @@ ENCODINGS = {
 
 COLOURS = ("color", "vector", "matrix", "complex", "quaternion", "gradient", "normal")
 """Words in the kinds of axes along which one sample has several numbers."""
-
-SPACES = {"right": 3, "left": 3, "scanner": 3, "3d": 3, "ras": 3, "las": 3, "lps": 3}
-"""Dimensions of named spaces, by their first word."""
-
-
-def open_nrrd(file: Path, choice: Choice = Choice(), whole: bool = False) -> Source | None:  # noqa: B008 - frozen
-    """Open an NRRD file; see :meth:`svv.bricks.formats.stored.Stored.source`.
-
-    Raises:
-        BadInput: The header is damaged, or the data is missing, cut off, or more than memory can hold.
-    """
-    return nrrd_header(file).source(choice, whole)
 
 
 def nrrd_header(file: Path) -> Stored:

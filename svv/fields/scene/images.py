@@ -1,4 +1,7 @@
-"""Images of a scene: rendered alone or together with its members, still or while a camera moves."""
+"""Images of a scene: rendered alone or together with its members, still or while a camera moves.
+
+Letters: R rays, S samples.
+"""
 
 from __future__ import annotations
 
@@ -11,21 +14,37 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.colour.palette_shading import lit
 from svv.core.geometry.cameras import Camera
 from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress
 from svv.fields.radiance.image import draw, image_kernels_of, look_at
 from svv.fields.radiance.kept_views import View, key_of
+from svv.fields.radiance.matcaps import dress
+from svv.fields.radiance.networks import PaletteColours, encode_directions
+from svv.fields.radiance.occlusion import occlude
+from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
-from svv.fields.radiance.rendering import Rays, composite, empty_images, on_cpu
-from svv.fields.scene.joined import Together
-from svv.fields.scene.model import Model
-from svv.fields.scene.shading import marching_as_edited, shade, visible_samples
+from svv.fields.radiance.rendering import (
+    Marching,
+    RayCaster,
+    Rays,
+    composite,
+    empty_images,
+    ended,
+    march,
+    not_hidden,
+    on_cpu,
+)
+from svv.fields.scene.joined import members
+from svv.fields.scene.model import Model, for_colours, of_colour
+from svv.fields.strokes.stroke_opacity import fade_of, followed
 from svv.fields.strokes.stroke_paint import shared_width
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.gpu import gpu_errors
+from svv.kernels.types import Samples
 
 S = TypeVar("S", bound=Model)
 
@@ -188,3 +207,156 @@ def _blend(rgba: Tensor, background: Sequence[float]) -> None:
     alpha = rgba[:, 3:].clone()
     rgba[:, :3].mul_(alpha).add_(numbers_on(background, rgba.device) * (1.0 - alpha))
     rgba[:, 3] = 1.0
+
+
+# --- what samples look like -------------------------------------------------------------------------------------------
+
+
+Seen = tuple[Samples, Tensor, Tensor, Tensor]
+"""S samples, their colours (S, 3), regions (S,) and a number of each: edited extinctions, or distances (S,)."""
+
+
+def marching_as_edited(scene: Model, network: str) -> Marching:
+    """Return how rays are sampled; they go deeper where edits make regions more transparent."""
+    return replace(scene.marching_for_images, fade=fade_of(scene, network))
+
+
+@torch.no_grad()
+def visible_samples(scene: Model, rays: Rays, network: str) -> Samples:
+    """Return the samples of rays for an image."""
+    how = marching_as_edited(scene, network)
+    samples = march(rays, scene.occupancy, scene.base.density, how)
+    if scene.base.density is None:
+        samples, _ = not_hidden(samples, scene.base.extinction(samples), how)
+        return samples
+    return ended(samples)
+
+
+def seen_along(scene: Model, rays: Rays, beams: Beams, network: str) -> Seen | None:
+    """Return what an image shows of rays, as samples with their edited extinctions; None if that is nothing."""
+    samples = visible_samples(scene, rays, network)
+    return (samples, *shade(scene, samples, rays, network, beams)) if len(samples) else None
+
+
+def shade(
+    scene: Model, samples: Samples, rays: Rays, network: str, beams: Beams | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return colour (S, 3), region (S,) and edited extinction (S,) of samples; by default lit along the rays."""
+    sigma, geometry = scene.base.geometry(samples)
+    directions = encode_directions(rays.lit_along, samples.ray)
+    if network == "base" or scene.palette_network is None:
+        region = torch.zeros_like(samples.ray, dtype=torch.int64)
+        return scene.base(geometry, directions), region, sigma
+    seen = beams or Beams.headlight(-rays.lit_along)
+    at = None if scene.palette_network.phong is None else seen.at(samples.ray)  # a network's light cannot be moved
+    here, coefficients = scene.regions_at(samples.position), scene.coefficients()
+    coefficients = None if coefficients is None else for_colours(coefficients, here)
+    parts = scene.palette_network(samples.position, geometry, directions, at, coefficients)
+    region = of_colour(here, parts.region)
+    paint = scene.paint(samples, network, region)
+    sigma = followed(scene, sigma, region, paint)
+    if any(r.seen_opacity != 1.0 for r in scene.regions):
+        sigma = sigma * numbers_on([r.seen_opacity for r in scene.regions], sigma.device)[region]
+    diffuse = scene.with_style(parts.diffuse(scene.edited_colours(parts.offsets, here)), region, paint)
+    occlude(scene, diffuse, samples.position, region)
+    colour = light(scene, parts, diffuse, region, network)
+    if any(r.matcap is not None for r in scene.regions):
+        dress(scene, colour, samples.position, region, samples.ray, seen)
+    return colour, region, sigma
+
+
+def light(scene: Model, parts: PaletteColours, diffuse: Tensor, region: Tensor, network: str) -> Tensor:
+    """Light diffuse colours (S, 3) with the brightness that the edits of their regions (S,) set. (S, 3)"""
+    if network != "styled":
+        factor = numbers_on([r.lighting for r in scene.regions], diffuse.device)[region]
+        return lit(diffuse, parts.specular, parts.shade, factor)
+    return lit(diffuse, parts.specular, parts.shade, *lights_of(scene, network)[region].unbind(1))
+
+
+# --- several scenes together ------------------------------------------------------------------------------------------
+
+
+class Together:
+    """Draws a joined scene from one camera; a plain scene is one of one member."""
+
+    def __init__(self, scene: Model, camera: Camera, network: str) -> None:
+        """Prepare the members that are visible."""
+        self.camera, self.count = camera, len(scene.regions)
+        self.shown: list[tuple[Tensor, Model, RayCaster, str]] = []
+        """Number in the whole of each region of a member (or 0 without regions), the member, its rays and network."""
+        for number, member in enumerate(members(scene)):
+            if network == "base" or any(r.seen_opacity > 0.0 for r in member.regions):
+                caster = member.caster([camera])
+                own = network if network in member.networks else member.networks[-1]
+                numbers = [k for k, r in enumerate(scene.regions) if r.layer == number] or [0]
+                self.shown.append((torch.tensor(numbers, device=member.device), member, caster, own))
+
+    def in_sight(self) -> Tensor:
+        """Return the pixels that may show something, ascending. (R,)"""
+        found = [caster.in_sight(member.occupancy) for _, member, caster, _ in self.shown]
+        return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
+
+    def samples(self, pixels: Tensor) -> Seen | None:
+        """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
+
+        Returns:
+            The samples, whose ``sigma`` is their edited optical depth and whose step is 1; their colours (S, 3),
+            regions (S,) and distances from the camera in world units (S,). None if there are none.
+        """
+        parts: list[tuple[Tensor, ...]] = []
+        tail = torch.zeros(len(pixels), device=pixels.device)
+        for numbers, member, caster, network in self.shown:
+            rays = caster.rays(pixels)
+            beams = Beams.of(member.lamp, self.camera, rays)
+            found = seen_along(member, rays, beams, network)
+            if found is None:
+                continue
+            samples, colour, of, sigma = found
+            size = member.occupancy.box.size
+            distance = size * (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
+            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of]))
+            tail = tail.to(samples.tail) + samples.tail
+        if not parts:
+            return None
+        ray, distance, skipped, thickness, colour, of = (torch.cat(each) for each in zip(*parts, strict=True))
+        order = distance.argsort(stable=True)
+        order = order[ray[order].argsort(stable=True)]
+        count = torch.bincount(ray, minlength=len(pixels))
+        found_there = Samples(
+            colour[order], thickness[order], skipped[order], ray[order], count.cumsum(0) - count, count, tail, 1.0
+        )
+        return found_there, colour[order], of[order], distance[order]
+
+    @torch.no_grad()
+    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
+        """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
+        found = self.samples(pixels)
+        if found is None:
+            return
+        samples, colour, of, distance = found
+        regions = torch.nn.functional.one_hot(of, self.count).float()
+        values = torch.cat([colour, distance[:, None], regions], dim=1)
+        out, transmittance, _ = composite(samples, samples.sigma, values)
+        alpha = 1.0 - transmittance
+        seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
+        mean = out[seen] / alpha[seen, None]
+        rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
+        rgba[seen, 3] = alpha[seen]
+        depth[seen] = mean[:, 3]
+        region[seen] = mean[:, 4:].argmax(1).to(torch.int16)
+
+    @torch.no_grad()
+    def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:
+        """Return the world point where the region that a pixel (1,) shows is most visible; None if nothing is."""
+        found = self.samples(pixel)
+        if found is None:
+            return None
+        samples, _, of, distance = found
+        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
+        if float(1.0 - transmittance) <= LEAST_ALPHA or float(weights.max()) <= 0.0:
+            return None
+        own = of == torch.bincount(of, weights).argmax()
+        origin, direction = (vectors.reshape(-1, 3)[int(pixel)] for vectors in self.camera.rays())
+        along = float(distance[torch.where(own, weights, -1.0).argmax()])
+        x, y, z = (origin + along * direction).tolist()
+        return x, y, z

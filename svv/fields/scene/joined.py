@@ -14,20 +14,13 @@ from dataclasses import replace
 from typing import TypeVar
 
 import torch
-from torch import Tensor
 
-from svv.core.geometry.cameras import Camera
-from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress
-from svv.fields.radiance.phong import Beams
-from svv.fields.radiance.rendering import RayCaster, composite
 from svv.fields.scene.edits import split_at as split_alone
 from svv.fields.scene.edits import with_part
 from svv.fields.scene.history import History
 from svv.fields.scene.model import Model
 from svv.fields.scene.region import Region, of_layer
-from svv.fields.scene.shading import Seen, seen_along
-from svv.kernels.types import Samples
 
 S = TypeVar("S", bound=Model)
 
@@ -143,89 +136,3 @@ def _extinction_seen_at(member: Model, point: Sequence[float]) -> float:
     assert member.palette_network is not None
     region = int(member.region_of(at, member.palette_network.material(at)[1]))
     return float(member.base.extinction_at(at)) * member.regions[region].seen_opacity / occupancy.box.size
-
-
-class Together:
-    """Draws a joined scene from one camera; a plain scene is one of one member."""
-
-    def __init__(self, scene: Model, camera: Camera, network: str) -> None:
-        """Prepare the members that are visible."""
-        self.camera, self.count = camera, len(scene.regions)
-        self.shown: list[tuple[Tensor, Model, RayCaster, str]] = []
-        """Number in the whole of each region of a member (or 0 without regions), the member, its rays and network."""
-        for number, member in enumerate(members(scene)):
-            if network == "base" or any(r.seen_opacity > 0.0 for r in member.regions):
-                caster = member.caster([camera])
-                own = network if network in member.networks else member.networks[-1]
-                numbers = [k for k, r in enumerate(scene.regions) if r.layer == number] or [0]
-                self.shown.append((torch.tensor(numbers, device=member.device), member, caster, own))
-
-    def in_sight(self) -> Tensor:
-        """Return the pixels that may show something, ascending. (R,)"""
-        found = [caster.in_sight(member.occupancy) for _, member, caster, _ in self.shown]
-        return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
-
-    def samples(self, pixels: Tensor) -> Seen | None:
-        """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
-
-        Returns:
-            The samples, whose ``sigma`` is their edited optical depth and whose step is 1; their colours (S, 3),
-            regions (S,) and distances from the camera in world units (S,). None if there are none.
-        """
-        parts: list[tuple[Tensor, ...]] = []
-        tail = torch.zeros(len(pixels), device=pixels.device)
-        for numbers, member, caster, network in self.shown:
-            rays = caster.rays(pixels)
-            beams = Beams.of(member.lamp, self.camera, rays)
-            found = seen_along(member, rays, beams, network)
-            if found is None:
-                continue
-            samples, colour, of, sigma = found
-            size = member.occupancy.box.size
-            distance = size * (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
-            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of]))
-            tail = tail.to(samples.tail) + samples.tail
-        if not parts:
-            return None
-        ray, distance, skipped, thickness, colour, of = (torch.cat(each) for each in zip(*parts, strict=True))
-        order = distance.argsort(stable=True)
-        order = order[ray[order].argsort(stable=True)]
-        count = torch.bincount(ray, minlength=len(pixels))
-        found_there = Samples(
-            colour[order], thickness[order], skipped[order], ray[order], count.cumsum(0) - count, count, tail, 1.0
-        )
-        return found_there, colour[order], of[order], distance[order]
-
-    @torch.no_grad()
-    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
-        """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
-        found = self.samples(pixels)
-        if found is None:
-            return
-        samples, colour, of, distance = found
-        regions = torch.nn.functional.one_hot(of, self.count).float()
-        values = torch.cat([colour, distance[:, None], regions], dim=1)
-        out, transmittance, _ = composite(samples, samples.sigma, values)
-        alpha = 1.0 - transmittance
-        seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
-        mean = out[seen] / alpha[seen, None]
-        rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
-        rgba[seen, 3] = alpha[seen]
-        depth[seen] = mean[:, 3]
-        region[seen] = mean[:, 4:].argmax(1).to(torch.int16)
-
-    @torch.no_grad()
-    def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:
-        """Return the world point where the region that a pixel (1,) shows is most visible; None if nothing is."""
-        found = self.samples(pixel)
-        if found is None:
-            return None
-        samples, _, of, distance = found
-        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
-        if float(1.0 - transmittance) <= LEAST_ALPHA or float(weights.max()) <= 0.0:
-            return None
-        own = of == torch.bincount(of, weights).argmax()
-        origin, direction = (vectors.reshape(-1, 3)[int(pixel)] for vectors in self.camera.rays())
-        along = float(distance[torch.where(own, weights, -1.0).argmax()])
-        x, y, z = (origin + along * direction).tolist()
-        return x, y, z

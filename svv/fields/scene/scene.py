@@ -15,13 +15,12 @@ from svv.errors import Progress, silent
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Rays
-from svv.fields.scene import edits, images, shading, variants
+from svv.fields.scene import edits, images, variants
 from svv.fields.scene.history import Step
 from svv.fields.scene.images import Rendering as Rendering
-from svv.fields.scene.info import info_of
 from svv.fields.scene.joined import split_at
 from svv.fields.scene.model import Model, on_device
-from svv.fields.scene.scene_arrays import Arrays, arrays_of, restored, scene_of
+from svv.fields.scene.scene_arrays import Arrays, arrays_of, info_of, restored, scene_of
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.types import Samples
 from svv.options.editing import SPLIT_LEVEL, RecolourName
@@ -354,13 +353,13 @@ class Scene(Model):
 
     def visible_samples(self, rays: Rays, network: str) -> Samples:
         """Return the samples of rays for an image."""
-        return shading.visible_samples(self, rays, network)
+        return images.visible_samples(self, rays, network)
 
     def shade(
         self, samples: Samples, rays: Rays, network: str, beams: Beams | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return colour (S, 3), region (S,) and edited extinction (S,) of samples; by default lit along the rays."""
-        return shading.shade(self, samples, rays, network, beams)
+        return images.shade(self, samples, rays, network, beams)
 
     # --- files -----------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Conversion of a :class:`svv.fields.scene.scene.Scene` to the header and arrays of its file, and back."""
+"""Conversion of a scene to the header and arrays of its file, and back, and to plain values for people to read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from svv.core.colour.light import Lamp
+from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.core.json_values import object_in, text_in
 from svv.errors import BadInput
@@ -21,7 +21,8 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
 from svv.fields.scene.history import History
-from svv.fields.scene.kept_styles import KEPT, put_apart, put_back
+from svv.fields.scene.joined import members
+from svv.fields.scene.kept_styles import KEPT, put_apart, put_back, without_kept
 from svv.fields.scene.model import NETWORKS, Model, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
@@ -322,3 +323,39 @@ def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
 
 def _styles_in(value: Sequence[object]) -> tuple[str | None, ...]:
     return tuple(None if style is None else text_in(style, "style") for style in value)
+
+
+def info_of(scene: Model) -> dict[str, Any]:
+    """Describe the scene and how it was made, as plain values."""
+    networks = dict(own_networks(scene))
+    networks |= {f"variant {other.name}": other.network for other in scene.others}
+    parameters = {k: sum(p.numel() for p in n.parameters()) for k, n in networks.items() if n is not None}
+    return {
+        "networks": scene.networks,
+        "parameters": {**parameters, "total": sum(parameters.values())},
+        "encoding": scene.settings.encoding,
+        "resolutions": scene.settings.resolutions,
+        "paint_resolutions": None if scene.styled is None else scene.styled.resolutions,
+        "finest_world_units": scene.occupancy.box.size / scene.settings.resolutions[-1],
+        "occupied_fraction": scene.occupancy.fraction,
+        "image_step_world_units": scene.stride * scene.marching.step * scene.occupancy.box.size,
+        "bounds": scene.occupancy.box.bounds.tolist(),
+        "regions": [vars(r) for r in scene.regions],
+        **_light_of(scene),
+        "times": [] if scene.steps is None or len(scene.steps) < 2 else scene.steps.times,
+        "variant": scene.variant,
+        "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in scene.every_variant},
+        "undo": [step.what for step in scene.history.past],
+        "redo": [step.what for step in scene.history.future],
+        "camera_rig": {} if scene.camera_rig is None else scene.camera_rig.to_json(),
+        "made": without_kept(scene.made),
+    }
+
+
+def _light_of(scene: Model) -> dict[str, object]:
+    every = [member.coefficients() for member in members(scene)]
+    if any(coefficients is None for coefficients in every):
+        return {"lighting": scene.settings.lighting}
+    rows = [row for coefficients in every if coefficients is not None for row in coefficients.tolist()]
+    reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in rows]
+    return {"lighting": scene.settings.lighting, "light": scene.lamp.said(), "reflects": reflects}

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TypedDict
+from typing import Any
 
 from matplotlib import font_manager, rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -33,14 +33,6 @@ MEASURED = 720.0
 MM_A_POINT = 25.4 / 72.0
 
 
-class TextStyle(TypedDict):
-    """Keyword arguments of matplotlib's texts."""
-
-    fontproperties: FontProperties
-    color: str
-    parse_math: bool
-
-
 @dataclass(frozen=True)
 class Lettering:
     """Fonts, in the order in which characters are looked for, and size and colour of the text."""
@@ -54,7 +46,7 @@ class Lettering:
         """Distance of lines in mm."""
         return LINE * self.points * MM_A_POINT
 
-    def properties(self, bold: bool = False, size: float = 1.0) -> TextStyle:
+    def properties(self, bold: bool = False, size: float = 1.0) -> dict[str, Any]:
         """Return keyword arguments of matplotlib's texts; a ``$`` is a dollar sign."""
         weight = "bold" if bold else "normal"
         font = FontProperties(family=list(self.families), weight=weight, size=size * self.points)

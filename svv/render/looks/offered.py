@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypedDict
+from typing import Any
 
 from svv.errors import BadInput
 from svv.options.making import PREFIX
 from svv.styles.offered import INKS
 
 
-class OfferedLook(TypedDict):
-    """A look as plain values (:func:`svv.render.looks.file.from_json`)."""
-
-    svv_look: int
-    title: str
-    regions: list[dict[str, object]]
-    styles: dict[str, dict[str, str]]
-
-
-def _look(title: str, *regions: Mapping[str, str | float | tuple[float, ...]]) -> OfferedLook:
+def _look(title: str, *regions: Mapping[str, str | float | tuple[float, ...]]) -> dict[str, Any]:
     """Return a look as plain values; its regions have edits, and may have a ``style``: a gallery picture or an ink."""
     told: list[dict[str, object]] = []
     styles: dict[str, dict[str, str]] = {}
@@ -33,7 +24,7 @@ def _look(title: str, *regions: Mapping[str, str | float | tuple[float, ...]]) -
     return {"svv_look": 1, "title": title, "regions": told, "styles": styles}
 
 
-LOOKS: dict[str, OfferedLook] = {
+LOOKS: dict[str, dict[str, Any]] = {
     "terracotta": _look("unglazed clay", {"matcap": "clay"}),
     "sunflower": _look("thick oil paint", {"style": "impasto"}),
     "engraving": _look("pen and ink on paper", {"style": "cross-hatching", "outline": 1.0}),
@@ -57,7 +48,7 @@ LOOKS: dict[str, OfferedLook] = {
 """Name -> look as plain values. Their regions are handed out in turn, the largest of a scene first."""
 
 
-def offered(source: str) -> OfferedLook | None:
+def offered(source: str) -> dict[str, Any] | None:
     """Return the look that ``gallery:NAME`` means, as plain values; None if the text names no look of the gallery.
 
     Raises:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -23,14 +22,12 @@ from svv.errors import BadInput, Progress
 from svv.fields.radiance.matcaps import check_has_normals, checked_matcap, said_of
 from svv.fields.radiance.occlusion import check_has_extinction
 from svv.fields.scene.history import Edits, History, Step, edits_of, named_alone, restyled, with_edits
-from svv.fields.scene.model import Model
+from svv.fields.scene.model import Model, S
 from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, checked_name, checked_space
 from svv.fields.scene.splitting import piece_at
 from svv.fields.strokes.stroke_edits import checked_edits, said
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH
-
-S = TypeVar("S", bound=Model)
 
 
 def edited(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -38,15 +37,13 @@ from svv.fields.radiance.rendering import (
     on_cpu,
 )
 from svv.fields.scene.joined import members
-from svv.fields.scene.model import Model, for_colours, of_colour
+from svv.fields.scene.model import Model, S, for_colours, of_colour
 from svv.fields.strokes.stroke_opacity import fade_of, followed
 from svv.fields.strokes.stroke_paint import shared_width
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.gpu import gpu_errors
 from svv.kernels.types import Samples
-
-S = TypeVar("S", bound=Model)
 
 MOVING_JOINED = 1.0 / 16.0
 """Weight in a pixel up to which a moving scene's samples are joined, unless its own is larger. More, or longer steps,

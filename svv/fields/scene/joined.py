@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import torch
 
@@ -19,10 +18,8 @@ from svv.errors import BadInput, Progress
 from svv.fields.scene.edits import split_at as split_alone
 from svv.fields.scene.edits import with_part
 from svv.fields.scene.history import History
-from svv.fields.scene.model import Model
+from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
-
-S = TypeVar("S", bound=Model)
 
 MOST = 8
 """Maximum number of joined scenes."""

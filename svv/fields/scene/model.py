@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 S = TypeVar("S", bound="Model")
+"""A scene: functions that change one return one of its kind."""
 
 NETWORKS = ("base", "pcn", "styled")
 """Names of a scene's networks, the plainest first."""
@@ -45,7 +46,6 @@ NETWORKS = ("base", "pcn", "styled")
 JOINED_WEIGHT = 1.0 / 64.0
 """Weight in the pixel up to which samples are joined: halves the colours evaluated in a translucent scene at a cost of
 0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
-
 
 UNNAMED = "styled"
 """Name of a variant for which no name was given."""

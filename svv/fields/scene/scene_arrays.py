@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,15 +23,13 @@ from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied
 from svv.fields.scene.history import History
 from svv.fields.scene.joined import members
 from svv.fields.scene.kept_styles import KEPT, put_apart, put_back, without_kept
-from svv.fields.scene.model import NETWORKS, Model, Variant, own_networks
+from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
 from svv.fields.strokes.kept_strokes import Brushed
 from svv.fields.values.of_values import SLOPES, TABLES, VALUES, fill_base, fill_palette
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
-
-S = TypeVar("S", bound=Model)
 
 Arrays = dict[str, NDArray[np.generic]]
 

@@ -7,17 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.paint_light import mean_lights
 from svv.fields.scene.history import restyled
-from svv.fields.scene.model import UNNAMED, Model, Variant
+from svv.fields.scene.model import UNNAMED, Model, S, Variant
 from svv.fields.scene.region import Region
 from svv.fields.strokes.stroke_edits import as_laid
-
-S = TypeVar("S", bound=Model)
 
 LONGEST_NAME = 64
 """Maximum number of characters in a variant's name."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -22,14 +21,12 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import PRUNED, Occupancy, largest_in, least_extinction
 from svv.fields.scene.joined import members, with_members
-from svv.fields.scene.model import Model
+from svv.fields.scene.model import Model, S
 from svv.fields.strokes.kept_strokes import NOBODY
 from svv.fields.values.carried_paint import carried
 from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_base, fill_palette
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
-
-S = TypeVar("S", bound=Model)
 
 CPU = torch.device("cpu")
 

@@ -44,7 +44,7 @@ class StandIn(Learning):
         """Whether that was the last one, or it fails."""
         return self._at >= len(self._scenes) or (bool(self._sentence) and self._at > 0)
 
-    def wait(self, timeout: float | None = None, progress: Any = None) -> tuple[Scene, dict[str, Any]]:
+    def wait(self, timeout: float | None = None, progress: Any = None) -> tuple[Scene, Any]:
         """Return the result, or fail."""
         if self._sentence:
             raise BadInput(self._sentence)

@@ -91,7 +91,7 @@ def test_an_interrupted_pyramid_goes_on_where_it_stopped(
     made = with_pyramid(Counted(values), tmp_path / "v.npy", silent)
     assert Counted.boxes - before < 12 - before + 3
     assert made.range == (values.min(), values.max())
-    expected = values
+    expected: np.ndarray = values
     for level, grid in enumerate(made.levels[1:], 1):
         expected = halved(expected)
         assert np.array_equal(made.read(level, (0, 0, 0), grid.shape), expected)

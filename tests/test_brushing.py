@@ -25,6 +25,7 @@ from svv.train.paint.stroke_painting import alike, stroke_width
 from svv.train.paint.toning import retoned
 from svv.train.paint.visible_surface import BENT, VisibleSurface, surface_of
 from svv.train.pipeline import stylize_scene
+from svv.train.report import Report
 from tests.balls import SHORT
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -228,7 +229,7 @@ def test_regions_that_look_alike_are_named() -> None:
 # --- scenes ----------------------------------------------------------------------------------------------------------
 
 
-def painted(scene: Scene, names: tuple[str, ...] = ("oil",), **options) -> tuple[Scene, dict]:
+def painted(scene: Scene, names: tuple[str, ...] = ("oil",), **options) -> tuple[Scene, Report]:
     styles = [StyleInput(gallery_picture(name, 300), name) for name in names]
     return stylize_scene(scene, styles, SHORT, **options)
 
@@ -242,25 +243,25 @@ def lightness(scene: Scene, size: int = 200) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def oil(balls: Scene) -> tuple[Scene, dict]:
+def oil(balls: Scene) -> tuple[Scene, Report]:
     return painted(balls, stroke_size=BROAD)
 
 
-def test_a_painting_is_laid_by_strokes_without_weights(oil: tuple[Scene, dict]) -> None:
+def test_a_painting_is_laid_by_strokes_without_weights(oil: tuple[Scene, Report]) -> None:
     scene, report = oil
     assert set(report["manner"].values()) == {"strokes"} and report["features"] == "none"
     assert any("painted by strokes" in note for note in report["notes"])
     assert scene.styled is not None and scene.styled.brushed is not None and scene.styled.brushed.complete
 
 
-def test_what_is_shown_has_about_the_pictures_lightness(oil: tuple[Scene, dict]) -> None:
+def test_what_is_shown_has_about_the_pictures_lightness(oil: tuple[Scene, Report]) -> None:
     wanted = rgb2lab(gallery_picture("oil", 300))[..., 0]
     mean, deviation = lightness(oil[0])
     assert mean == pytest.approx(wanted.mean(), abs=9.0)
     assert deviation > 0.4 * wanted.std()
 
 
-def test_a_saved_painting_looks_the_same_and_is_small(oil: tuple[Scene, dict], balls: Scene, tmp_path: Path) -> None:
+def test_a_saved_painting_looks_the_same_and_is_small(oil: tuple[Scene, Report], balls: Scene, tmp_path: Path) -> None:
     scene = oil[0]
     scene.save(tmp_path / "painted.svv")
     balls.save(tmp_path / "plain.svv")
@@ -277,14 +278,14 @@ def test_a_saved_painting_looks_the_same_and_is_small(oil: tuple[Scene, dict], b
     assert content.styled is not None and content.styled.brushed is not None
 
 
-def test_a_painting_without_its_strokes_is_damaged(oil: tuple[Scene, dict]) -> None:
+def test_a_painting_without_its_strokes_is_damaged(oil: tuple[Scene, Report]) -> None:
     header, tensors = oil[0].to_arrays()
     for name in [n for n in tensors if n.startswith("brushed.")][:2]:
         with pytest.raises((KeyError, ValueError)):
             Scene.from_arrays(header, {k: v for k, v in tensors.items() if k != name})
 
 
-def test_still_images_show_the_strokes_and_moving_ones_their_lattice(oil: tuple[Scene, dict], tmp_path: Path) -> None:
+def test_still_images_show_the_strokes_and_moving_ones_their_lattice(oil: tuple[Scene, Report], tmp_path: Path) -> None:
     oil[0].save(tmp_path / "oil.svv")
     scene = Scene.load(tmp_path / "oil.svv")
     assert scene.styled is not None and scene.styled.unbaked
@@ -304,7 +305,7 @@ def test_still_images_show_the_strokes_and_moving_ones_their_lattice(oil: tuple[
     assert np.abs(still - moving)[seen].mean() < 0.12
 
 
-def test_each_region_has_its_own_strokes(oil: tuple[Scene, dict]) -> None:
+def test_each_region_has_its_own_strokes(oil: tuple[Scene, Report]) -> None:
     scene = oil[0]
     assert scene.styled is not None and scene.styled.brushed is not None
     assert scene.stroked == {k: k for k in scene.styled.brushed.regions}
@@ -371,7 +372,7 @@ def test_one_picture_serves_many_regions_and_hidden_ones_are_painted_as_well(bal
     assert report["manner"] == {"0": "strokes", "1": "strokes"}
 
 
-def test_twice_the_stroke_size_is_twice_the_width(balls: Scene, oil: tuple[Scene, dict]) -> None:
+def test_twice_the_stroke_size_is_twice_the_width(balls: Scene, oil: tuple[Scene, Report]) -> None:
     assert stroke_width(balls, 2.0) == pytest.approx(2.0 * stroke_width(balls, 1.0))
     widths = []
     for styled in (oil[0].styled, painted(balls, stroke_size=2.0 * BROAD)[0].styled):

@@ -160,7 +160,7 @@ def test_a_gpu_renders_what_the_processor_does() -> None:
     scene, camera = small_scene(), sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 64)[0]
     here, there = scene.render(camera), scene.on(device_named("cuda")).render(camera)
     np.testing.assert_allclose(there.rgba, here.rgba, atol=5e-3)
-    assert dispatch.device_report(torch.device("cuda"))["peak_gpu_bytes"] > 0
+    assert (dispatch.device_report(torch.device("cuda"))["peak_gpu_bytes"] or 0) > 0
 
 
 @pytest.mark.gpu

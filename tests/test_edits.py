@@ -70,7 +70,7 @@ def test_haze_of_hidden_regions_goes_with_them(cube: Scene) -> None:
 def test_plain_and_fused_images_of_hidden_regions_agree(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = cube.edited(0, opacity=2.0).hidden(1)
     fused = scene.render(cube_camera())
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     plain = scene.render(cube_camera())
     np.testing.assert_allclose(fused.rgba, plain.rgba, atol=2e-5)
 

@@ -24,6 +24,7 @@ from svv.train.paint.ink import StyleInput
 from svv.train.paint.manner import manner_of, technique_of
 from svv.train.paint.techniques import TECHNIQUES
 from svv.train.pipeline import stylize_scene
+from svv.train.report import Report
 from tests.balls import SHORT
 from tests.test_brushing import EMPTY, WIDTH, ball
 from tests.test_strokes import curved
@@ -287,7 +288,7 @@ def test_oil_is_painted_as_it_is_measured() -> None:
 # --- scenes ----------------------------------------------------------------------------------------------------------
 
 
-def painted(scene: Scene, name: str, **options) -> tuple[Scene, dict]:
+def painted(scene: Scene, name: str, **options) -> tuple[Scene, Report]:
     return stylize_scene(scene, [StyleInput(gallery_picture(name, 300), name)], SHORT, stroke_size=2.0, **options)
 
 

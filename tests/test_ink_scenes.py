@@ -20,6 +20,7 @@ from svv.train.config import PRESETS
 from svv.train.match.stylize import stylization_cameras, visible_from
 from svv.train.paint.ink import PAPER, Ink, ink_colour
 from svv.train.pipeline import stylize_scene
+from svv.train.report import Report
 from tests.balls import SHORT
 from tests.test_styling import SMALL
 
@@ -27,7 +28,7 @@ HATCHED, DOTTED = Ink("hatching"), Ink("stippling")
 RED = np.full((48, 48, 3), (0.85, 0.2, 0.1), np.float32)
 
 
-def draw(scene: Scene, styles: list, **options) -> tuple[Scene, dict]:
+def draw(scene: Scene, styles: list, **options) -> tuple[Scene, Report]:
     return stylize_scene(scene, styles, SHORT, **{"manner": "pieces", "pieces": SMALL, **options})
 
 
@@ -40,11 +41,11 @@ def colours(scene: Scene, region: int) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def drawn(balls: Scene) -> tuple[Scene, dict]:
+def drawn(balls: Scene) -> tuple[Scene, Report]:
     return draw(balls, [HATCHED, DOTTED])
 
 
-def test_a_scene_in_ink_is_paper_and_the_inks_of_its_regions(drawn: tuple[Scene, dict]) -> None:
+def test_a_scene_in_ink_is_paper_and_the_inks_of_its_regions(drawn: tuple[Scene, Report]) -> None:
     scene, report = drawn
     assert [r.style for r in scene.regions] == ["ink:hatching", "ink:stippling"]
     assert report["styles"] == {"0": "ink:hatching", "1": "ink:stippling"}
@@ -57,7 +58,7 @@ def test_a_scene_in_ink_is_paper_and_the_inks_of_its_regions(drawn: tuple[Scene,
         assert (share < 0.2).mean() > 0.2 and (share > 0.8).mean() > 0.05
 
 
-def test_ink_and_pictures_go_together(balls: Scene, drawn: tuple[Scene, dict]) -> None:
+def test_ink_and_pictures_go_together(balls: Scene, drawn: tuple[Scene, Report]) -> None:
     scene, report = draw(balls, [HATCHED, RED], mapping={0: 0, 1: 1})
     assert [r.style for r in scene.regions] == ["ink:hatching", "style 1"] and report["manner"] == {
         "0": "ink",
@@ -68,14 +69,14 @@ def test_ink_and_pictures_go_together(balls: Scene, drawn: tuple[Scene, dict]) -
     assert [r.paint_light for r in scene.regions] == [0.0, PAINT_LIGHT]
 
 
-def test_going_on_keeps_the_others_and_draws_anew(balls: Scene, drawn: tuple[Scene, dict]) -> None:
+def test_going_on_keeps_the_others_and_draws_anew(balls: Scene, drawn: tuple[Scene, Report]) -> None:
     scene, report = draw(drawn[0], [DOTTED], mapping={0: 0}, go_on=True)
     assert [r.style for r in scene.regions] == ["ink:stippling", "ink:stippling"] and report["continued"] == []
     np.testing.assert_allclose(colours(scene, 1), colours(drawn[0], 1), atol=0.02)
     np.testing.assert_allclose(colours(scene, 0), colours(draw(balls, [DOTTED])[0], 0), atol=0.05)
 
 
-def test_a_checkpoint_and_a_preview_know_ink(balls: Scene, drawn: tuple[Scene, dict], tmp_path: Path) -> None:
+def test_a_checkpoint_and_a_preview_know_ink(balls: Scene, drawn: tuple[Scene, Report], tmp_path: Path) -> None:
     shown: list[Scene] = []
     first = draw(balls, [HATCHED, DOTTED], checkpoint=tmp_path / "c", preview=shown.append)[0]
     assert len(shown) >= 3 and [r.style for r in shown[0].regions] == ["ink:hatching", "ink:stippling"]
@@ -105,7 +106,7 @@ def test_it_stops_when_progress_raises(balls: Scene) -> None:
 # --- light ------------------------------------------------------------------------------------------------------------
 
 
-def test_ink_is_unlit_and_can_be_lit(drawn: tuple[Scene, dict]) -> None:
+def test_ink_is_unlit_and_can_be_lit(drawn: tuple[Scene, Report]) -> None:
     scene = drawn[0]
     assert lights_of(scene, "styled")[:, 0].tolist() == [0.0, 0.0]
     assert not scene.history.past, "that is no edit"
@@ -115,7 +116,7 @@ def test_ink_is_unlit_and_can_be_lit(drawn: tuple[Scene, dict]) -> None:
     assert lit.undone().regions == scene.regions and lit.undone().redone().regions == lit.regions
 
 
-def test_the_light_on_paint_is_that_of_the_variant_shown_unless_edited(drawn: tuple[Scene, dict]) -> None:
+def test_the_light_on_paint_is_that_of_the_variant_shown_unless_edited(drawn: tuple[Scene, Report]) -> None:
     scene = drawn[0]
     assert scene.styled is not None
     both = scene.painted(scene.styled, {0: "oil", 1: "ink:hatching"}, {}, "oil")

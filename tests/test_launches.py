@@ -135,7 +135,7 @@ def test_operations_and_waits_of_a_step_and_of_an_image(
     found["palette"] = count(lambda: second.step(1, 0.1))
 
     regions = tuple(Region(tuple(colour), 0.5) for colour in palette.colours.tolist())
-    scene = Scene(field, occupancy, Marching(1 / 8), base, palette.requires_grad_(False), None, regions)
+    scene = Scene(field, occupancy, Marching(1 / 8), base, palette.requires_grad_(False), regions=regions)
     found["image"] = count(lambda: scene.render(views().cameras[0].resized(8, 8)))
 
     names = {part: own for part, (own, _) in found.items()}

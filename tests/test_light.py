@@ -34,6 +34,7 @@ from svv.train.config import PRESETS
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for
 from svv.train.palette.recolour import recolour
 from svv.train.pipeline import train_scene
+from svv.train.report import Report
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.loop import Running
 from svv_bench.stability.scenes import KnownScene, Range
@@ -139,7 +140,7 @@ EDITS = [
 def test_kernels_light_as_torch_does(lit_cube: Scene, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = EDITS[number](lit_cube)
     quick = scene.render(cube_camera()).rgba
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     np.testing.assert_allclose(quick, scene.render(cube_camera()).rgba, atol=1e-5)
     if number:
         assert np.abs(quick - lit_cube.render(cube_camera()).rgba).max() > 0.02
@@ -233,7 +234,7 @@ def views() -> ViewSet:
 
 
 @pytest.fixture(scope="module")
-def ball(views: ViewSet) -> tuple[Scene, dict[str, object]]:
+def ball(views: ViewSet) -> tuple[Scene, Report]:
     return train_scene(views, SHORT, lighting="phong")
 
 
@@ -255,7 +256,7 @@ def surface(scene: Scene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return hit, normal[well]
 
 
-def test_learned_normals_are_the_spheres(ball: tuple[Scene, dict[str, object]]) -> None:
+def test_learned_normals_are_the_spheres(ball: tuple[Scene, Report]) -> None:
     scene, _ = ball
     assert scene.palette_network is not None and scene.palette_network.phong is not None
     rng = np.random.default_rng(0)
@@ -268,7 +269,7 @@ def test_learned_normals_are_the_spheres(ball: tuple[Scene, dict[str, object]]) 
     assert np.median(away) < 10.0
 
 
-def test_a_light_from_aside_lights_as_its_cosine_says(ball: tuple[Scene, dict[str, object]]) -> None:
+def test_a_light_from_aside_lights_as_its_cosine_says(ball: tuple[Scene, Report]) -> None:
     scene, camera = ball[0], front()
     where, normal = surface(scene, camera)
     plain = replace(scene, regions=tuple(replace(r, ambient=0.0, specular=0.0) for r in scene.regions))
@@ -285,7 +286,7 @@ def test_a_light_from_aside_lights_as_its_cosine_says(ball: tuple[Scene, dict[st
     np.testing.assert_allclose(darker, 0.5 * head, atol=1e-4)
 
 
-def test_a_headlight_draws_what_was_trained(ball: tuple[Scene, dict[str, object]], views: ViewSet) -> None:
+def test_a_headlight_draws_what_was_trained(ball: tuple[Scene, Report], views: ViewSet) -> None:
     scene, report = ball
     assert scene.settings.lighting == "phong" and scene.settings.headlight == "axis"
     assert any("explicit light" in note for note in report["notes"])  # type: ignore[attr-defined]
@@ -336,7 +337,7 @@ def recoloured(scene: Scene, views: ViewSet, progress: Progress = silent, saved:
 
 
 def test_same_seed_same_light_also_after_a_stop(
-    ball: tuple[Scene, dict[str, object]], views: ViewSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ball: tuple[Scene, Report], views: ViewSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = recoloured(ball[0], views)
     # A clock that goes on by a second whenever somebody looks: every step is told and saved.
@@ -356,9 +357,7 @@ def test_same_seed_same_light_also_after_a_stop(
         assert torch.equal(value, resumed[name]), name
 
 
-def test_held_out_views_choose(
-    views: ViewSet, ball: tuple[Scene, dict[str, object]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_held_out_views_choose(views: ViewSet, ball: tuple[Scene, Report], monkeypatch: pytest.MonkeyPatch) -> None:
     scene = replace(ball[0], palette_network=None, regions=())
     monkeypatch.setattr("svv.train.palette.lighting.FEW_VIEWS", 24)
     for margin in (-100.0, 100.0):  # the network is taken, whatever the views say; and the explicit light

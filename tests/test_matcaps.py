@@ -84,7 +84,7 @@ def test_kernels_and_plain_torch_agree(lit: bool, monkeypatch: pytest.MonkeyPatc
     scene = (lit_cube_scene() if lit else cube_scene()).edited(0, matcap="jade").edited(2, matcap="toon")
     assert image_kernels_of(scene) is not None
     fast = scene.render(cube_camera(), "pcn")
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda scene: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda scene: None)
     plain = scene.render(cube_camera(), "pcn")
     np.testing.assert_allclose(fast.rgba, plain.rgba, atol=2e-3)
     before = (lit_cube_scene() if lit else cube_scene()).render(cube_camera(), "pcn").rgba

@@ -59,7 +59,7 @@ def test_kernels_and_plain_torch_agree(lit: bool, painted: bool, monkeypatch: py
     scene = plain_scene.with_occlusion(1.0)
     assert image_kernels_of(scene) is not None
     fast, before = scene.render(cube_camera()), plain_scene.render(cube_camera())
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda scene: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda scene: None)
     np.testing.assert_allclose(fast.rgba, scene.render(cube_camera()).rgba, atol=2e-3)
     np.testing.assert_allclose(fast.rgba[..., 3], before.rgba[..., 3], atol=1e-5)
     assert (before.rgba - fast.rgba)[..., :3].max() > 0.015 and (before.rgba - fast.rgba).min() > -2e-3

@@ -219,7 +219,7 @@ def test_images_of_any_size_are_drawn_on(size: int) -> None:
 @pytest.mark.parametrize("fused", [True, False])
 def test_a_scene_without_outlines_is_as_it_was_to_the_bit(fused: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not fused:
-        monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+        monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     cube = cube_scene()
     plain, inked = cube.render(cube_camera(200)), cube.with_outline(1.0).render(cube_camera(200))
     off = cube.with_outline(1.0).with_outline(0.0).render(cube_camera(200))

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from svv.core.colour.colour import WHITE, over
 from svv.core.frame_rate import AIM, SMALLEST, STEADY, Pace
 from svv.core.geometry.cameras import Camera
+from svv.fields.scene.images import MOVING_JOINED
 from svv.fields.scene.joined import joined
-from svv.fields.scene.scene import MOVING_JOINED, Scene
+from svv.fields.scene.scene import Scene
 from svv.render.frames import orbit
 from tests.cube import cube_scene, faint, lit_cube_scene
 

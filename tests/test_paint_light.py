@@ -56,7 +56,7 @@ def painted(request: pytest.FixtureRequest) -> Scene:
 def image(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
     """Render the cube from the front, with the kernels or without."""
     if not request.param:
-        monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+        monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     return lambda scene, network=None: scene.render(cube_camera(), network).rgba
 
 
@@ -130,7 +130,7 @@ def test_strength_goes_from_the_palette_s_light_to_the_paint_s(painted: Scene, i
 def test_kernels_and_torch_agree(painted: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = painted.with_paint_light(0.8, 0, 2).with_strength(0.7, 1)
     quick = scene.render(cube_camera()).rgba
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     np.testing.assert_allclose(quick, scene.render(cube_camera()).rgba, atol=2e-5)
 
 

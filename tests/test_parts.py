@@ -227,7 +227,7 @@ def test_plain_and_fused_images_of_parts_agree(cube: Scene, monkeypatch: pytest.
     paint = in_parts(cube).painted(cube_paint(cube, 1), {3: "oil", 2: "oil"}, {}).with_strength(0.5, 3)
     strokes = paint.with_stroke_opacity(0.7, 2)
     fused = [scene.render(cube_camera()) for scene in (lit, plain, paint, strokes)]
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     for scene, drawn in zip((lit, plain, paint, strokes), fused, strict=True):
         expected = scene.render(cube_camera())
         np.testing.assert_allclose(drawn.rgba, expected.rgba, atol=2e-5)

@@ -17,6 +17,7 @@ from svv.fields.scene.scene import Scene
 from svv.render.frames import SHOWN_SIZE, orbit, previews_in
 from svv.train.config import MatchSettings, Preset
 from svv.train.pipeline import stylize_scene
+from svv.train.report import Report
 from svv.train.run import previews
 from tests.balls import MATCHED, SHORT
 from tests.cube import cube_paint, cube_scene
@@ -46,7 +47,7 @@ def test_they_come_early_and_then_take_a_hundredth_of_the_time(step: float, cost
     assert waits.max() <= max(previews.EVERY, 100.0 * cost) + step + 1e-6
 
 
-def painted(scene: Scene, preset: Preset, **options) -> tuple[Scene, dict]:
+def painted(scene: Scene, preset: Preset, **options) -> tuple[Scene, Report]:
     style = np.random.default_rng(0).random((48, 48, 3)).astype(np.float32)
     return stylize_scene(scene, [style], preset, **options)
 

@@ -16,7 +16,6 @@ from svv.cli import app as cli
 from svv.core.strokes.strokes import Brush, joined, straight_stroke
 from svv.errors import BadInput
 from svv.fields.scene.edit_request import with_edit
-from svv.fields.scene.edits import EditedModel
 from svv.fields.scene.history import edits_of
 from svv.fields.scene.joined import joined as together
 from svv.fields.scene.region import Region
@@ -260,7 +259,7 @@ def test_bad_edits_are_refused(oil: Scene, edit: dict, said: str) -> None:
 
 
 def test_scenes_without_strokes_refuse() -> None:
-    cube: EditedModel = cube_scene()
+    cube: Scene = cube_scene()
     with pytest.raises(BadInput, match="No region of this painting has strokes"):
         cube.with_strokes(relief=0.5)
     with pytest.raises(BadInput, match="There is no region 7"):

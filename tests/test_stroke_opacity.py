@@ -16,6 +16,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.radiance.rendering import RayCaster, composite, march
+from svv.fields.scene.images import marching_as_edited
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, fade_of, paleness, strokes_of
 from svv.io import scene_file
@@ -45,7 +46,7 @@ def strong_paint(scene: Scene) -> UnrestrictedField:
 def image(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
     """Render the cube from the front, with the kernels or without."""
     if not request.param:
-        monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+        monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     return lambda scene, network=None: scene.render(cube_camera(), network).rgba
 
 
@@ -62,7 +63,7 @@ def opacities(scene: Scene, views: int = LIGHT_VIEWS) -> np.ndarray:
     sums = torch.zeros(len(scene.regions), dtype=torch.float64)
     for camera in sphere_cameras(views, (0.0, 0.0, 0.0), 3.0, 0.5, LIGHT_VIEW_SIZE):
         rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
-        samples = march(rays, scene.occupancy, scene.base.density, scene._marching_as_edited("styled"))
+        samples = march(rays, scene.occupancy, scene.base.density, marching_as_edited(scene, "styled"))
         _, region, sigma = scene.shade(samples, rays, "styled")
         sums.index_add_(0, region, composite(samples, sigma, sigma[:, None])[2].double())
     return sums.numpy()
@@ -173,7 +174,7 @@ def test_what_has_no_strokes_stays(painted: Scene, image) -> None:  # type: igno
 def test_kernels_and_torch_agree(painted: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = painted.with_stroke_opacity(0.8).with_stroke_opacity(-0.5, 2).edited(1, opacity=0.4).with_strength(0.7, 0)
     quick = scene.render(cube_camera())
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     plain = scene.render(cube_camera())
     np.testing.assert_allclose(quick.rgba, plain.rgba, atol=2e-5)
     np.testing.assert_allclose(quick.depth, plain.depth, atol=2e-4)

@@ -29,6 +29,7 @@ from svv.train.match.stylize import stylization_cameras, visible_from
 from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene
 from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_style
+from svv.train.report import Report
 from tests.balls import MATCHED, SHORT
 from tests.cube import hash_cube_scene
 
@@ -59,7 +60,7 @@ def picture() -> np.ndarray:
 LEFT = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2
 
 
-def style(scene: Scene, styles: list[np.ndarray | StyleInput], **options) -> tuple[Scene, dict]:
+def style(scene: Scene, styles: list[np.ndarray | StyleInput], **options) -> tuple[Scene, Report]:
     return stylize_scene(scene, styles, SHORT, **{"manner": "pieces", "pieces": SMALL, **options})
 
 

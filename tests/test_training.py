@@ -26,6 +26,7 @@ from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings
 from svv.train.match.stylize import visible_from
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.report import Report
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.loop import Loop
 
@@ -77,7 +78,7 @@ TINY = Preset(
 
 
 @pytest.fixture(scope="module")
-def trained(views: ViewSet) -> tuple[Scene, dict[str, object]]:
+def trained(views: ViewSet) -> tuple[Scene, Report]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(PRESETS, "tiny", TINY)
         return train_scene(views, "tiny")
@@ -104,7 +105,7 @@ def test_hull_holds_the_balls_and_little_else(views: ViewSet) -> None:
 
 
 def test_images_take_as_few_samples_as_they_allow(
-    trained: tuple[Scene, dict[str, object]], views: ViewSet, unseen: ViewSet
+    trained: tuple[Scene, Report], views: ViewSet, unseen: ViewSet
 ) -> None:
     """Fog needs few samples, a surface all of training's; either way unseen images stay what they were."""
     opaque = trained[0]
@@ -123,9 +124,7 @@ def test_images_take_as_few_samples_as_they_allow(
     assert (again.stride, again.joined) == (2.0, 1 / 32)
 
 
-def test_an_image_shows_what_was_learned_since_the_last(
-    trained: tuple[Scene, dict[str, object]], unseen: ViewSet
-) -> None:
+def test_an_image_shows_what_was_learned_since_the_last(trained: tuple[Scene, Report], unseen: ViewSet) -> None:
     """Tables that were drawn while they learned are not kept for the images of the scene once it is frozen."""
     scene = replace(trained[0], palette_network=copy.deepcopy(trained[0].palette_network))
     assert scene.palette_network is not None
@@ -143,7 +142,7 @@ def test_hull_of_nothing_is_refused(views: ViewSet) -> None:
         carve(np.zeros(views.images.shape[:3], bool), views.cameras, 32)
 
 
-def test_stages_learn_unseen_views(trained: tuple[Scene, dict[str, object]], unseen: ViewSet) -> None:
+def test_stages_learn_unseen_views(trained: tuple[Scene, Report], unseen: ViewSet) -> None:
     scene, report = trained
     base = pipeline.evaluate_scene(scene, unseen, "base")
     palette = pipeline.evaluate_scene(scene, unseen, "pcn")
@@ -167,7 +166,7 @@ def front() -> Camera:
     return Camera(pose, np.radians(30), SIZE, SIZE)
 
 
-def test_regions_are_the_balls(trained: tuple[Scene, dict[str, object]]) -> None:
+def test_regions_are_the_balls(trained: tuple[Scene, Report]) -> None:
     scene, _ = trained
     assert len(scene.regions) == 2
     shown = scene.render(front(), "pcn")
@@ -181,7 +180,7 @@ def test_regions_are_the_balls(trained: tuple[Scene, dict[str, object]]) -> None
     assert middle == pytest.approx(4.0 - RADIUS, abs=0.12)
 
 
-def test_edits_change_their_region_alone(trained: tuple[Scene, dict[str, object]]) -> None:
+def test_edits_change_their_region_alone(trained: tuple[Scene, Report]) -> None:
     scene, _ = trained
     red = region_at(scene, RED)
     before = scene.render(front(), "pcn")
@@ -204,7 +203,7 @@ def test_edits_change_their_region_alone(trained: tuple[Scene, dict[str, object]
 
 @pytest.mark.parametrize("network", ["pcn", "styled"])
 def test_images_of_the_kernels_are_those_of_plain_torch(
-    trained: tuple[Scene, dict[str, object]], monkeypatch: pytest.MonkeyPatch, network: str
+    trained: tuple[Scene, Report], monkeypatch: pytest.MonkeyPatch, network: str
 ) -> None:
     """Every edit at once, in kernels and in plain torch."""
     scene = trained[0].edited(0, colour=(0.2, 0.8, 0.3), opacity=0.4).edited(1, lighting=1.7)
@@ -215,7 +214,7 @@ def test_images_of_the_kernels_are_those_of_plain_torch(
         scene = replace(scene, styled=styled, regions=regions)
     assert image_kernels_of(scene) is not None
     one = scene.render(front(), network)
-    monkeypatch.setattr("svv.fields.scene.scene.image_kernels_of", lambda _: None)
+    monkeypatch.setattr("svv.fields.scene.images.image_kernels_of", lambda _: None)
     other = scene.render(front(), network)
     np.testing.assert_allclose(one.rgba, other.rgba, atol=2e-5)
     np.testing.assert_allclose(one.depth, other.depth, rtol=1e-5)
@@ -231,12 +230,12 @@ def test_images_of_the_kernels_are_those_of_plain_torch(
         ({"region": 0, "lighting": float("nan")}, "at least 0"),
     ],
 )
-def test_edits_that_cannot_be(trained: tuple[Scene, dict[str, object]], changes: dict[str, object], words: str) -> None:
+def test_edits_that_cannot_be(trained: tuple[Scene, Report], changes: dict[str, object], words: str) -> None:
     with pytest.raises(BadInput, match=words):
         trained[0].edited(**changes)  # type: ignore[arg-type]
 
 
-def test_scene_file_gives_the_same_images(trained: tuple[Scene, dict[str, object]], tmp_path: Path) -> None:
+def test_scene_file_gives_the_same_images(trained: tuple[Scene, Report], tmp_path: Path) -> None:
     scene = trained[0].edited(0, colour=(0.2, 0.8, 0.3), lighting=1.5)
     scene.save(tmp_path / "a.svv")
     again = Scene.load(tmp_path / "a.svv")
@@ -251,7 +250,7 @@ def test_scene_file_gives_the_same_images(trained: tuple[Scene, dict[str, object
 
 
 @pytest.mark.slow
-def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]]) -> None:
+def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, Report]) -> None:
     again, _ = train_scene(views, "tiny")
     np.testing.assert_array_equal(again.render(front()).rgba, trained[0].render(front()).rgba)
 
@@ -259,7 +258,7 @@ def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, 
 # Before the lattice is refined, after that, and in stage 2.
 @pytest.mark.parametrize("stop_at", [0.8, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.3, 0.6))])
 def test_a_stopped_training_goes_on_to_the_same_scene(
-    views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]], tmp_path: Path, stop_at: float,
+    views: ViewSet, tiny: None, trained: tuple[Scene, Report], tmp_path: Path, stop_at: float,
     every_step: None,
 ) -> None:  # fmt: skip
     path = tmp_path / "scene.svv.checkpoint"
@@ -332,7 +331,7 @@ def test_lattice_is_no_finer_than_pixels(views: ViewSet) -> None:
 # --- stage 3 -------------------------------------------------------------------------------------------------------
 
 
-def test_one_region_styled_the_other_kept(trained: tuple[Scene, dict[str, object]], tiny: None) -> None:
+def test_one_region_styled_the_other_kept(trained: tuple[Scene, Report], tiny: None) -> None:
     scene, _ = trained
     red, blue = region_at(scene, RED), region_at(scene, BLUE)
     rng = np.random.default_rng(0)
@@ -352,7 +351,7 @@ def test_one_region_styled_the_other_kept(trained: tuple[Scene, dict[str, object
     assert set(report["seconds"]) == {"paint", "contrast", "total"}
 
 
-def test_region_images_keep_their_occluders(trained: tuple[Scene, dict[str, object]]) -> None:
+def test_region_images_keep_their_occluders(trained: tuple[Scene, Report]) -> None:
     """Seen along x, the nearer ball hides the farther: the hidden region's image shows only background."""
     scene, _ = trained
     pose = np.eye(4)

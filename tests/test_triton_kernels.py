@@ -238,7 +238,7 @@ def history(
     plain = Scene(field, pruned, marching, base)
     network, shares, _ = recolour(views, plain, palette, stage, Running(3))
     regions = tuple(Region(tuple(c), float(s)) for c, s in zip(network.colours.tolist(), shares, strict=True))
-    scene = Scene(field, pruned, marching, base, network, None, regions)
+    scene = Scene(field, pruned, marching, base, network, regions=regions)
     assert scene.device == base.encoding.table.device
     shown = scene.edited(0, opacity=0.5).render(views.cameras[3].resized(12, 12))
     return [*losses, *network.colours.flatten().tolist()], shares, shown.rgba

@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
+from svv.fields.scene.model import UNNAMED
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.variants import LONGEST_NAME, UNNAMED
+from svv.fields.scene.variants import LONGEST_NAME
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint
 

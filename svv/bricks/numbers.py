@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from svv.core.differences import above
 
@@ -23,7 +22,7 @@ class Numbers:
     lie in [0, 1], where float32 is fine.
     """
 
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
     """Type of the kept values: uint8, uint16 or float32."""
     gain: float
     """Factor."""
@@ -31,7 +30,7 @@ class Numbers:
     """Value that becomes 0; subtracted first, it leaves differences of large values accurate."""
 
     @classmethod
-    def of(cls, dtype: np.dtype[Any], low: float, high: float) -> Numbers:
+    def of(cls, dtype: np.dtype[np.generic], low: float, high: float) -> Numbers:
         """Return the mapping for a type, and for a transfer function that shows values from ``low`` to ``high``."""
         if dtype.itemsize <= 2 and dtype.kind in "ui":
             bits = 8 * dtype.itemsize
@@ -41,7 +40,7 @@ class Numbers:
         gain = 1.0 / (high - low) if high > low else 1.0
         return cls(np.dtype(np.float32), gain, low)
 
-    def converted(self, values: NDArray[Any]) -> NDArray[Any]:
+    def converted(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
         """Return values in the kept type."""
         if self.dtype.kind == "u":
             return (
@@ -53,6 +52,6 @@ class Numbers:
             return values
         return np.asarray(self.gain * above(values, self.origin), np.float32)
 
-    def mapped(self, values: Any) -> Any:
+    def mapped(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return numbers such as the limits of a range in the kept scale, as float64."""
         return self.gain * (np.asarray(values, np.float64) - self.origin)

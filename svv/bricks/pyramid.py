@@ -9,11 +9,11 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numba import njit
@@ -25,6 +25,9 @@ from svv.bricks.source import Box, Level, Source
 from svv.errors import BadInput, Progress
 from svv.io.files.atomic import atomic_path, cannot_write, make_folder, sync_folder
 from svv.io.files.cache import Cache, bytes_in, cache_folder
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 BOUND = 50_000_000_000
 """Maximum size of all pyramids in bytes unless ``SVV_PYRAMIDS_SIZE`` is set; a pyramid has a seventh of its volume."""
@@ -54,7 +57,7 @@ class PyramidSource:
         self.range = low, high
         """Smallest and largest value of the finest level."""
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         return self._parts[level].read(0, start, stop)
 
@@ -70,7 +73,7 @@ def pyramids() -> Cache:
     return Cache(folder, bytes_in(size, "SVV_PYRAMIDS_SIZE") if size else BOUND)
 
 
-def with_pyramid(source: Source, path: Path, progress: Progress, part: Sequence[Any] = ()) -> PyramidSource:
+def with_pyramid(source: Source, path: Path, progress: Progress, part: Sequence[object] = ()) -> PyramidSource:
     """Return a volume with coarser levels, which are made and kept in the cache if they are not there yet.
 
     Args:
@@ -107,7 +110,7 @@ def with_pyramid(source: Source, path: Path, progress: Progress, part: Sequence[
     return PyramidSource(source, coarse, float(ranges[..., 0].min()), float(ranges[..., 1].max()))
 
 
-def _name(source: Source, path: Path, part: Sequence[Any]) -> str:
+def _name(source: Source, path: Path, part: Sequence[object]) -> str:
     """Return the name of a pyramid in the cache: it depends on the files, their sizes and times, and how it is read."""
     files = sorted(path.rglob("*")) if path.is_dir() else [path, *data_files(path)]
     about = [(os.path.relpath(f, path), f.stat().st_size, f.stat().st_mtime_ns) for f in files if f.is_file()]
@@ -184,9 +187,9 @@ def _build(source: Source, folder: Path, progress: Progress) -> None:
             os.close(file)
 
 
-def _in_turn(pool: ThreadPoolExecutor, work: Any, items: Sequence[Any]) -> Iterator[Any]:
+def _in_turn(pool: ThreadPoolExecutor, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
     """Do work on a few items at a time, so that little is left to do when a caller stops."""
-    waiting: list[Any] = []
+    waiting: list[Future[Result]] = []
     for item in items:
         waiting.append(pool.submit(work, item))
         if len(waiting) > 2:
@@ -195,7 +198,7 @@ def _in_turn(pool: ThreadPoolExecutor, work: Any, items: Sequence[Any]) -> Itera
         yield future.result()
 
 
-def _write(file: int, layer: NDArray[Any], place: int) -> None:
+def _write(file: int, layer: NDArray[np.generic], place: int) -> None:
     data = np.ascontiguousarray(layer).data.cast("B")
     while data:
         written = os.pwrite(file, data, place)
@@ -236,7 +239,7 @@ def _readable(size: float) -> str:
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB"
 
 
-def halved(values: NDArray[Any]) -> NDArray[Any]:
+def halved(values: NDArray[np.generic]) -> NDArray[np.generic]:
     """Return the means of 2 x 2 x 2 voxels, of integers rounded; at the end of an odd side, of fewer. (z, y, x)"""
     out = np.empty([-(-size // 2) for size in values.shape], values.dtype)
     if values.dtype.kind == "f":

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -63,14 +63,14 @@ class Source(Protocol):
         ...
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype[np.generic]:
         """Type of the values: a native integer or floating-point type."""
         ...
 
     levels: Sequence[Level]
     """Resolutions that the file contains, the finest first."""
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box of a level. (stop - start)
 
         Raises:
@@ -98,7 +98,7 @@ def level_of(shape: Sequence[int], axes: Array, origin: Array, name: str) -> Lev
     return Level((int(shape[0]), int(shape[1]), int(shape[2])), np.asarray(axes, float), np.asarray(origin, float))
 
 
-def native(dtype: DTypeLike, name: str) -> np.dtype[Any]:
+def native(dtype: DTypeLike, name: str) -> np.dtype[np.generic]:
     """Return the type in which values are read: native byte order, no half precision, no booleans.
 
     Raises:
@@ -130,13 +130,17 @@ class ArraySource:
     """
 
     def __init__(
-        self, values: NDArray[Any], axes: Array | None = None, origin: Array | None = None, name: str = "The volume"
+        self,
+        values: NDArray[np.generic],
+        axes: Array | None = None,
+        origin: Array | None = None,
+        name: str = "The volume",
     ) -> None:
         self.name, self.dtype, self._values = name, native(values.dtype, name), values
         axes, origin = np.eye(3) if axes is None else axes, np.zeros(3) if origin is None else origin
         self.levels: Sequence[Level] = (level_of(values.shape, axes, origin, name),)
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box; see :meth:`Source.read`."""
         box = self._values[start[0] : stop[0], start[1] : stop[1], start[2] : stop[2]]
         return np.ascontiguousarray(box, dtype=self.dtype)

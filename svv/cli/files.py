@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from svv.progress import duration
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
+    from svv.train.report import Report
 
 
 def check_targets(*paths: Path | None) -> None:
@@ -29,17 +30,16 @@ def load(path: Path, device: str = "cpu") -> Scene:
     return Scene.load(path).on(where)
 
 
-def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
+def finish(scene: Scene, report: Report, out: Path, json: Path | None, checkpoint: Path) -> None:
     """Save a trained scene and the report of its training, then delete the checkpoint."""
     from svv.io.files.atomic import write_json
     from svv.io.scene_file import remove_checkpoints
 
     scene.save(out)
-    report = {**report, "scene_bytes": out.stat().st_size}
     if json is not None:
-        write_json(json, report)
+        write_json(json, {**report, "scene_bytes": out.stat().st_size})
     remove_checkpoints(checkpoint, len(scene.layers) + 1)
-    total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
+    total, size = duration(report["seconds"]["total"]), out.stat().st_size / 1e6
     source = f", from {report['learned_from']}" if "learned_from" in report else ""  # paint is not learned from views
     print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions{source}, {total}")
     if sure := report.get("confidence"):

@@ -156,7 +156,7 @@ def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
 
 
 def parse_light(text: str) -> dict[str, object]:
-    """Return 'headlight', '40,20' or '1,0,0' as arguments of :meth:`svv.fields.scene.edits.EditedModel.with_light`.
+    """Return 'headlight', '40,20' or '1,0,0' as arguments of :meth:`svv.fields.scene.scene.Scene.with_light`.
 
     Two numbers are degrees to the right of the camera and above it; three are a direction in the world.
 

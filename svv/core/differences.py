@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 
-def above(values: NDArray[Any], origin: float) -> NDArray[np.float64]:
+def above(values: NDArray[np.generic], origin: float) -> NDArray[np.float64]:
     """Return values less a number, exactly also for integers that double precision cannot hold. Same shape"""
     if values.dtype.kind in "iu" and values.dtype.itemsize == 8:  # modulo 2^64, as differences are small
         return (values.astype(np.uint64) - np.uint64(int(origin) % 2**64)).view(np.int64).astype(np.float64)

@@ -8,6 +8,7 @@ bytes are deflated: the differences between successive rows, column by column. I
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ def remove_checkpoints(checkpoint: Path, layers: int = 0) -> None:
         path.unlink(missing_ok=True)
 
 
-def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str, np.ndarray]) -> None:
+def write_scene_file(path: str | Path, header: Mapping[str, object], tensors: Mapping[str, np.ndarray]) -> None:
     """Write a scene, whole or not at all.
 
     Args:
@@ -83,7 +84,7 @@ def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str
         temporary.write_bytes(content)
 
 
-def scene_bytes(header: dict[str, Any], tensors: dict[str, np.ndarray], deflate: bool = False) -> bytes:
+def scene_bytes(header: Mapping[str, object], tensors: Mapping[str, np.ndarray], deflate: bool = False) -> bytes:
     """Return the content of a scene file; :func:`write_scene_file` writes it with deflated tables."""
     # safetensors ignores the strides of arrays, so the values would be read back in another order.
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}

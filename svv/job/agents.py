@@ -10,11 +10,14 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from svv._version import __version__
 from svv.errors import BadInput
 from svv.job.workshop import TOOLS, Workshop
+
+if TYPE_CHECKING:
+    from mcp.server.mcpserver import MCPServer
 
 SAID = (
     "svv turns volumes into scenes that are edited, painted and rendered region by region. Paths are relative to one "
@@ -23,7 +26,7 @@ SAID = (
 """What an assistant is told about the server."""
 
 
-def server_for(root: str | Path) -> Any:
+def server_for(root: str | Path) -> MCPServer:
     """Return the server of a folder.
 
     Raises:
@@ -47,11 +50,11 @@ def server_for(root: str | Path) -> Any:
     return server
 
 
-def _plain(method: Callable[..., Any], failed: type[Exception]) -> Callable[..., Any]:
+def _plain(method: Callable[..., object], failed: type[Exception]) -> Callable[..., object]:
     """Return a method whose errors are one sentence for the assistant."""
 
     @functools.wraps(method)
-    def tool(**given: Any) -> Any:
+    def tool(**given: object) -> object:
         try:
             return method(**given)
         except BadInput as error:
@@ -60,12 +63,14 @@ def _plain(method: Callable[..., Any], failed: type[Exception]) -> Callable[...,
     return tool
 
 
-def _showing(method: Callable[..., str], workshop: Workshop, picture: Any) -> Callable[..., Any]:
+def _showing(
+    method: Callable[..., object], workshop: Workshop, picture: Callable[..., object]
+) -> Callable[..., object]:
     """Return a method whose result, the path of a picture, comes with the picture itself."""
 
     @functools.wraps(method)
-    def tool(**given: Any) -> list[Any]:
+    def tool(**given: object) -> list[object]:
         path = method(**given)
-        return [path, picture(path=workshop.place(path))]
+        return [path, picture(path=workshop.place(str(path)))]
 
     return tool

@@ -17,7 +17,7 @@ from svv.options.described import chosen
 from svv.options.figures import FigureOptions
 
 
-def request(scene: Path, camera: Camera | None, options: FigureOptions, out: Path) -> dict[str, Any]:
+def request(scene: Path, camera: Camera | None, options: FigureOptions, out: Path) -> dict[str, object]:
     """Return a request as plain values."""
     told = None
     if camera is not None:

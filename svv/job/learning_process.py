@@ -65,7 +65,7 @@ class LearningProcess:
         except Exception as error:
             self._fail(UNEXPECTED.format(error=f"{type(error).__name__}: {error}"))
 
-    def _train(self, options: TrainOptions, checkpoint: str | None) -> dict[str, Any]:
+    def _train(self, options: TrainOptions, checkpoint: str | None) -> dict[str, object]:
         views = ViewSet.read(self._folder / VIEWS)
         resumes = checkpoint is not None and Path(checkpoint).exists()
         if len(views) >= LEAST_VIEWS and not resumes:
@@ -124,7 +124,7 @@ class LearningProcess:
         say(self._folder, {**self._said, "error": sentence})
 
 
-def _options(told: dict[str, Any]) -> TrainOptions:
+def _options(told: dict[str, object]) -> TrainOptions:
     """Return options from their JSON, which has lists for tuples."""
     values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in told.items()}
     return TrainOptions(**values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from svv.errors import BadInput, Progress, part, silent
 from svv.fields.strokes.advected import Field
 
 if TYPE_CHECKING:
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+
     from svv.fields.scene.scene import Scene
     from svv.fields.values.time_steps import TimeSteps
 
@@ -41,8 +43,8 @@ class Step:
     name: str
     """Its name in messages."""
     time: float
-    read: Callable[[], Any]
-    """Returns the volume, a vtkImageData as from :func:`svv.dvr.read.grids.as_volume`."""
+    read: Callable[[], vtkImageData]
+    """Returns the volume, as from :func:`svv.dvr.read.grids.as_volume`."""
 
 
 def with_time_steps(
@@ -194,11 +196,11 @@ def _grids(
     from svv.fields.values.time_steps import TimeSteps, packed_codes
 
     (box, cells, interval), count = over, len(steps)
-    codes: list[Any] = [None] * count
-    moves: list[Any] = [None] * count
+    codes: dict[int, NDArray[np.uint8]] = {}
+    moves: dict[int, NDArray[np.uint8] | None] = {own: None}
 
     def grid(number: int) -> ValueGrid:
-        progress(sum(c is not None for c in codes) / count, steps[number].name)
+        progress(len(codes) / count, steps[number].name)
         return values_over(steps[number].read(), box, cells, interval)
 
     first = grid(own)
@@ -211,7 +213,9 @@ def _grids(
             moved = came_from(before, after, moved)
             moves[number], before = _packed_moves(moved, box, there.codes.shape), after
     times = tuple(step.time for step in steps)
-    return TimeSteps(box, cells, interval, times, tuple(codes), tuple(moves), own)
+    return TimeSteps(
+        box, cells, interval, times, tuple(codes[k] for k in range(count)), tuple(moves[k] for k in range(count)), own
+    )
 
 
 def _packed_moves(moved: NDArray[np.float32], box: Box, shape: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,13 @@ from svv.job.stages import fingerprint
 from svv.options.described import chosen
 from svv.options.making import ViewOptions
 
+if TYPE_CHECKING:
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+
+    from svv.dvr.draw.large import LargeVolume
+
+    Volume = vtkImageData | LargeVolume
+
 
 class Drawn(ABC):
     """A volume and its transfer function, from which views are drawn."""
@@ -36,11 +43,11 @@ class Drawn(ABC):
         """Name of the volume, for the record."""
 
     @abstractmethod
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Identify the volume, the transfer function and their options, to detect changes (JSON)."""
 
     @abstractmethod
-    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Volume:
         """Return the volume, a ``vtkImageData``, or a large one to be drawn by bricks (:mod:`svv.dvr.draw.large`)."""
 
     @abstractmethod
@@ -71,7 +78,7 @@ class Drawn(ABC):
         from svv.dvr.draw.views import make_views
 
         reading, drawing = part(progress, 0.0, 0.3), part(progress, 0.3, 1.0)
-        found: list[Any] = []
+        found: list[Volume] = []
         # One process first, because it may have to make a pyramid.
         kept.sharing.once(lambda: found.append(self.image(options.mapper, options.memory, reading)))
         volume = found[0] if found else self.image(options.mapper, options.memory)
@@ -127,7 +134,7 @@ class VolumeSource(Drawn):
         """Name of the volume file."""
         return self.volume.name
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Identify the files and options.
 
         Raises:
@@ -150,7 +157,7 @@ class VolumeSource(Drawn):
             ],
         }
 
-    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Volume:
         """Read the volume, or open it to be drawn by bricks."""
         from svv.dvr.draw.large import open_volume
 
@@ -170,7 +177,7 @@ class ViewSource:
 
     folder: Path
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Identify the views, to detect changes.
 
         Raises:

@@ -21,7 +21,7 @@ from svv.measure import give_memory_back, measured
 READ_WHOLE = 1 << 30
 """Maximum bytes of an input file that is read to identify it."""
 
-COST: Sequence[tuple[str, Any]] = (("key", str), ("title", str), ("seconds", (int, float)), ("peak_rss_bytes", int))
+COST = (("key", (str,)), ("title", (str,)), ("seconds", (int, float)), ("peak_rss_bytes", (int,)))
 """What the record tells about a stage, and of which types."""
 
 Show = Callable[[str], AbstractContextManager[Progress]]
@@ -48,7 +48,7 @@ class Stages:
     def __init__(self, folder: Path, show: Show = unseen) -> None:
         self.folder = make_folder(folder)
         self.show = show
-        self.costs: dict[str, dict[str, Any]] = {}
+        self.costs: dict[str, dict[str, object]] = {}
         self._keys: dict[str, str] = {}
         self._redone: set[str] = set()
         self._record = _read(self.folder / "stages.json")
@@ -57,7 +57,7 @@ class Stages:
         self,
         name: str,
         title: str,
-        settings: Mapping[str, Any],
+        settings: Mapping[str, object],
         outputs: Sequence[Path],
         work: Callable[[Progress], object],
         after: Sequence[str] = (),
@@ -106,11 +106,11 @@ class Stages:
         """Return the hash of a finished stage's settings and of everything that it depends on."""
         return self._keys[name]
 
-    def _key(self, settings: Mapping[str, Any], after: Sequence[str]) -> str:
+    def _key(self, settings: Mapping[str, object], after: Sequence[str]) -> str:
         return key_of(settings, [self._keys[name] for name in after])
 
 
-def fingerprint(path: Path) -> dict[str, Any]:
+def fingerprint(path: Path) -> dict[str, object]:
     """Identify a file, to detect changes: by its name, which appears in results, and its content.
 
     A folder, such as one with the chunks of a Zarr array, and a file above :data:`READ_WHOLE` are identified by the
@@ -134,5 +134,5 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
     return {name: told for name, told in stages if isinstance(told, dict) and all(_fits(told, *key) for key in COST)}
 
 
-def _fits(told: Mapping[str, Any], key: str, kinds: type | tuple[type, ...]) -> bool:
+def _fits(told: Mapping[str, object], key: str, kinds: tuple[type, ...]) -> bool:
     return isinstance(told.get(key), kinds) and not isinstance(told[key], bool)

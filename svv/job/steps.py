@@ -7,10 +7,10 @@ is skipped (see :mod:`svv.job.stages`).
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -284,7 +284,7 @@ class Job:
         def work(progress: Progress) -> None:
             write_png(contact, sheet(cropped([frame(index) for index in rows]), labels))
 
-            def frames() -> Any:
+            def frames() -> Iterator[NDArray[np.uint8]]:
                 for index in range(s.orbit):
                     yield sheet([frame(index)], labels)
                     progress((index + 1) / s.orbit, f"frame {index + 1} of {s.orbit}")
@@ -297,7 +297,7 @@ class Job:
     def _frames(self, label: str) -> Path:
         return self.out / "orbit" / label.replace(" ", "-")
 
-    def _show_unseen(self, scene: Any, views: ViewSet, progress: Progress) -> None:
+    def _show_unseen(self, scene: Scene, views: ViewSet, progress: Progress) -> None:
         rows, size = [], self.settings.path.orbit_size
         some = np.linspace(0, len(views) - 1, UNSEEN_ROWS + 2).round().astype(int)[1:-1]
         for step, index in enumerate(some):

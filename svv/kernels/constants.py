@@ -10,18 +10,17 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 REMEMBERED = 512
 """Number of tensors that are remembered, of a few numbers each."""
 
 
-def on_device(array: NDArray[Any], device: torch.device) -> Tensor:
+def on_device(array: NDArray[np.generic], device: torch.device) -> Tensor:
     """Return an array as a tensor on a device; it may be shared, so it must not be written to.
 
     >>> on_device(np.array([0.5, 1.0], np.float32), torch.device("cpu")).tolist()
@@ -32,7 +31,7 @@ def on_device(array: NDArray[Any], device: torch.device) -> Tensor:
     return _known(array.tobytes(), array.shape, array.dtype.str, device)
 
 
-def numbers_on(values: Sequence[Any] | NDArray[Any], device: torch.device) -> Tensor:
+def numbers_on(values: ArrayLike, device: torch.device) -> Tensor:
     """Return numbers as float32 on a device, of the shape of nested sequences; not to be written to.
 
     >>> numbers_on([(0.5, 1.0)], torch.device("cpu")).shape
@@ -46,7 +45,7 @@ def _known(content: bytes, shape: tuple[int, ...], kind: str, device: torch.devi
     return moved(np.frombuffer(content, kind).reshape(shape).copy(), device)
 
 
-def moved(array: NDArray[Any], device: torch.device) -> Tensor:
+def moved(array: NDArray[np.generic], device: torch.device) -> Tensor:
     """Return an array as a tensor on a device, without waiting for the copy.
 
     >>> moved(np.array([3, 4]), torch.device("cpu")).tolist()

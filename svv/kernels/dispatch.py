@@ -6,7 +6,7 @@ import os
 import sys
 from functools import cache
 from importlib import import_module
-from typing import Any, cast
+from typing import Any, TypedDict, cast
 
 import torch
 from torch import Tensor
@@ -89,7 +89,16 @@ def forget_gpu_peak(device: torch.device) -> None:
         torch.cuda.reset_peak_memory_stats(device)
 
 
-def device_report(device: torch.device) -> dict[str, Any]:
+class DeviceReport(TypedDict):
+    """The device of a run, for its report."""
+
+    device: str
+    gpu: str | None
+    kernels: str
+    peak_gpu_bytes: int | None
+
+
+def device_report(device: torch.device) -> DeviceReport:
     """Describe the device: ``device``, ``kernels``, and ``gpu`` (name) and ``peak_gpu_bytes``, None on the CPU."""
     on_gpu = device.type == "cuda"
     return {

@@ -6,7 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from torch import Tensor
+from torch import Tensor, device
+from torch.autograd.function import FunctionCtx
+
+
+class Context(FunctionCtx):
+    """What a differentiable function keeps from its forward pass for its backward pass."""
+
+    saved_tensors: tuple[Tensor, ...]
+    needs_input_grad: tuple[bool, ...]
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,14 @@ class Samples:
     count: Tensor
     tail: Tensor
     step: float
+
+    def to(self, where: device) -> Samples:
+        """Return the samples on a device."""
+        position, sigma, skipped, ray, start, count, tail = (
+            tensor.to(where)
+            for tensor in (self.position, self.sigma, self.skipped, self.ray, self.start, self.count, self.tail)
+        )
+        return Samples(position, sigma, skipped, ray, start, count, tail, self.step)
 
     def __len__(self) -> int:
         return len(self.sigma)

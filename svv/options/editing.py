@@ -119,7 +119,7 @@ class PaintEdit(Request):
 
     @property
     def of_strokes(self) -> dict[str, Any]:
-        """The requested changes of strokes, as arguments of :meth:`svv.fields.scene.edits.EditedModel.with_strokes`."""
+        """The requested changes of strokes, as arguments of :meth:`svv.fields.scene.scene.Scene.with_strokes`."""
         named = {name: getattr(self, f"stroke_{name}") for name in ("relief", "width", "light", "palette")}
         return {name: value for name, value in named.items() if value is not None}
 

@@ -52,7 +52,7 @@ class Seen:
     weights: Array
     """How much of the region has each; they sum to 1. (N,)"""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain values."""
         return {"name": self.name, "colours": self.colours.round(4).tolist(), "weights": self.weights.round(5).tolist()}
 

@@ -28,7 +28,7 @@ SCENE = "StyleRF Scene"
 Colour = str | Sequence[float]
 
 
-def read_dataset(path: str | Path, **_: Any) -> pyvista.ImageData:
+def read_dataset(path: str | Path, **_: object) -> pyvista.ImageData:
     """Read a scene file as a dataset; PyVista's reader of ``.svv`` files.
 
     Raises:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,10 +71,10 @@ def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
     return np.rint(colour).astype(np.uint8)
 
 
-def over_white(image: NDArray[Any]) -> Picture:
+def over_white(image: NDArray[np.floating] | Picture) -> Picture:
     """Blend straight-alpha RGBA (h, w, 4), values in [0, 1] or levels (uint8), over white."""
-    values = image.astype(np.float32) / 255.0 if image.dtype == np.uint8 else image
-    return to_bytes(over(values))
+    values = image.astype(np.result_type(image.dtype, np.float32))
+    return to_bytes(over(values / 255.0 if image.dtype == np.uint8 else values))
 
 
 def read_png(path: Path) -> Picture:

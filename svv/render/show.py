@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,13 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput, Progress, silent
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
+from svv.render.pictures import Picture
 from svv.render.supersampled import supersampled
 from svv.train.run.learning import Learning
 
 if TYPE_CHECKING:
+    import pyvista
+
     from svv.fields.scene.scene import Rendering, Scene
     from svv.render.notebook import SceneWidget
 
@@ -129,7 +132,7 @@ def widget(
     return SceneWidget(scene, title, height, background, progress)
 
 
-def image_data(rendering: Rendering) -> Any:
+def image_data(rendering: Rendering) -> pyvista.ImageData:
     """Convert an image of a scene to a ``pyvista.ImageData``, the ``vtkImageData`` that ``svv render`` writes as .vti.
 
     Returns:
@@ -145,7 +148,7 @@ def image_data(rendering: Rendering) -> Any:
     """
     height, width = rendering.depth.shape
     image = _pyvista().ImageData(dimensions=(width, height, 1))
-    arrays: dict[str, NDArray[Any]] = {
+    arrays: dict[str, NDArray[np.generic]] = {
         "RGBA": to_bytes(rendering.rgba),
         "Depth": rendering.depth,
         "Region": rendering.region,
@@ -170,7 +173,7 @@ class SceneFollower:
     """
 
     def __init__(
-        self, plotter: Any, scene: Scene, camera: Camera, network: str | None, background: Sequence[float]
+        self, plotter: pyvista.Plotter, scene: Scene, camera: Camera, network: str | None, background: Sequence[float]
     ) -> None:
         self.plotter, self.scene, self.network, self.background = plotter, scene, network, background
         self.pace = Pace()
@@ -178,7 +181,7 @@ class SceneFollower:
         self.seen: tuple[Camera, bool] | None = None
         """Camera of the last picture, and whether it moved."""
         self.picture = np.zeros((1, 1, 3), np.uint8)
-        self._texture: Any = None
+        self._texture: pyvista.Texture | None = None
         # An empty renderer has no bounds, which VTK needs to zoom and to reset the camera.
         low, high = scene.occupancy.box.bounds
         plotter.add_mesh(_pyvista().Box(np.stack([low, high], 1).ravel()), opacity=0.0, pickable=False)
@@ -256,7 +259,7 @@ def first_scene_of(learning: Learning) -> Scene:
     return learning.wait()[0] if learning.scene is None else learning.scene
 
 
-def _sharpened_below(learning: Learning, picture: Any, drawn: Callable[[Scene], Any]) -> Any:
+def _sharpened_below(learning: Learning, picture: Picture, drawn: Callable[[Scene], Picture]) -> Picture:
     """Show a picture below a notebook's cell, and newer ones in its place until the training is done."""
     from IPython.display import display
 
@@ -287,7 +290,7 @@ def _bar(learning: Learning) -> Iterator[Callable[[], None]]:
         yield look
 
 
-def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Any:
+def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Picture:
     """Render the scene over the background. (H, W, 3) uint8"""
     return to_bytes(over(supersampled(scene, camera, network).rgba, background))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from svv.errors import BadInput, Progress, silent
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Rendering, Scene
+
+Number = TypeVar("Number", bound=np.generic)
 
 MOST = 4
 """Largest number of samples along a pixel's side."""
@@ -98,7 +100,7 @@ def averaged(fine: Rendering, n: int) -> Rendering:
     )
 
 
-def _squares(values: NDArray[Any], n: int) -> NDArray[Any]:
+def _squares(values: NDArray[Number], n: int) -> NDArray[Number]:
     """Return the values of each square of an image (H n, W n). (H, W, n n)"""
     height, width = values.shape[0] // n, values.shape[1] // n
     return values.reshape(height, n, width, n).swapaxes(1, 2).reshape(height, width, n * n)

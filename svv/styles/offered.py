@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,7 @@ class Painter:
     module: str
     function: str
 
-    def __call__(self, generator: Any, side: int) -> Any:
+    def __call__(self, generator: np.random.Generator, side: int) -> NDArray[np.floating]:
         """Paint the picture: (side, side, 3) float32, sRGB in [0, 1]."""
         return getattr(import_module(f"svv.styles.{self.module}"), self.function)(generator, side)
 

@@ -11,7 +11,7 @@ import os
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -78,7 +78,7 @@ class SegmentAnything:
         kinds = [kind for kind in SAM_WEIGHTS if kind in file.name]
         if not file.is_file() or not kinds:
             raise BadInput(f"{file} is not a file of SAM's weights: its name must contain {' or '.join(SAM_WEIGHTS)}.")
-        self._package: Any = import_module("segment_anything")
+        self._package = import_module("segment_anything")
         device = "cuda" if torch.cuda.is_available() else "cpu"
         self._model = self._package.sam_model_registry[kinds[0]](checkpoint=str(file)).to(device)
 

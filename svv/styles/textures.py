@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -37,14 +37,14 @@ def smooth(rng: Generator, n: int, sigma: float) -> Floats:
     return ((noise - noise.mean()) / noise.std()).astype(np.float32)
 
 
-def rank(field_: NDArray[Any]) -> Floats:
+def rank(field_: NDArray[np.generic]) -> Floats:
     """Return the field with its values spread evenly over [0, 1]."""
     order = np.empty(field_.size, np.float32)
     order[np.argsort(field_, axis=None)] = np.linspace(0, 1, field_.size, dtype=np.float32)
     return order.reshape(field_.shape)
 
 
-def ramp(colours: Floats, t: NDArray[Any]) -> Floats:
+def ramp(colours: Floats, t: NDArray[np.generic]) -> Floats:
     """Return colours of a palette (k, 3), interpolated linearly at t in [0, 1]; (..., 3)."""
     x = np.clip(t, 0, 1) * (len(colours) - 1)
     i = np.minimum(x.astype(int), len(colours) - 2)
@@ -81,7 +81,9 @@ class Canvas:
     def __post_init__(self) -> None:
         self.thickness = np.zeros(self.colours.shape[:2], np.float32)
 
-    def dab(self, rng: Generator, shape: Dab, colour: NDArray[Any], bristles: float = 0.3, cover: float = 1.0) -> None:
+    def dab(
+        self, rng: Generator, shape: Dab, colour: NDArray[np.generic], bristles: float = 0.3, cover: float = 1.0
+    ) -> None:
         """Lay one dab of paint of this shape, streaked along its length.
 
         ``bristles`` is the strength of the streaks, ``cover`` the opacity of the dab.

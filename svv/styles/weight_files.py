@@ -10,12 +10,14 @@ import hashlib
 import io
 import pickle
 import tarfile
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file
 from torch import Tensor
@@ -46,8 +48,8 @@ ALEXNET_LAYERS = (0, 3, 6, 8, 10)
 HEADS_FILE = Path("weights", "v0.1", "alex.pth")
 """File of the heads in the package ``lpips``, whose code is not imported because it needs torchvision."""
 
-_RECONSTRUCT: Any = np.empty(0).__reduce__()[0]  # its module differs between NumPy 1 and 2
-ALLOWED = {
+_RECONSTRUCT: object = np.empty(0).__reduce__()[0]  # its module differs between NumPy 1 and 2
+ALLOWED: dict[tuple[str, str], object] = {
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
     ("numpy.core.multiarray", "_reconstruct"): _RECONSTRUCT,
@@ -59,7 +61,7 @@ ALLOWED = {
 class _Arrays(pickle.Unpickler):
     """Unpickler of NumPy arrays that runs no code."""
 
-    def find_class(self, module: str, name: str) -> Any:
+    def find_class(self, module: str, name: str) -> object:
         if (module, name) not in ALLOWED:
             raise pickle.UnpicklingError(f"{module}.{name} is not an array")
         return ALLOWED[module, name]
@@ -99,7 +101,7 @@ def _member(archive: tarfile.TarFile, name: str) -> Any:
     return read_arrays(file.read())
 
 
-def _convolutions(layers: Any, numbers: tuple[int, ...]) -> State:
+def _convolutions(layers: Mapping[str, Mapping[str, NDArray[np.float32]]], numbers: tuple[int, ...]) -> State:
     state = {}
     for k, number in enumerate(numbers):
         state[f"features.{number}.weight"] = _kernel(layers[f"Conv_{k}"]["kernel"])
@@ -107,7 +109,7 @@ def _convolutions(layers: Any, numbers: tuple[int, ...]) -> State:
     return state
 
 
-def _kernel(flax: Any) -> Tensor:
+def _kernel(flax: NDArray[np.float32]) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(flax.transpose(3, 2, 0, 1)))
 
 

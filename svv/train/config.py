@@ -298,7 +298,7 @@ def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
     return chosen
 
 
-def _value(setting: Described, key: str, text: str) -> Any:
+def _value(setting: Described, key: str, text: str) -> object:
     """Parse the value of a setting; raises BadInput if it has the wrong type."""
     try:
         if setting.optional and text == "none":
@@ -354,7 +354,9 @@ def _check_used(options: PaintOptions, chosen: Preset) -> None:
 Options = TypeVar("Options", TrainOptions, PaletteOptions, PaintOptions)
 
 
-def given(kind: type[Options], options: Options | Preset | str, changes: Mapping[str, Any]) -> tuple[Options, Preset]:
+def given(
+    kind: type[Options], options: Options | Preset | str, changes: Mapping[str, object]
+) -> tuple[Options, Preset]:
     """Return the options passed to a function of the Python interface, and the settings of its stages.
 
     Args:

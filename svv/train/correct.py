@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -39,7 +38,7 @@ from svv.train.palette.recolour import recolour
 from svv.train.palette.regions_from_views import owners_of
 from svv.train.palette.unmix import Unmixing
 from svv.train.pipeline import key_of
-from svv.train.report import report_on
+from svv.train.report import Report, report_on
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.loop import Running
 
@@ -58,8 +57,8 @@ def correct_palette(
     options: PaletteOptions | Preset | str = PaletteOptions(),
     progress: Progress = silent,
     checkpoint: Path | None = None,
-    **changes: Any,
-) -> tuple[Scene, dict[str, Any]]:
+    **changes: object,
+) -> tuple[Scene, Report]:
     """Correct the palette of a scene and train its palette colour network again; the base network does not change.
 
     If the scene knows which values its regions show and the views include the classified volume, regions remain unions
@@ -122,9 +121,10 @@ def correct_palette(
         begin = time.monotonic()
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
         regions = regions_for(network, shares, shown)
-        kept: dict[str, Any] = {} if values is not None else {"values": None, "steps": None}
-        plain = replace(scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None,
-                        others=(), parts=None, **kept)  # fmt: skip
+        plain = replace(
+            scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None, others=(),
+            parts=None, values=None if values is None else scene.values, steps=None if values is None else scene.steps,
+        )  # fmt: skip
         reason = "images use the samples that they used before"
         if start is None:
             plain, reason = with_fewest_samples(plain, views.cameras)
@@ -133,11 +133,12 @@ def correct_palette(
     edits = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
     result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, edits, strict=True)))
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
-    report = report_on(
-        result, {**seconds, "total": sum(seconds.values())}, cost, chosen, seed,
-        encoding=scene.settings.encoding, notes=[*notes, reason],
+    report = report_on(result, {**seconds, "total": sum(seconds.values())}, cost, chosen, seed)
+    report |= Report(
+        encoding=scene.settings.encoding,
+        notes=[*notes, reason],
         learned_from="views only" if volume is None else "volume and views",
-    )  # fmt: skip
+    )
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
 

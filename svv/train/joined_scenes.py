@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from svv.errors import BadInput, Progress, part
 from svv.fields.scene.joined import members, with_members
@@ -15,11 +14,10 @@ from svv.io.scene_file import checkpoint_of_layer
 from svv.options.making import PaintOptions
 from svv.train.paint.ink import StyleInput
 from svv.train.paint.plan import ordered
+from svv.train.report import Report
 from svv.train.run.previews import Show
 
-Paint = Callable[
-    [Scene, Sequence[StyleInput], PaintOptions, Progress, Path | None, Show | None], tuple[Scene, dict[str, Any]]
-]
+Paint = Callable[[Scene, Sequence[StyleInput], PaintOptions, Progress, Path | None, Show | None], tuple[Scene, Report]]
 """Paints a scene of one function: scene, styles, options, progress, checkpoint and preview -> scene and report."""
 
 
@@ -31,7 +29,7 @@ def stylize_layers(
     progress: Progress,
     checkpoint: Path | None,
     preview: Show | None,
-) -> tuple[Scene, dict[str, Any]]:
+) -> tuple[Scene, Report]:
     """Paint the regions of a joined scene, whose one painting is replaced, or continued with ``go_on``.
 
     Args:
@@ -56,7 +54,7 @@ def stylize_layers(
             numbers, pairs = work.pop(number)
             said = ", ".join(str(numbers[own]) for own in pairs)
             notes.append(f"Not painted, because nothing of its transfer function is visible: region {said}.")
-    reports: dict[int, dict[str, Any]] = {}
+    reports: dict[int, Report] = {}
     for number, member in enumerate(every):
         goes_on = go_on and member.styled is not None
         for name in () if goes_on else member.variants:
@@ -94,8 +92,8 @@ def _show(preview: Show, scene: Scene, every: Sequence[Scene], number: int, pain
 
 
 def _as_one(
-    scene: Scene, reports: Mapping[int, dict[str, Any]], numbers: Mapping[int, Sequence[int]], notes: Sequence[str]
-) -> dict[str, Any]:
+    scene: Scene, reports: Mapping[int, Report], numbers: Mapping[int, Sequence[int]], notes: Sequence[str]
+) -> Report:
     """Return the report of a joined scene from those of its members, whose regions have these ``numbers``."""
     each = list(reports.values())
     seconds: dict[str, float] = {}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Literal, overload
 
 import numpy as np
 import torch
@@ -30,7 +30,7 @@ from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.laying import Laying
 from svv.train.paint.plan import Order, ordered, with_hands
 from svv.train.quilt.pieces import PieceSettings
-from svv.train.report import report_on
+from svv.train.report import Report, report_on
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.kept import with_styles_kept
@@ -49,8 +49,8 @@ def train_scene(
     checkpoint: Path | None = ...,
     *,
     background: Literal[False] = ...,
-    **changes: Any,
-) -> tuple[Scene, dict[str, Any]]: ...
+    **changes: object,
+) -> tuple[Scene, Report]: ...
 
 
 @overload
@@ -61,7 +61,7 @@ def train_scene(
     checkpoint: Path | None = ...,
     *,
     background: Literal[True],
-    **changes: Any,
+    **changes: object,
 ) -> Learning: ...
 
 
@@ -72,8 +72,8 @@ def train_scene(
     checkpoint: Path | None = None,
     *,
     background: bool = False,
-    **changes: Any,
-) -> tuple[Scene, dict[str, Any]] | Learning:
+    **changes: object,
+) -> tuple[Scene, Report] | Learning:
     """Train a scene: base field, palette and palette colour network (stages 1 and 2).
 
     Args:
@@ -127,12 +127,16 @@ def train_scene(
         training.notes += [] if left_out is None else [left_out]
         scene = training.run()
     seconds = {**training.seconds, "total": sum(training.seconds.values())}
-    report = report_on(
-        scene, seconds, cost, chosen, seed,
+    report = report_on(scene, seconds, cost, chosen, seed)
+    report |= Report(
         encoding=VALUES if chosen.values else chosen.field.encoding,
-        lighting=scene.settings.lighting, notes=training.notes,
-        learned_from=training.learned_from, warnings=training.warnings, **training.told_of_regions,
-    )  # fmt: skip
+        lighting=scene.settings.lighting,
+        notes=training.notes,
+        learned_from=training.learned_from,
+        warnings=training.warnings,
+    )
+    if sure := training.told_of_regions:
+        report["confidence"] = sure
     made = ranks.once(
         lambda: {
             **report,
@@ -153,8 +157,8 @@ def stylize_scene(
     checkpoint: Path | None = None,
     preview: Show | None = None,
     pieces: PieceSettings = PieceSettings(),
-    **changes: Any,
-) -> tuple[Scene, dict[str, Any]]:
+    **changes: object,
+) -> tuple[Scene, Report]:
     """Stylize a scene (stage 3): paint is laid, or with the preset ``paper`` learned by matching features.
 
     Args:
@@ -211,7 +215,7 @@ def _stylize_alone(
     progress: Progress,
     checkpoint: Path | None,
     preview: Show | None,
-) -> tuple[Scene, dict[str, Any]]:
+) -> tuple[Scene, Report]:
     """Stylize a scene of one transfer function; see :func:`stylize_scene`."""
     order, settings, network = ordered(scene, inputs, asked), chosen.stylize, None
     pieces = replace(pieces, size=round(pieces.size * asked.stroke_size))
@@ -236,22 +240,24 @@ def _stylize_alone(
     styled = order.painted(scene, field)
     if preview is not None:
         preview(styled)
-    report = report_on(
-        styled, {**work.seconds, "total": cost.seconds}, cost, chosen, asked.seed,
+    report = report_on(styled, {**work.seconds, "total": cost.seconds}, cost, chosen, asked.seed)
+    report |= Report(
         features="none" if network is None else f"{network.title}, {network.channels} channels",
         styles={str(k): order.labels[v] for k, v in order.pairs.items()},
         masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
         manner={str(k): order.manner(k) if network is None else "matched" for k in order.pairs},
         hand={str(k): hand.technique for k, hand in order.hands.items()},
-        stroke_size=asked.stroke_size, strength=asked.strength, continued=work.refined,
+        stroke_size=asked.stroke_size,
+        strength=asked.strength,
+        continued=work.refined,
         previews=[] if work.previews is None else work.previews.seconds,
         notes=[*order.notes, *work.notes, *([network.note] if network and network.note else [])],
-    )  # fmt: skip
+    )
     return replace(styled, made={**scene.made, "stylized": report}), report
 
 
 def _checkpoint_of(
-    path: Path | None, scene: Scene, order: Order, asked: PaintOptions, settings: dict[str, Any]
+    path: Path | None, scene: Scene, order: Order, asked: PaintOptions, settings: Mapping[str, object]
 ) -> Checkpoint | None:
     """Return the checkpoint of a painting; None if there is no file for it."""
     if path is None:
@@ -262,7 +268,7 @@ def _checkpoint_of(
     return Checkpoint(path, {**key, **settings})
 
 
-def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
+def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, object]:
     """Return everything that a training run depends on: a checkpoint with another key is not resumed."""
     return {
         "cameras": [c.identity for c in views.cameras],

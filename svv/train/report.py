@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TypedDict
 
 import torch
 
@@ -13,10 +13,40 @@ from svv.measure import Cost
 from svv.train.config import Preset
 
 
-def report_on(
-    scene: Scene, seconds: Mapping[str, float], cost: Cost, chosen: Preset, seed: int, **more: Any
-) -> dict[str, Any]:
-    """Return the figures of a finished run, as the command writes them (JSON).
+class Report(TypedDict, total=False):
+    """Figures of a run, as the command writes them (JSON); those of one kind of run are missing from others."""
+
+    seconds: dict[str, float]
+    """Duration of each stage, and ``total``."""
+    peak_rss_bytes: int
+    parameters: int
+    device: str
+    gpu: str | None
+    kernels: str
+    peak_gpu_bytes: int | None
+    threads: int
+    seed: int
+    preset: str
+    notes: list[str]
+    encoding: str
+    lighting: str
+    learned_from: str
+    warnings: list[str]
+    confidence: list[float]
+    features: str
+    styles: dict[str, str]
+    """Style of each painted region, by its number, as ``manner`` and ``hand``."""
+    manner: dict[str, str]
+    hand: dict[str, str]
+    masked: list[str]
+    stroke_size: float
+    strength: float
+    continued: list[int]
+    previews: list[float]
+
+
+def report_on(scene: Scene, seconds: Mapping[str, float], cost: Cost, chosen: Preset, seed: int) -> Report:
+    """Return the figures that every finished run has.
 
     Args:
         scene: Resulting scene.
@@ -24,15 +54,17 @@ def report_on(
         cost: Time and memory of the run.
         chosen: Settings of the run.
         seed: Seed of the run.
-        more: Figures that only this kind of run has.
     """
-    return {
-        "seconds": dict(seconds),
-        "peak_rss_bytes": cost.peak_rss_bytes,
-        "parameters": scene.info()["parameters"]["total"],
-        **device_report(scene.device),
-        "threads": torch.get_num_threads(),
-        "seed": seed,
-        "preset": chosen.name,
-        **more,
-    }
+    used = device_report(scene.device)
+    return Report(
+        seconds=dict(seconds),
+        peak_rss_bytes=cost.peak_rss_bytes,
+        parameters=scene.info()["parameters"]["total"],
+        device=used["device"],
+        gpu=used["gpu"],
+        kernels=used["kernels"],
+        peak_gpu_bytes=used["peak_gpu_bytes"],
+        threads=torch.get_num_threads(),
+        seed=seed,
+        preset=chosen.name,
+    )

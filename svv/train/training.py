@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
 import torch
 
 from svv.core.colour.palette import Palette
@@ -86,9 +87,9 @@ class Training:
         return "volume and views" if self._volume is not None else "views only"
 
     @property
-    def told_of_regions(self) -> dict[str, list[float]]:
-        """The confidence of each region for the report; nothing if the volume tells the regions."""
-        return {"confidence": [round(sure, 3) for sure in self.confidence]} if self.confidence else {}
+    def told_of_regions(self) -> list[float]:
+        """The confidence of each region for the report; empty if the volume tells the regions."""
+        return [round(sure, 3) for sure in self.confidence]
 
     @property
     def _volume(self) -> ClassifiedVolume | None:
@@ -189,7 +190,9 @@ class Training:
             values, arrays = saved.finished["beginning"], saved.arrays
             self.seconds["extinction"] = values["seconds"]
             self.notes.append(values["reason"])
-            return Beginning.from_arrays(replace(occupancy, occupied=arrays["occupied"]), values["cells"], arrays)
+            return Beginning.from_arrays(
+                replace(occupancy, occupied=arrays["occupied"].astype(np.uint8, copy=False)), values["cells"], arrays
+            )
         limit = None if self.limit is None else self.limit * BEGINNING_PART
         begun = time.monotonic()
         beginning, reason = begin(

@@ -39,6 +39,7 @@ from svv.measure import measured
 from svv.render.frames import orbit
 from svv.train.config import Preset, preset
 from svv.train.pipeline import train_scene
+from svv.train.report import Report
 from svv_bench.chart.plan import Training
 from svv_bench.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv_bench.chart.tasks import RenderTask, TrainTask
@@ -80,7 +81,7 @@ def _train(
     limit: float | None,
     progress: Progress,
     checkpoint: Path | None,
-) -> tuple[Scene, dict[str, Any]]:
+) -> tuple[Scene, Report]:
     return train_scene(
         views,
         chosen,
@@ -130,12 +131,16 @@ class Dvr:
     """Direct volume rendering of the volume, with the settings of its views."""
 
     def __init__(self, volume: Path, views: Path) -> None:
+        from vtkmodules.vtkCommonDataModel import vtkImageData
+
         from svv.dvr.draw.frame import set_stage
         from svv.dvr.draw.views import open_caster
         from svv.dvr.functions.transfer_functions import TransferFunction
 
         meta = read_meta(views)
-        stage = set_stage(VolumeSource(volume).image(), TransferFunction.from_dict(known(meta.tf, "tf")))
+        image = VolumeSource(volume).image()
+        assert isinstance(image, vtkImageData)  # of the usual size
+        stage = set_stage(image, TransferFunction.from_dict(known(meta.tf, "tf")))
         self._caster, _ = open_caster(stage, known(meta.mapper, "mapper"), known(meta.shading, "shading"))
         self.name = self._caster.name
 

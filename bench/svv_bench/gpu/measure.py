@@ -83,7 +83,11 @@ def train(how: Context) -> None:
         how.wait()
         keys = ("seconds", "kernels", "gpu", "peak_gpu_bytes", "peak_rss_bytes")
         wall = time.perf_counter() - begin
-        how.say("train", turn, {"wall_s": wall, "compiled": _compiled() - before, **{k: report[k] for k in keys}})
+        how.say(
+            "train",
+            turn,
+            {"wall_s": wall, "compiled": _compiled() - before, **{k: v for k, v in report.items() if k in keys}},
+        )
         scene.save(how.scene_file(how.device))
     for network in ("base", "pcn"):
         how.say("train", f"score {network}", score(scene, test, network))
@@ -288,7 +292,7 @@ def memory(how: Context) -> None:
         torch.cuda.set_per_process_memory_fraction(limit / total)
         try:
             _, report = train_scene(views, how.preset("fast", 60, 30), device=how.device, seed=SEED)
-            said = f"works, with a peak of {report['peak_gpu_bytes'] / 1e6:.0f} MB"
+            said = f"works, with a peak of {(report['peak_gpu_bytes'] or 0) / 1e6:.0f} MB"
         except Exception as error:  # what a user would see is the result
             said = f"{type(error).__name__}: {error}"
         how.say("memory", f"{limit >> 20} MB", said)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from svv.bricks.source import Box
 from svv.errors import BadInput
+
+Number = TypeVar("Number", bound=np.generic)
 
 METRES = {
     **dict.fromkeys(("m", "meter", "metre"), 1.0),
@@ -48,6 +50,12 @@ class Choice:
     """Number of a time point, from 0."""
 
 
+class Indexed(Protocol):
+    """An array that reads what is indexed, such as one of Zarr or HDF5."""
+
+    def __getitem__(self, index: tuple[int | slice, ...], /) -> ArrayLike: ...
+
+
 @dataclass(frozen=True)
 class Pick:
     """Where z, y and x lie among the axes of a stored array, and which entry of every other axis is shown."""
@@ -57,7 +65,7 @@ class Pick:
     order: Box
     """Numbers of z, y and x among the axes that are left."""
 
-    def of(self, values: NDArray[Any]) -> NDArray[Any]:
+    def of(self, values: NDArray[Number]) -> NDArray[Number]:
         """Return the volume as a view of the stored array. (nz, ny, nx)"""
         return values[tuple(slice(None) if k is None else k for k in self.fixed)].transpose(self.order)
 
@@ -67,8 +75,8 @@ class Pick:
         z, y, x = (int(left[axis]) for axis in self.order)
         return z, y, x
 
-    def box(self, array: Any, start: Box, stop: Box) -> NDArray[Any]:
-        """Read a box of the volume from an array that reads what is indexed, such as one of Zarr or HDF5."""
+    def box(self, array: Indexed, start: Box, stop: Box) -> NDArray[np.generic]:
+        """Read a box of the volume."""
         parts = dict(zip(self.order, (slice(a, b) for a, b in zip(start, stop))))
         left = iter(parts[axis] for axis in range(3))
         index = tuple(next(left) if k is None else k for k in self.fixed)

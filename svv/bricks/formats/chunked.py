@@ -7,16 +7,19 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from svv.bricks.formats.axes import Choice, in_one_unit, named, picked
 from svv.bricks.source import Box, Level, level_of, native, scaled_type
 from svv.core.json_values import parsed
 from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    import h5py
 
 CHUNK_CACHE = 128 << 20
 """Bytes of decoded chunks or pages that are kept, since neighbouring boxes share them."""
@@ -52,8 +55,8 @@ class ChunkedSource:
     def __init__(
         self,
         name: str,
-        arrays: Sequence[Callable[[Box, Box], NDArray[Any]]],
-        dtype: Any,
+        arrays: Sequence[Callable[[Box, Box], NDArray[np.generic]]],
+        dtype: DTypeLike,
         levels: Sequence[Level],
         attributes: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
@@ -65,7 +68,7 @@ class ChunkedSource:
         self._missing = {value: key for key in MISSING for value in _numbers(attributes, key, name)}
         self.dtype = self._stored if self._scale is None else scaled_type(self._stored, *self._scale)
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         try:
             box = self._arrays[level](start, stop)
@@ -103,7 +106,7 @@ def _said(error: Exception) -> str:
     return (text[0].rstrip(".") if text else "") or type(error).__name__
 
 
-def package(name: str, file: Path) -> Any:
+def package(name: str, file: Path) -> ModuleType:
     """Import a package that only some formats need.
 
     Raises:
@@ -128,7 +131,7 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
     h5py = package("h5py", file)
     try:
         opened = h5py.File(file, "r", rdcc_nbytes=CHUNK_CACHE, rdcc_nslots=100_003)
-        data = _dataset(h5py, opened, file, array)
+        data = _dataset(opened, file, array)
         axes, size, origin = _axes_of_dataset(data, file)
         shape, kind, told = data.shape, data.dtype, dict(data.attrs)
     except BadInput:
@@ -140,16 +143,16 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
     return ChunkedSource(file.name, [partial(pick.box, data)], kind, [level], told)
 
 
-def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
+def _dataset(opened: h5py.File, file: Path, array: str | None) -> h5py.Dataset:
     """Return the dataset of a path, or the largest one with three axes.
 
     Raises:
         BadInput: There is none, or no path and several of the largest size.
     """
-    found: dict[str, Any] = {}
+    found: dict[str, h5py.Dataset] = {}
 
-    def note(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and sum(side > 1 for side in item.shape or ()) >= 3:
+    def note(name: str, item: object) -> None:
+        if isinstance(item, package("h5py", file).Dataset) and sum(side > 1 for side in item.shape or ()) >= 3:
             found[name] = item
 
     opened.visititems(note)
@@ -166,7 +169,7 @@ def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
     return found[largest[0]]
 
 
-def _axes_of_dataset(data: Any, file: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
+def _axes_of_dataset(data: h5py.Dataset, file: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
     """Return the names of a dataset's axes, the size of a voxel, and the first voxel's place, along x, y, z both."""
     size, origin = np.ones(3), np.zeros(3)
     for key in ELEMENT_SIZE:
@@ -189,7 +192,7 @@ def _axes_of_dataset(data: Any, file: Path) -> tuple[list[str], NDArray[np.float
     return names, size, origin
 
 
-def _scaled(dimensions: Sequence[Any], file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _scaled(dimensions: Sequence[h5py.DimensionProxy], file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the size of a voxel and the first voxel's place along x, y, z, by the scales attached to those axes.
 
     Axes without a scale keep 1 and 0, and so do all if their units differ: degrees and metres make no place.
@@ -284,7 +287,7 @@ def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) 
     )
 
 
-def _named_axes(told: Any, count: int) -> tuple[list[str], dict[str, str]]:
+def _named_axes(told: Sequence[object] | None, count: int) -> tuple[list[str], dict[str, str]]:
     """Return a name for each axis, and the units of those that have one."""
     axes = [one if isinstance(one, dict) else {"name": one} for one in told or "tczyx"[-count:]]
     if len(axes) != count:
@@ -294,14 +297,14 @@ def _named_axes(told: Any, count: int) -> tuple[list[str], dict[str, str]]:
     return names, {name: str(one["unit"]) for name, one in zip(names, axes) if one.get("unit")}
 
 
-def _labels(omero: Any) -> list[str]:
+def _labels(omero: object) -> list[str]:
     """Return the names of the channels; nothing unless every channel has one."""
     channels = omero.get("channels") if isinstance(omero, dict) else None
     names = [str(one.get("label") or "") for one in channels or () if isinstance(one, dict)]
     return names if all(names) else []
 
 
-def _transform(steps: Sequence[Any], axes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _transform(steps: Sequence[Mapping[str, Any]], axes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the scale and the translation along each axis.
 
     Raises:

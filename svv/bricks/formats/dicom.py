@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from svv.bricks.formats.chunked import package
 from svv.bricks.formats.stored import damaged
 from svv.bricks.source import Array, ArraySource, level_of
 from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    from pydicom import Dataset
 
 ENDINGS = (".dcm", ".dicom", ".ima")
 """Endings of DICOM files, which most of them lack."""
@@ -32,8 +36,8 @@ EVEN = 0.01
 class Slice:
     """A frame of a file."""
 
-    data: Any
-    """Its ``pydicom.Dataset``, without pixels."""
+    data: Dataset
+    """What it tells, without pixels."""
     file: Path
     frame: int
     position: Array | None
@@ -80,7 +84,7 @@ def open_dicom(path: Path, choice: Choice = Choice(), array: str | None = None) 
         raise damaged(path) from error
 
 
-def _read(pydicom: Any, path: Path, choice: Choice, array: str | None) -> ArraySource:
+def _read(pydicom: ModuleType, path: Path, choice: Choice, array: str | None) -> ArraySource:
     files = sorted(f for f in path.iterdir() if f.is_file() and is_dicom(f)) if path.is_dir() else [path]
     heads = [(file, pydicom.dcmread(file, stop_before_pixels=True, force=True)) for file in files]
     heads = [(file, head) for file, head in heads if "Rows" in head and "Columns" in head]
@@ -97,9 +101,9 @@ def _read(pydicom: Any, path: Path, choice: Choice, array: str | None) -> ArrayS
     return ArraySource(_values(pydicom, shown), steps, origin, path.name)
 
 
-def _series(path: Path, heads: Sequence[tuple[Path, Any]], array: str | None) -> list[tuple[Path, Any]]:
+def _series(path: Path, heads: Sequence[tuple[Path, Dataset]], array: str | None) -> list[tuple[Path, Dataset]]:
     """Return the files of the series that is shown."""
-    groups: dict[str, list[tuple[Path, Any]]] = {}
+    groups: dict[str, list[tuple[Path, Dataset]]] = {}
     for file, head in heads:
         groups.setdefault(str(head.get("SeriesInstanceUID", "")), []).append((file, head))
     names = [str(group[0][1].get("SeriesDescription", "") or "unnamed") for group in groups.values()]
@@ -116,14 +120,14 @@ def _series(path: Path, heads: Sequence[tuple[Path, Any]], array: str | None) ->
     raise BadInput(f"{path} has no series '{array}'; it has {listed}.")
 
 
-def _frames(file: Path, head: Any) -> list[Slice]:
+def _frames(file: Path, head: Dataset) -> list[Slice]:
     """Return the frames of a file."""
     if int(head.get("SamplesPerPixel", 1)) != 1 or head.get("PhotometricInterpretation") == "PALETTE COLOR":
         raise BadInput(f"{file} is a picture in colours; a volume needs one number per voxel.")
     return [_frame(file, head, k) for k in range(int(head.get("NumberOfFrames", 1) or 1))]
 
 
-def _frame(file: Path, head: Any, number: int) -> Slice:
+def _frame(file: Path, head: Dataset, number: int) -> Slice:
     own = head.PerFrameFunctionalGroupsSequence[number] if "PerFrameFunctionalGroupsSequence" in head else None
     shared = head.SharedFunctionalGroupsSequence[0] if "SharedFunctionalGroupsSequence" in head else None
 
@@ -194,9 +198,9 @@ def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slic
     return np.array([plane[0] * first.pixel[0], plane[1] * first.pixel[1], step]).T, places
 
 
-def _values(pydicom: Any, slices: Sequence[Slice]) -> NDArray[Any]:
+def _values(pydicom: ModuleType, slices: Sequence[Slice]) -> NDArray[np.generic]:
     """Decode the slices. (nz, ny, nx)"""
-    read: tuple[Path | None, Any] = (None, None)
+    read: tuple[Path | None, NDArray[np.generic]] = (None, np.empty(0))
     stored = []
     for one in slices:
         if read[0] != one.file:

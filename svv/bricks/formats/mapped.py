@@ -10,7 +10,6 @@ import mmap
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -44,7 +43,7 @@ class MappedSource(ArraySource):
 
     _read_bytes = 0
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         try:
             box = super().read(level, start, stop)
@@ -85,7 +84,7 @@ def mapped(
     return MappedSource(values, np.asarray(axes, float), np.asarray(origin, float), file.name)
 
 
-def too_short(file: Path, there: int, needed: int, sides: Sequence[int], dtype: np.dtype[Any]) -> BadInput:
+def too_short(file: Path, there: int, needed: int, sides: Sequence[int], dtype: np.dtype[np.generic]) -> BadInput:
     """Return the error to raise for a file that is shorter than its header says."""
     size = " x ".join(str(side) for side in sides)
     return BadInput(
@@ -95,7 +94,7 @@ def too_short(file: Path, there: int, needed: int, sides: Sequence[int], dtype: 
 
 def raw_layout(
     file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None
-) -> tuple[tuple[int, ...], np.dtype[Any]]:
+) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
     """Return the number of voxels along x, y, z of a raw file and their type, if not given by its name.
 
     Raises:

@@ -11,9 +11,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice
 from svv.bricks.formats.mapped import MOST_HEADER
@@ -105,7 +105,7 @@ def _true(fields: Mapping[str, str], keys: Sequence[str], default: bool) -> bool
     return text[:1] in ("T", "t", "1") if text else default
 
 
-def _numbers(fields: Mapping[str, str], keys: Sequence[str], default: str, count: int) -> Any:
+def _numbers(fields: Mapping[str, str], keys: Sequence[str], default: str, count: int) -> NDArray[np.float64]:
     numbers = np.array([float(x) for x in next((fields[key] for key in keys if key in fields), default).split()])
     if len(numbers) != count:
         raise ValueError(f"{keys[0]} needs {count} numbers")

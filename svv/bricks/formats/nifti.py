@@ -11,14 +11,11 @@ import gzip
 import sys
 import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bricks.formats.axes import Choice
 from svv.bricks.formats.stored import Stored, damaged
-from svv.bricks.source import Source
 from svv.errors import BadInput
 
 TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
@@ -46,16 +43,6 @@ SECOND = np.dtype(
     }
 )
 """Fields of the header of version 2."""
-
-
-def open_nifti(file: Path, choice: Choice = Choice(), whole: bool = False) -> Source | None:  # noqa: B008 - frozen
-    """Open a NIfTI file; see :meth:`svv.bricks.formats.stored.Stored.source`.
-
-    Raises:
-        BadInput: The header is damaged, values are no real numbers, or the data is missing, cut off, or more than
-            memory can hold.
-    """
-    return nifti_header(file).source(choice, whole)
 
 
 def nifti_header(file: Path) -> Stored:
@@ -99,7 +86,7 @@ def _files(file: Path) -> tuple[Path, Path]:
     return file, file
 
 
-def _described(file: Path, data: Path, read: Any, order: str, packed: bool) -> Stored:
+def _described(file: Path, data: Path, read: np.void, order: str, packed: bool) -> Stored:
     dims = [int(n) for n in read["dim"]]
     code = int(read["kind"])
     if code in OTHERS:
@@ -125,7 +112,7 @@ def _described(file: Path, data: Path, read: Any, order: str, packed: bool) -> S
     )  # fmt: skip
 
 
-def _placed(read: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _placed(read: np.void) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the steps between voxels (3, 3) and the position of the first (3,)."""
     pixels = read["pixdim"].astype(np.float64)
     if read["sform"] > 0:

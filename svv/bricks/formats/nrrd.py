@@ -10,15 +10,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bricks.formats.axes import Choice, in_one_unit
+from svv.bricks.formats.axes import in_one_unit
 from svv.bricks.formats.mapped import MOST_HEADER
 from svv.bricks.formats.stored import Stored, bad_header, damaged, numbered
-from svv.bricks.source import Source
 from svv.errors import BadInput
 
 TYPES = {
@@ -44,18 +42,6 @@ ENCODINGS = {
 
 COLOURS = ("color", "vector", "matrix", "complex", "quaternion", "gradient", "normal")
 """Words in the kinds of axes along which one sample has several numbers."""
-
-SPACES = {"right": 3, "left": 3, "scanner": 3, "3d": 3, "ras": 3, "las": 3, "lps": 3}
-"""Dimensions of named spaces, by their first word."""
-
-
-def open_nrrd(file: Path, choice: Choice = Choice(), whole: bool = False) -> Source | None:  # noqa: B008 - frozen
-    """Open an NRRD file; see :meth:`svv.bricks.formats.stored.Stored.source`.
-
-    Raises:
-        BadInput: The header is damaged, or the data is missing, cut off, or more than memory can hold.
-    """
-    return nrrd_header(file).source(choice, whole)
 
 
 def nrrd_header(file: Path) -> Stored:
@@ -190,7 +176,7 @@ def _data_files(file: Path, target: str | None, listed: Sequence[str], sizes: Se
         if file.suffix.lower() == ".nhdr":
             raise BadInput(f"{file} names no data file: it is damaged or incomplete.")
         return (file,)
-    words: list[Any] = target.split()
+    words = target.split()
     if words[:1] == ["LIST"]:
         files = tuple(file.parent / name for name in listed)
     elif "%" in target and len(words) in (4, 5):

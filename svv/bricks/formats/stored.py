@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ class Stored:
     """The file that was named."""
     files: tuple[Path, ...]
     """The files with the values."""
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
     """Type as stored."""
     shape: tuple[int, ...]
     """Entries along each axis, the slowest first."""
@@ -102,7 +101,7 @@ class Stored:
             if not is_file(file):
                 raise BadInput(f"{self.file} refers to {file}, which does not exist.")
 
-    def _mapped(self) -> NDArray[Any]:
+    def _mapped(self) -> NDArray[np.generic]:
         file = self.files[0]
         with file.open("rb") as opened:
             opened.seek(self.start)
@@ -116,7 +115,7 @@ class Stored:
             raise too_short(file, there, max(start, 0) + self.bytes_each, self.shape[::-1], self.dtype)
         return np.memmap(file, self.dtype, "r", start, self.shape)
 
-    def _decoded(self) -> NDArray[Any]:
+    def _decoded(self) -> NDArray[np.generic]:
         count = self.bytes_each // self.dtype.itemsize
         parts = []
         for file in self.files:
@@ -137,7 +136,7 @@ class Stored:
             parts.append(values[:count])
         return (parts[0] if len(parts) == 1 else np.concatenate(parts)).reshape(self.shape)
 
-    def _values(self, content: bytes, count: int) -> NDArray[Any]:
+    def _values(self, content: bytes, count: int) -> NDArray[np.generic]:
         if self.encoding == "text":
             words = re.split(rb"[\s,]+", content[max(self.offset, 0) :].strip(), maxsplit=count)[:count]
             kind = self.dtype.newbyteorder("=")
@@ -158,15 +157,17 @@ class Stored:
 class Scaled(ArraySource):
     """A volume whose values are gain * stored + shift."""
 
-    def __init__(self, values: NDArray[Any], axes: Array, origin: Array, name: str, scale: tuple[float, float]) -> None:
+    def __init__(
+        self, values: NDArray[np.generic], axes: Array, origin: Array, name: str, scale: tuple[float, float]
+    ) -> None:
         super().__init__(values, axes, origin, name)
         self._gain, self._shift = scale
         self.dtype = scaled_type(self.dtype, *scale)
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         box = self._values[start[0] : stop[0], start[1] : stop[1], start[2] : stop[2]]
-        return np.ascontiguousarray(box * self._gain + self._shift, dtype=self.dtype)
+        return np.ascontiguousarray(np.multiply(box, self._gain) + self._shift, dtype=self.dtype)
 
 
 def _whole(word: bytes) -> int:

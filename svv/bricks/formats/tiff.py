@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING
 from weakref import finalize
 
 import numpy as np
@@ -23,9 +23,12 @@ from svv.bricks.formats.chunked import CHUNK_CACHE, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
 from svv.bricks.formats.stored import damaged
 from svv.bricks.formats.tiff_files import axes_of_names, in_order, names_of_channels, voxel_size
-from svv.bricks.source import ArraySource, Box, Source, level_of
+from svv.bricks.source import ArraySource, Box, Level, Source, level_of
 from svv.errors import BadInput
 from svv.io.pictures.deep_tiff import TIFFFILE_DECODES
+
+if TYPE_CHECKING:
+    from tifffile import TiffFile, TiffFrame, TiffPage, TiffPageSeries
 
 COMPOSITE = 7
 """Most channels of a picture in ImageJ. tifffile calls the slices of a volume channels if nobody names its axes."""
@@ -39,16 +42,16 @@ class Pages:
         size: Bytes of a decoded page.
     """
 
-    def __init__(self, pages: Sequence[Callable[[], NDArray[Any]]], size: int) -> None:
+    def __init__(self, pages: Sequence[Callable[[], NDArray[np.generic]]], size: int) -> None:
         self._pages, self._most = pages, max(2, CHUNK_CACHE // max(size, 1))
-        self._kept: OrderedDict[int, NDArray[Any]] = OrderedDict()
+        self._kept: OrderedDict[int, NDArray[np.generic]] = OrderedDict()
         self._lock = Lock()
 
-    def read(self, start: Box, stop: Box) -> NDArray[Any]:
+    def read(self, start: Box, stop: Box) -> NDArray[np.generic]:
         """Return a box of the stack."""
         return np.stack([self._page(z)[start[1] : stop[1], start[2] : stop[2]] for z in range(start[0], stop[0])])
 
-    def _page(self, number: int) -> NDArray[Any]:
+    def _page(self, number: int) -> NDArray[np.generic]:
         with self._lock:  # a file has one position, which threads would move under each other
             if number not in self._kept:
                 self._kept[number] = self._pages[number]()
@@ -70,7 +73,7 @@ class _Complaints(logging.Handler):
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[tuple[Any, _Complaints]]:
+def _opened(file: Path) -> Iterator[tuple[TiffFile, _Complaints]]:
     """Open a file with tifffile, which stays open unless something is wrong with it: that becomes one sentence."""
     import tifffile  # only here: it is slow to import
 
@@ -127,7 +130,7 @@ def open_tiff(path: Path, choice: Choice = Choice(), array: str | None = None, w
     return source
 
 
-def _read(path: Path, opened: Any, series: Any, pick: Pick, level: Any, whole: bool) -> Source | None:
+def _read(path: Path, opened: TiffFile, series: TiffPageSeries, pick: Pick, level: Level, whole: bool) -> Source | None:
     _check_complete(path, series)
     if series.dataoffset is not None and series.keyframe.compression == 1:
         kind = np.dtype(series.dtype).newbyteorder(opened.byteorder)
@@ -145,19 +148,22 @@ def _read(path: Path, opened: Any, series: Any, pick: Pick, level: Any, whole: b
     if not whole:
         return None
     if not decodes:
+        from tifffile import COMPRESSION
+
         raise BadInput(
-            f"{path} is packed by {series.keyframe.compression.name}, which cannot be read in such a file: save it "
-            "without compression, or packed by deflate."
+            f"{path} is packed by {COMPRESSION(series.keyframe.compression).name}, which cannot be read in such a "
+            "file: save it without compression, or packed by deflate."
         )
     return ArraySource(pick.of(series.asarray()), level.axes, level.origin, path.name)
 
 
-def _page(path: Path, page: Any, decodes: bool) -> Callable[[], NDArray[Any]]:
+def _page(path: Path, page: TiffPage | TiffFrame | None, decodes: bool) -> Callable[[], NDArray[np.generic]]:
     """Return a function that decodes a page."""
+    assert page is not None  # what is not complete was refused
     if decodes:
         return lambda: page.asarray()
 
-    def decoded() -> NDArray[Any]:
+    def decoded() -> NDArray[np.generic]:
         # Pillow includes libtiff, and with it the compressions (LZW ...) for which tifffile needs another package.
         with Image.open(path) as image:
             image.seek(page.index)
@@ -166,7 +172,7 @@ def _page(path: Path, page: Any, decodes: bool) -> Callable[[], NDArray[Any]]:
     return decoded
 
 
-def _check_complete(path: Path, series: Any) -> None:
+def _check_complete(path: Path, series: TiffPageSeries) -> None:
     """Raise BadInput if pages are missing, or the file ends before their data does."""
     missing = sum(page is None for page in series.pages)
     if missing:
@@ -179,7 +185,7 @@ def _check_complete(path: Path, series: Any) -> None:
         raise damaged(path)
 
 
-def _series(there: Sequence[Any], array: str | None, path: Path) -> Any:
+def _series(there: Sequence[TiffPageSeries], array: str | None, path: Path) -> TiffPageSeries:
     """Return the image that is shown: the only volume, or the one that is asked for by number or name."""
     if array is not None and len(there) > 1:
         chosen = [s for k, s in enumerate(there) if array in (str(k), s.name)]
@@ -197,7 +203,7 @@ def _series(there: Sequence[Any], array: str | None, path: Path) -> Any:
     )
 
 
-def _axes(series: Any, path: Path) -> list[str]:
+def _axes(series: TiffPageSeries, path: Path) -> list[str]:
     """Return a name for each axis of an image; see :func:`svv.bricks.formats.axes.picked`."""
     names = [{"E": "c", "S": "s"}.get(axis, axis.lower() if axis in "TCZYX" else axis) for axis in series.axes]
     if "s" in names:
@@ -249,10 +255,10 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     return ChunkedSource(folder.name, [Pages(readers, size).read], page.dtype, [level])
 
 
-def _slice(file: Path, first: Path, like: Any) -> Callable[[], NDArray[Any]]:
+def _slice(file: Path, first: Path, like: TiffPage | TiffFrame) -> Callable[[], NDArray[np.generic]]:
     """Return a function that decodes a file with one page, which has to be like another."""
 
-    def decoded() -> NDArray[Any]:
+    def decoded() -> NDArray[np.generic]:
         with _opened(file) as (opened, _):
             pages = list(opened.pages)
             if len(pages) != 1 or pages[0].shape != like.shape or pages[0].dtype != like.dtype:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import in_one_unit
 from svv.core.xml_values import parsed_xml
+
+if TYPE_CHECKING:
+    from tifffile import TiffFile, TiffPage, TiffPageSeries
 
 RESOLUTION_UNITS = {2: "inch", 3: "cm", 4: "mm", 5: "um"}
 """Units of TIFF's resolutions."""
@@ -55,7 +58,7 @@ def axes_of_names(files: Sequence[Path]) -> tuple[list[str], list[int]]:
     return names, shape
 
 
-def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
+def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[np.float64]:
     """Return the size of a voxel along x, y, z as OME-TIFF, ImageJ and tifffile give it, in the unit of x. (3,)
 
     It is 1 if unknown: TIFF's own resolution says nothing about the distance of slices, so without that it only tells
@@ -69,7 +72,7 @@ def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
     Raises:
         BadInput: The sizes have units that cannot be compared.
     """
-    told: Any = {}
+    told: Mapping[str, Any] = {}
     if series.kind == "ome":
         told = _pixels(opened, series).attrib
     elif opened.is_imagej:
@@ -87,12 +90,12 @@ def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
     return np.array([1.0, y / x if x and y else 1.0, 1.0])
 
 
-def _fits(told: dict[str, Any], series: Any) -> bool:
+def _fits(told: Mapping[str, Any], series: TiffPageSeries) -> bool:
     """Return whether metadata that tifffile has written belong to an image."""
     return tuple(told.get("shape", ())) in (tuple(series.shape), tuple(series.get_shape(squeeze=False)))
 
 
-def _of_imagej(told: dict[str, Any], page: Any) -> tuple[list[float], list[str | None]]:
+def _of_imagej(told: Mapping[str, Any], page: TiffPage) -> tuple[list[float], list[str | None]]:
     """Return the sizes along x, y, z, and their units, by the rules of ImageJ's own reader."""
     sizes, unit = _of_resolution(page)
     sizes = [size or 1.0 for size in sizes]
@@ -115,7 +118,7 @@ def _of_resolution(page: Any) -> tuple[list[float], str]:
     return sizes, RESOLUTION_UNITS.get(unit_tag, "")
 
 
-def names_of_channels(opened: Any, series: Any, axes: list[str]) -> list[str]:
+def names_of_channels(opened: TiffFile, series: TiffPageSeries, axes: list[str]) -> list[str]:
     """Return the names of the channels of an OME-TIFF file; nothing unless every channel has one."""
     if "c" not in axes or not opened.is_ome:
         return []
@@ -125,9 +128,9 @@ def names_of_channels(opened: Any, series: Any, axes: list[str]) -> list[str]:
     return names if len(names) == count and all(names) else []
 
 
-def _pixels(opened: Any, series: Any) -> Element:
+def _pixels(opened: TiffFile, series: TiffPageSeries) -> Element:
     """Return the element ``Pixels`` of an image of an OME-TIFF file."""
-    root = parsed_xml(opened.ome_metadata.encode())
+    root = parsed_xml((opened.ome_metadata or "").encode())
     images = [e for e in root.iter() if e.tag.rpartition("}")[2] == "Pixels"]
     numbers = {id(s): k for k, s in enumerate(opened.series)}
     return images[min(numbers.get(id(series), 0), len(images) - 1)]

@@ -106,7 +106,7 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
     return torch.where(edited, shifted, colours)
 
 
-def to_hex(rgb: NDArray[np.floating] | tuple[float, float, float]) -> str:
+def to_hex(rgb: NDArray[np.floating] | Sequence[float]) -> str:
     """Return an RGB colour as '#rrggbb', rounded and clamped to [0, 1]."""
     return "#" + bytes(np.rint(np.clip(rgb, 0, 1) * np.float64(255)).astype(np.uint8)).hex()
 

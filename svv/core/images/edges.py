@@ -12,17 +12,25 @@ shorter side of the actual image divided by that. Letters: H, W rows and columns
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, maximum_filter
 
+from svv.core.geometry.cameras import Distance
+
 Floats = NDArray[np.float32]
-PixelSize = Callable[..., Any]
 Indices = NDArray[np.intp]
+
+
+class PixelSize(Protocol):
+    """What :meth:`svv.core.geometry.cameras.Camera.pixel_at` is."""
+
+    def __call__(self, distance: Distance, pixels: float = ..., /) -> Distance:
+        """Return the width of pixels at distances."""
+
 
 VIEW = 800
 """Shorter side of the reference image, in whose pixels lengths are given."""
@@ -223,7 +231,7 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
     x, y, tx, ty = (np.append(v, 0.0) for v in (edges.x, edges.y, -edges.ny, edges.nx))
     steps = int(np.ceil(2.0 * even / STRIDE))
     weights = np.exp(-0.5 * (np.arange(1, steps + 1) * STRIDE / max(even, 1e-3)) ** 2)
-    path: list[tuple[Indices, Any]] = [(np.arange(count), np.ones(count))]
+    path: list[tuple[Indices, NDArray[np.float64]]] = [(np.arange(count), np.ones(count))]
     for sign in (1.0, -1.0):
         px, py, dx, dy, one = x[:-1], y[:-1], sign * tx[:-1], sign * ty[:-1], np.ones(count)
         for weight in weights:
@@ -249,7 +257,7 @@ def _spread(sigma: float) -> float:
     return float(np.sqrt(sigma**2 + SAMPLING_VARIANCE))
 
 
-def _ramp(values: Any, low: float, high: float) -> Any:
+def _ramp(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.floating]:
     """Return 0 below ``low``, 1 above ``high`` and a smooth ramp between."""
     t = np.clip((values - low) * (1.0 / (high - low)), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -49,10 +47,10 @@ def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0)
 
 
 def _covered(
-    picture: NDArray[Any],
-    nearest: NDArray[Any],
+    picture: NDArray[np.generic],
+    nearest: NDArray[np.generic],
     mask: NDArray[np.bool_],
-    centres: NDArray[Any],
+    centres: NDArray[np.generic],
     half: int,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ class Pen:
     """Opacity of the ink, in [0, 1]."""
     width: float
     """Width of silhouettes in pixels of an image whose shorter side has :data:`VIEW`, in (0, :data:`WIDEST`]."""
-    colour: tuple[float, float, float]
+    colour: Sequence[float]
     """Colour of the ink, RGB in [0, 1]."""
 
     def __post_init__(self) -> None:
@@ -74,7 +73,7 @@ def outlined(
         return rgba, depth, region
     scale = min(region.shape) / VIEW
     reach = scale * (WIDEST + 8.0) + 4.0  # how far ink and smoothing extend
-    part = tuple(_extent(visible.any(axis=1 - axis), int(np.ceil(reach))) for axis in (0, 1))
+    part = tuple(_extent(np.asarray(visible.any(axis=1 - axis)), int(np.ceil(reach))) for axis in (0, 1))
     rgba, depth, region = rgba.copy(), depth.copy(), region.copy()
     _draw(rgba[part], depth[part], region[part], pens, pixel_at, box, scale)
     return rgba, depth, region
@@ -153,6 +152,6 @@ def _strokes(
             coverage[at[more]], source[at[more]] = amount[more], side[inside][more]
 
 
-def _extent(taken: Any, margin: int) -> slice:
+def _extent(taken: NDArray[np.bool_], margin: int) -> slice:
     places = np.flatnonzero(taken)
     return slice(max(0, int(places[0]) - margin), int(places[-1]) + 1 + margin)

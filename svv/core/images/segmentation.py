@@ -10,7 +10,6 @@ Letters: h and w height and width in pixels, K superpixels, E pairs of neighbour
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +116,9 @@ def regions(picture: NDArray[np.floating], count: int) -> Labels:
     return place[owner[labels]]
 
 
-def _prices(mean: NDArray[Any], size: NDArray[Any], others: NDArray[Any], sizes: NDArray[Any]) -> NDArray[np.float64]:
+def _prices(
+    mean: NDArray[np.float64], size: NDArray[np.float64], others: NDArray[np.float64], sizes: NDArray[np.float64]
+) -> NDArray[np.float64]:
     square = ((mean[:, None] - others) ** 2).sum(-1)
     return np.asarray(size[:, None] * sizes / (size[:, None] + sizes) * square)
 
@@ -196,7 +197,9 @@ def _split(labels: Labels, inside: list[tuple[int, int]], outside: list[tuple[in
     return labels
 
 
-def _laplacian(features: NDArray[Any], pairs: NDArray[Any], step: NDArray[Any], scale: float, total: int) -> coo_array:
+def _laplacian(
+    features: NDArray[np.float64], pairs: NDArray[np.int64], step: NDArray[np.float64], scale: float, total: int
+) -> coo_array:
     from scipy.spatial import cKDTree
 
     distance, like = cKDTree(features).query(features, k=min(LINKS + 1, total))
@@ -208,12 +211,12 @@ def _laplacian(features: NDArray[Any], pairs: NDArray[Any], step: NDArray[Any], 
     return diags_array(np.asarray(graph.sum(1))) - graph
 
 
-def _spread(features: NDArray[Any], scale: float) -> float:
+def _spread(features: NDArray[np.float64], scale: float) -> float:
     """Return the squared distance at which appearances count as different, relative to the picture's variety."""
     return max(4.0 * scale, 0.12 * float(features.var(0).sum()), 25.0)
 
 
-def _nearest(features: NDArray[Any], others: NDArray[Any]) -> NDArray[np.float64]:
+def _nearest(features: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the squared distance of each vector to the nearest of the others. (K,)"""
     if not len(others):
         return np.full(len(features), np.inf)

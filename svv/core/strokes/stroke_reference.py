@@ -10,10 +10,9 @@ strokes, P positions. Lengths are in box units.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from svv.core.strokes.strokes import (
     FADES,
@@ -67,7 +66,7 @@ def twice(place: NDArray[np.floating], size: float, soft: float, first: int) -> 
     return coarse * rough(place / size, first) + 0.5 * fine * rough(place / (0.5 * size) + 0.37, first + 77)
 
 
-def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDArray[np.float64]:
+def paint_at(strokes: Strokes, brush: Brush, position: ArrayLike, soft: float) -> NDArray[np.float64]:
     """Return the paint at positions: a plain reference, stroke by stroke.
 
     Args:

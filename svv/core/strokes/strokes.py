@@ -188,7 +188,7 @@ class Strokes:
         """Length of each stroke. (N,)"""
         return self.frames[1][self.start[1:] - 1]
 
-    def packed(self) -> dict[str, NDArray[Any]]:
+    def packed(self) -> dict[str, NDArray[np.generic]]:
         """Return tables of bytes for a file: positions to a 65535th of the box, directions and colours to a 127th.
 
         >>> strokes = straight_stroke((0.2, 0.5, 0.5), (0.8, 0.5, 0.5), 0.05)
@@ -213,7 +213,7 @@ class Strokes:
         }
 
     @classmethod
-    def unpacked(cls, arrays: Mapping[str, NDArray[Any]]) -> Strokes:
+    def unpacked(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Strokes:
         """Invert :meth:`packed`, to within its rounding; raises KeyError or ValueError if the arrays do not fit."""
         points, marks, scale = (np.asarray(arrays[name]).astype(np.float32) for name in ("points", "strokes", "scale"))
         if points.ndim != 2 or points.shape[1] != 12 or marks.ndim != 2 or marks.shape[1] != 10 or scale.shape != (1,):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,22 +17,27 @@ from torch import Tensor, nn
 
 from svv.core.rays.encodings import VERTICES_A_WORD, stored_rows
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Lattice
+from svv.kernels.types import Context, Lattice
 
 VERTICES_AT_A_TIME = 1 << 18
 """Vertices processed together, because millions at once would take hundreds of megabytes."""
+
+
+class _Asked(Context):
+    x: Tensor
+    encoding: Encoding
 
 
 class _Lookup(torch.autograd.Function):
     """Features at positions; its backward pass fills the encoding's own gradient buffer."""
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, table: Tensor, encoding: Encoding) -> Tensor:
+    def forward(ctx: _Asked, x: Tensor, table: Tensor, encoding: Encoding) -> Tensor:
         ctx.x, ctx.encoding = x, encoding
         return encoding.look_up(x)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:
+    def backward(ctx: _Asked, gradient: Tensor) -> tuple[None, None, None]:
         ctx.encoding.add_gradient(ctx.x, gradient.contiguous())
         return None, None, None
 
@@ -55,11 +59,11 @@ class Encoding(nn.Module):
         """Number of features of a position: levels x features per level."""
         return self.levels * self.features
 
-    def packed(self) -> dict[str, NDArray[Any]]:
+    def packed(self) -> dict[str, NDArray[np.generic]]:
         """Return the table as files keep it: name -> array; here in half precision, under the empty name."""
         return {"": self.table.detach().cpu().numpy().astype(np.float16)}
 
-    def unpacked(self, arrays: Mapping[str, NDArray[Any]]) -> Tensor:
+    def unpacked(self, arrays: Mapping[str, NDArray[np.generic]]) -> Tensor:
         """Return the table from the result of :meth:`packed`, or from the full-precision numbers of a file. (V, F)
 
         Raises:
@@ -166,7 +170,7 @@ class SparseLattice(Encoding):
         """
         return places_of(occupied, cells, self.resolutions[level])
 
-    def packed(self) -> dict[str, NDArray[Any]]:
+    def packed(self) -> dict[str, NDArray[np.generic]]:
         """Return the table as bytes: codes (V, F), and ``ends``, the range of each level's features (L, 2, F)."""
         table = self.table.detach().cpu()
         codes, ends = torch.empty(table.shape, dtype=torch.uint8), torch.zeros(self.levels, 2, self.features)
@@ -177,7 +181,7 @@ class SparseLattice(Encoding):
                 codes[rows] = ((table[rows] - low) * (255.0 / (high - low).clamp(min=1e-12))).round().byte()
         return {"": codes.numpy(), ".ends": ends.numpy()}
 
-    def unpacked(self, arrays: Mapping[str, NDArray[Any]]) -> Tensor:
+    def unpacked(self, arrays: Mapping[str, NDArray[np.generic]]) -> Tensor:
         """Return the table before :meth:`packed`, to within half a 255th of a feature's range. (V, F)
 
         Raises:
@@ -301,13 +305,13 @@ class LatticeAdam:
             kernels_for(table).adam(table, *encoding.buffers_for_gradient(), self.moments[k], self.age[k], rate,
                                     self.constants, pulls[k], self.finer[k])  # fmt: skip
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> dict[str, NDArray[np.generic]]:
         """Return moments, ages and constants, for a checkpoint."""
-        state: dict[str, NDArray[Any]] = {"constants": np.array(self.constants)}
+        state: dict[str, NDArray[np.generic]] = {"constants": np.array(self.constants)}
         state |= {f"{k}.moments": v.cpu().numpy() for k, v in enumerate(self.moments)}
         return state | {f"{k}.age": v.cpu().numpy() for k, v in enumerate(self.age)}
 
-    def load(self, state: dict[str, NDArray[Any]]) -> None:
+    def load(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Restore the state returned by an earlier :meth:`state`."""
         if "constants" in state:
             beta1, beta2, epsilon = state["constants"].tolist()

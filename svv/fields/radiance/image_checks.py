@@ -9,17 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from svv.core.rounding import KERNELS
-from svv.fields.radiance.kernel_checks import CPU, Check, moved, points_in, random_lattice, random_samples
+from svv.fields.radiance.kernel_checks import CPU, Check, points_in, random_lattice, random_samples
 from svv.kernels import reference
 from svv.kernels.numba import image as numba_image
-from svv.kernels.types import ImageKernels, Kernels, Lattice, PixelSource, Samples, Surface
+from svv.kernels.types import ImageKernels, Kernels, Lattice, PixelSource, Surface
 
 COLOURS, EACH, HARMONICS = 3, 4, 16
 """Palette colours, which are also the regions, features per level, and spherical harmonics."""
@@ -39,7 +38,7 @@ class Inputs:
         lattice, occupied = random_lattice(seed, 1, (cells, 2 * cells), cells)
         samples = random_samples(counts, seed)
         samples = replace(samples, position=points_in(occupied, len(samples), seed), sigma=4.0 * samples.sigma)
-        self.samples: Samples = moved(samples, device)
+        self.samples = samples.to(device)
         self.lattice: Lattice = lattice.to(device).layout
         rows, total, rays = len(lattice.table), len(samples), len(counts)
         self.tables, self.normals = numbers(rows, 2 * EACH), numbers(rows, 3, scale=0.1)
@@ -133,7 +132,7 @@ def check_draw(kernels: Kernels, device: torch.device, seed: int, rays: int) -> 
     counts = generator.integers(0, 900, steps) * (generator.random(steps) < 0.8)
     counts[2] = 700
     shares = generator.uniform(0.2, 3.0, steps)
-    arrays: dict[str, Any] = {
+    arrays: dict[str, object] = {
         "index": generator.permutation(int(counts.sum())).astype(np.int32),
         "levels": generator.integers(0, 256, (int(counts.sum()), 4)).astype(np.uint8),
         "first": np.concatenate([[0], np.cumsum(counts)]),

@@ -10,10 +10,8 @@ Letters: S samples, R rays, F features.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import torch
@@ -27,7 +25,7 @@ from svv.core.rounding import KERNELS, NETWORKS, sums_apart
 from svv.fields.radiance.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels import reference
-from svv.kernels.types import Kernels, Limits, Samples
+from svv.kernels.types import Context, Kernels, Limits, Samples
 
 CPU = torch.device("cpu")
 EXTENT = 1.0, 0.75, 1.0
@@ -205,7 +203,7 @@ def check_march(
         march_rays(kernels, device, how, jitter, seed, count),
     )
     assert len(expected) > count // 2, "too few samples to compare"
-    got = moved(got, CPU)
+    got = got.to(CPU)
     same = got.count == expected.count
     assert int((~same).sum()) <= max(1, count // 100), f"{int((~same).sum())} of {count} rays have other samples"
     assert torch.equal(got.start, got.count.cumsum(0) - got.count), "rays do not follow each other"
@@ -214,12 +212,6 @@ def check_march(
         torch.testing.assert_close(getattr(got, name)[mine], getattr(expected, name)[theirs], atol=atol, rtol=rtol)
     assert torch.equal(got.ray[mine], expected.ray[theirs]), "samples belong to other rays"
     torch.testing.assert_close(got.tail[same], expected.tail[same], atol=1e-5, rtol=1e-5)
-
-
-def moved(samples: Samples, device: torch.device) -> Samples:
-    """Return samples on a device."""
-    values: dict[str, Any] = {n: t.to(device) if torch.is_tensor(t) else t for n, t in vars(samples).items()}
-    return replace(samples, **values)
 
 
 def random_samples(counts: Sequence[int], seed: int) -> Samples:
@@ -242,7 +234,7 @@ def check_composite(kernels: Kernels, device: torch.device, seed: int, counts: S
     ends = []
     for own, where in ((reference, CPU), (kernels, device)):
         s, v, a, b = (t.to(where) for t in (sigma, values, *upstream))
-        here = moved(samples, where)
+        here = samples.to(where)
         out, transmittance, weights = own.composite(s, v, here)
         gradients = own.composite_backward(s, v, weights, here, out, transmittance, a, b)
         ends.append([t.detach().cpu() for t in (out, transmittance, weights, *gradients)])
@@ -256,7 +248,7 @@ def check_representatives(
     """Compare which samples stand for which; a cut within rounding of a sample's end may fall to its neighbour."""
     samples = random_samples(counts, seed)
     shift = torch.rand(len(counts), generator=torch.Generator().manual_seed(seed))
-    rows, place = (t.cpu() for t in kernels.representatives(moved(samples, device), every, shift.to(device)))
+    rows, place = (t.cpu() for t in kernels.representatives(samples.to(device), every, shift.to(device)))
     assert rows.dtype == place.dtype == torch.int64
     assert len(place) == len(samples) and bool((rows[1:] > rows[:-1]).all()), "rows are not ascending"
     if len(samples):
@@ -293,11 +285,11 @@ class _Rounded(torch.autograd.Function):
     """float16 and back; the gradient passes."""
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor) -> Tensor:
+    def forward(ctx: Context, x: Tensor) -> Tensor:
         return x.half().float()
 
     @staticmethod
-    def backward(ctx: Any, g: Tensor) -> Tensor:
+    def backward(ctx: Context, g: Tensor) -> Tensor:
         return g
 
 

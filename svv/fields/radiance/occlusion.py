@@ -11,7 +11,6 @@ Letters: S samples, V vertices, D directions.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -159,7 +158,7 @@ def _lattice(scene: Model, shade: _Shade) -> SparseLattice:
 
 
 def _smoothed(
-    light: NDArray[np.float32], at: tuple[Any, ...], field: NDArray[np.float32], width: float
+    light: NDArray[np.float32], at: tuple[NDArray[np.integer], ...], field: NDArray[np.float32], width: float
 ) -> NDArray[np.float32]:
     """Return the light (V,) at vertices ``at`` these places of arrays like ``field``, smoothed; ``width`` in cells."""
     weight, weighted = np.zeros_like(field), np.zeros_like(field)

@@ -20,8 +20,6 @@ from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.model import Model
 from svv.kernels.constants import numbers_on
-from svv.options.editing import PAINT_LIGHT
-from svv.options.making import DRAWN
 
 LIGHT_VIEWS, LIGHT_VIEW_SIZE = 12, 64
 """Number of views all around over which a region's light is averaged, and their side in pixels: the mean over 42 views
@@ -31,11 +29,6 @@ LEAST_MEAN_SHADE = 0.05
 """Least mean that a shade is divided by: shading cannot show the shape of a region that light hardly reaches."""
 
 _known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakKeyDictionary()
-
-
-def paint_light_of(style: str | None) -> float:
-    """Return the default light on paint of this style: 0 for ink, whose strokes are the shading."""
-    return 0.0 if style is not None and style.startswith(DRAWN) else PAINT_LIGHT
 
 
 def lights_of(scene: Model, network: str) -> Tensor:

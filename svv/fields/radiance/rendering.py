@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,11 +17,12 @@ from torch import Tensor
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
+from svv.core.strokes.strokes import Floats
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels.constants import fetched, moved_at_once
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Limits, Samples
+from svv.kernels.types import Context, Limits, Samples
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ BYTES = 22
 """Bytes of a pixel: four and one numbers of four bytes, and one of two."""
 
 
-def on_cpu(images: tuple[Tensor, Tensor, Tensor]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def on_cpu(images: tuple[Tensor, Tensor, Tensor]) -> tuple[Floats, Floats, NDArray[np.int16]]:
     """Return images from :func:`empty_images`, when they are drawn, as arrays."""
     rgba, depth, region = images
     if rgba.device.type == "cpu":
@@ -256,9 +256,14 @@ def on_cpu(images: tuple[Tensor, Tensor, Tensor]) -> tuple[NDArray[Any], NDArray
     return a.view(np.float32).reshape(-1, 4), b.view(np.float32), c.view(np.int16)
 
 
+class _Along(Context):
+    samples: Samples
+    density: SparseLattice
+
+
 class _Composite(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(ctx: _Along, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
         s, v = sigma.detach(), values.detach().contiguous()
         out, transmittance, weights = kernels_for(s).composite(s, v, samples)
         ctx.save_for_backward(s, v, weights, out, transmittance)  # an output kept on ctx is never freed
@@ -268,7 +273,9 @@ class _Composite(torch.autograd.Function):
         return out, transmittance, weights
 
     @staticmethod
-    def backward(ctx: Any, g_out: Tensor | None, g_transmittance: Tensor | None, _: None) -> tuple[Any, Any, None]:
+    def backward(
+        ctx: _Along, g_out: Tensor | None, g_transmittance: Tensor | None, _: None
+    ) -> tuple[Tensor, Tensor, None]:
         s, v, weights, out, transmittance = ctx.saved_tensors
         pairs = (g_out, out), (g_transmittance, transmittance)
         upstream = tuple(torch.zeros_like(own) if g is None else g.contiguous() for g, own in pairs)
@@ -280,12 +287,12 @@ class Extinction(torch.autograd.Function):
     """The extinction of samples as a function of the density lattice; the marcher has already computed its value."""
 
     @staticmethod
-    def forward(ctx: Any, samples: Samples, table: Tensor, density: SparseLattice) -> Tensor:
+    def forward(ctx: _Along, samples: Samples, table: Tensor, density: SparseLattice) -> Tensor:
         ctx.samples, ctx.density = samples, density
         return samples.sigma.detach()
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:
+    def backward(ctx: _Along, gradient: Tensor) -> tuple[None, None, None]:
         samples, density = ctx.samples, ctx.density
         raw = (gradient * samples.sigma)[:, None].expand(-1, density.levels).contiguous()
         density.add_gradient(samples.position, raw)

@@ -1,4 +1,4 @@
-"""The scene: its model, regions, edits and their history, paintings, and its file's arrays.
+"""The scene: a record of values (``model``), functions on it, and ``scene.Scene``, which has them as methods.
 
 The container on disk is :mod:`svv.io.scene_file`; training is in :mod:`svv.train`.
 """

@@ -36,7 +36,7 @@ MOST_LEVELS, MOST_FEATURES, MOST_LOG_ENTRIES = 64, 64, 30
 BYTES_A_VERTEX = 6
 """Bytes that laying out a lattice takes for each vertex of its box: marks of cells and vertices, and a number."""
 
-Arrays = Mapping[str, NDArray[Any]]
+Arrays = Mapping[str, NDArray[np.generic]]
 
 
 def _pairs_in(value: object, name: str) -> tuple[tuple[float, float], ...]:
@@ -102,7 +102,7 @@ def occupied_of(header: Mapping[str, Any], tensors: Arrays, box: Box) -> NDArray
     bits = tensors["occupied"]
     if (x, y, z) != tuple(grid_shape(box, cells)) or bits.dtype != np.uint8 or not 0 <= 8 * bits.size - x * y * z < 8:
         raise ValueError(f"the occupied cells are not {x} x {y} x {z} of {cells}")
-    return np.ascontiguousarray(np.unpackbits(bits, count=x * y * z).reshape(x, y, z))
+    return np.ascontiguousarray(np.unpackbits(bits.astype(np.uint8, copy=False), count=x * y * z).reshape(x, y, z))
 
 
 def settings_of(told: Mapping[str, Any]) -> FieldSettings:
@@ -129,7 +129,9 @@ def _levels(told: object, least: int = 1) -> tuple[int, ...]:
     return found
 
 
-def check_sizes(header: Mapping[str, Any], tensors: Arrays, settings: FieldSettings, occupied: NDArray[Any]) -> None:
+def check_sizes(
+    header: Mapping[str, Any], tensors: Arrays, settings: FieldSettings, occupied: NDArray[np.uint8]
+) -> None:
     """Check that networks of the sizes that the header declares are in the file."""
     hidden, features = tensors["base.colour_mlp.0.weight"].shape
     geometry = len(settings.resolutions) * settings.features if settings.encoding == "lattice" else 15
@@ -170,7 +172,7 @@ def _painted(resolutions: Sequence[int], direct: object) -> Sequence[int]:
     return resolutions[-1:] if direct else resolutions
 
 
-def _check_hash(settings: FieldSettings, table: NDArray[Any] | None) -> None:
+def _check_hash(settings: FieldSettings, table: NDArray[np.generic] | None) -> None:
     coarsest, finest = settings.resolutions
     most = max(coarsest, finest) + 1
     if table is None or table.ndim != 2 or table.size < settings.levels * settings.features:
@@ -180,7 +182,9 @@ def _check_hash(settings: FieldSettings, table: NDArray[Any] | None) -> None:
         raise ValueError(f"a table of {table.shape} does not fit a hash grid of {settings.levels} levels")
 
 
-def _check_lattice(resolutions: Sequence[int], cells: int, occupied: NDArray[Any], table: NDArray[Any] | None) -> None:
+def _check_lattice(
+    resolutions: Sequence[int], cells: int, occupied: NDArray[np.uint8], table: NDArray[np.generic] | None
+) -> None:
     factors = [max(1.0, resolution / cells) ** 3 for resolution in resolutions]
     check_fits(int(BYTES_A_VERTEX * occupied.size * sum(factors)), "A lattice of the scene")
     fine = [resolution // cells for resolution in resolutions if resolution >= cells]

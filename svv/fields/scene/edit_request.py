@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 from svv.errors import Progress, silent
-from svv.fields.scene.variants import PaintedModel
+from svv.fields.scene.scene import Scene
 from svv.options.editing import SPLIT_LEVEL, SceneEdit
 
-Model = TypeVar("Model", bound=PaintedModel)
 
-
-def with_edit(scene: Model, edit: SceneEdit, progress: Progress = silent) -> Model:
+def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Scene:
     """Return the scene with everything in the request applied, as one step that can be undone.
 
     Resets are applied first, then a split, visibility, regions, light, occlusion, paint and outlines.

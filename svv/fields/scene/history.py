@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from svv.core.colour.light import Lamp
-from svv.fields.radiance.paint_light import paint_light_of
 from svv.fields.scene.checked import values_of
-from svv.fields.scene.region import Region
+from svv.fields.scene.region import Region, paint_light_of
 
 IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light", "part_of", "layer")
 """Fields of a region that are not edits: they come from training, painting and splitting."""
@@ -75,7 +74,7 @@ class History:
         """Return the history with one more step; undone edits can no longer be redone."""
         return History((*self.past, step)[-MOST_UNDO_STEPS:])
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain values for the scene's header."""
         named = {"past": self.past, "future": self.future}
         return {name: [{**vars(s), "lamp": vars(s.lamp)} for s in steps] for name, steps in named.items()}

@@ -9,33 +9,23 @@ Letters: R rays, S samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Generic, TypeVar, cast
 
 import torch
-from torch import Tensor
 
-from svv.core.geometry.cameras import Camera
-from svv.core.rays.compositing import LEAST_ALPHA
-from svv.errors import BadInput, Progress, silent
-from svv.fields.radiance.phong import Beams
-from svv.fields.radiance.rendering import RayCaster, Rays, composite
+from svv.errors import BadInput, Progress
+from svv.fields.scene.edits import split_at as split_alone
+from svv.fields.scene.edits import with_part
 from svv.fields.scene.history import History
+from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
-from svv.fields.scene.variants import PaintedModel
-from svv.kernels.types import Samples
-
-Painted = TypeVar("Painted", bound=PaintedModel)
-
-Shaded = tuple[Samples, Tensor, Tensor, Tensor]
-"""S samples, their colours (S, 3), regions (S,) and edited extinctions (S,)."""
 
 MOST = 8
 """Maximum number of joined scenes."""
 
 
-def joined(scenes: Sequence[Painted]) -> Painted:
+def joined(scenes: Sequence[S]) -> S:
     """Return one scene of several, whose regions are those of all, in their order.
 
     Args:
@@ -75,26 +65,24 @@ def joined(scenes: Sequence[Painted]) -> Painted:
     return replace(plain[0], regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
 
 
-def _near(first: PaintedModel, other: PaintedModel) -> bool:
+def _near(first: Model, other: Model) -> bool:
     """Return whether the boxes of two scenes overlap."""
     low, high = (torch.tensor(scene.occupancy.box.bounds) for scene in (first, other))
     return bool((torch.minimum(low[1], high[1]) - torch.maximum(low[0], high[0]) > 0).all())
 
 
-def members(scene: Painted) -> tuple[Painted, ...]:
+def members(scene: S) -> tuple[S, ...]:
     """Return the scenes that a scene was joined from, each with its own regions; the scene alone if it was not."""
     if not scene.layers:
         return (scene,)
-    layers = cast("tuple[Painted, ...]", scene.layers)
-    plain = [replace(scene, layers=()), *(replace(s, steps=s.steps or scene.steps) for s in layers)]
     found = []
-    for number, member in enumerate(plain):
+    for number, member in enumerate(scene.every_layer):
         every, count = of_layer(scene.every_region, number), sum(r.layer == number for r in scene.regions)
         found.append(replace(member, lamp=scene.lamp, history=History(), regions=every[:count], unsplit=every[count:]))
     return tuple(found)
 
 
-def with_members(scene: Painted, changed: Sequence[Painted]) -> Painted:
+def with_members(scene: S, changed: Sequence[S]) -> S:
     """Return a joined scene with its members changed, which keep their regions; its light and its history stay."""
     own = [iter(member.every_region) for member in changed]
     every = tuple(replace(next(own[r.layer]), layer=r.layer, part_of=r.part_of) for r in scene.every_region)
@@ -109,19 +97,21 @@ def with_members(scene: Painted, changed: Sequence[Painted]) -> Painted:
     )  # fmt: skip
 
 
-def split_in_a_layer(scene: Painted, point: Sequence[float], level: float, progress: Progress = silent) -> Painted:
-    """Return a joined scene with a part of the function that is the most opaque one at a point as a region.
+def split_at(scene: S, point: Sequence[float], level: float, progress: Progress) -> S:
+    """Return a scene with a part as a region of its own, of the function that is the most opaque one at a point.
 
-    See :meth:`svv.fields.scene.edits.EditedModel.split_at`.
+    See :meth:`svv.Scene.split_at`.
     """
+    if not scene.layers:
+        return split_alone(scene, point, level, progress)
     every = members(scene)
     opaque = [_extinction_seen_at(member, point) for member in every]
     number = max(range(len(every)), key=opaque.__getitem__)
-    split = every[number].split_at(point, level, progress)
+    split = split_alone(every[number], point, level, progress)
     numbers = [k for k, region in enumerate(scene.regions) if region.layer == number]
     part, whole = split.regions[-1], every[number].regions
     assert part.part_of is not None
-    after = scene.with_part(numbers[part.part_of], part.share / max(whole[part.part_of].share, 1e-12))
+    after = with_part(scene, numbers[part.part_of], part.share / max(whole[part.part_of].share, 1e-12))
     # The new step forgets undone splits, also those of the other functions.
     first, *others = (
         split.parts if k == number else member.parts and member.parts.without_undone() for k, member in enumerate(every)
@@ -131,7 +121,7 @@ def split_in_a_layer(scene: Painted, point: Sequence[float], level: float, progr
 
 
 @torch.no_grad()
-def _extinction_seen_at(member: PaintedModel, point: Sequence[float]) -> float:
+def _extinction_seen_at(member: Model, point: Sequence[float]) -> float:
     """Return the edited extinction at a point in the world, in 1 / world unit; -1 outside the occupied cells."""
     occupancy = member.occupancy
     place = torch.as_tensor(occupancy.box.to_box(torch.tensor(point, dtype=torch.float64).numpy()))
@@ -143,95 +133,3 @@ def _extinction_seen_at(member: PaintedModel, point: Sequence[float]) -> float:
     assert member.palette_network is not None
     region = int(member.region_of(at, member.palette_network.material(at)[1]))
     return float(member.base.extinction_at(at)) * member.regions[region].seen_opacity / occupancy.box.size
-
-
-class Together(Generic[Painted]):
-    """Draws a joined scene from one camera; a plain scene is one of one member."""
-
-    def __init__(
-        self,
-        scene: Painted,
-        camera: Camera,
-        network: str,
-        shaded: Callable[[Painted, Rays, Beams, str], Shaded | None],
-    ) -> None:
-        """Prepare the members that are visible; ``shaded`` returns what an image shows of one of them along rays."""
-        self.camera, self.count, self.shaded = camera, len(scene.regions), shaded
-        self.shown: list[tuple[Tensor, Painted, RayCaster, str]] = []
-        """Number in the whole of each region of a member (or 0 without regions), the member, its rays and network."""
-        for number, member in enumerate(members(scene)):
-            if network == "base" or any(r.seen_opacity > 0.0 for r in member.regions):
-                caster = member.caster([camera])
-                own = network if network in member.networks else member.networks[-1]
-                numbers = [k for k, r in enumerate(scene.regions) if r.layer == number] or [0]
-                self.shown.append((torch.tensor(numbers, device=member.device), member, caster, own))
-
-    def in_sight(self) -> Tensor:
-        """Return the pixels that may show something, ascending. (R,)"""
-        found = [caster.in_sight(member.occupancy) for _, member, caster, _ in self.shown]
-        return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
-
-    def samples(self, pixels: Tensor) -> tuple[Samples, Tensor, Tensor, Tensor] | None:
-        """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
-
-        Returns:
-            The samples, whose ``sigma`` is their edited optical depth and whose step is 1; their colours (S, 3),
-            regions (S,) and distances from the camera in world units (S,). None if there are none.
-        """
-        parts: list[tuple[Tensor, ...]] = []
-        tail = torch.zeros(len(pixels), device=pixels.device)
-        for numbers, member, caster, network in self.shown:
-            rays = caster.rays(pixels)
-            beams = Beams.of(member.lamp, self.camera, rays)
-            found = self.shaded(member, rays, beams, network)
-            if found is None:
-                continue
-            samples, colour, of, sigma = found
-            size = member.occupancy.box.size
-            distance = size * (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
-            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of]))
-            tail = tail.to(samples.tail) + samples.tail
-        if not parts:
-            return None
-        ray, distance, skipped, thickness, colour, of = (torch.cat(each) for each in zip(*parts, strict=True))
-        order = distance.argsort(stable=True)
-        order = order[ray[order].argsort(stable=True)]
-        count = torch.bincount(ray, minlength=len(pixels))
-        found_there = Samples(
-            colour[order], thickness[order], skipped[order], ray[order], count.cumsum(0) - count, count, tail, 1.0
-        )
-        return found_there, colour[order], of[order], distance[order]
-
-    @torch.no_grad()
-    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
-        """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
-        found = self.samples(pixels)
-        if found is None:
-            return
-        samples, colour, of, distance = found
-        regions = torch.nn.functional.one_hot(of, self.count).float()
-        values = torch.cat([colour, distance[:, None], regions], dim=1)
-        out, transmittance, _ = composite(samples, samples.sigma, values)
-        alpha = 1.0 - transmittance
-        seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
-        mean = out[seen] / alpha[seen, None]
-        rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
-        rgba[seen, 3] = alpha[seen]
-        depth[seen] = mean[:, 3]
-        region[seen] = mean[:, 4:].argmax(1).to(torch.int16)
-
-    @torch.no_grad()
-    def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:
-        """Return the world point where the region that a pixel (1,) shows is most visible; None if nothing is."""
-        found = self.samples(pixel)
-        if found is None:
-            return None
-        samples, _, of, distance = found
-        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
-        if float(1.0 - transmittance) <= LEAST_ALPHA or float(weights.max()) <= 0.0:
-            return None
-        own = of == torch.bincount(of, weights).argmax()
-        origin, direction = (vectors.reshape(-1, 3)[int(pixel)] for vectors in self.camera.rays())
-        along = float(distance[torch.where(own, weights, -1.0).argmax()])
-        x, y, z = (origin + along * direction).tolist()
-        return x, y, z

@@ -23,10 +23,10 @@ KEPT = "kept"
 PREFIX = "picture."
 """Start of the names of their arrays in a file."""
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[np.generic]]
 
 
-def without_kept(made: Mapping[str, Any]) -> dict[str, Any]:
+def without_kept(made: Mapping[str, object]) -> dict[str, object]:
     """Return the record of how a scene was made without the styles that it keeps, for people to read."""
     painted = made.get("stylized")
     if not isinstance(painted, Mapping) or KEPT not in painted:
@@ -51,7 +51,7 @@ def put_apart(painted: Any, tensors: Arrays) -> Any:
     return {**painted, KEPT: {**painted[KEPT], "styles": styles}}
 
 
-def put_back(painted: Any, tensors: Mapping[str, NDArray[Any]]) -> Any:
+def put_back(painted: Any, tensors: Mapping[str, NDArray[np.generic]]) -> Any:
     """Invert :func:`put_apart`; raises KeyError, TypeError or ValueError if the content does not fit."""
     if not isinstance(painted, Mapping) or KEPT not in painted:
         return painted
@@ -60,7 +60,7 @@ def put_back(painted: Any, tensors: Mapping[str, NDArray[Any]]) -> Any:
     for name, told in object_in(kept["styles"], "styles").items():
         arrays = {key: tensors[PREFIX + text_in(array, key)] for key, array in object_in(told, "style").items()}
         styles[name] = {key: as_text(array.astype(np.uint8).tobytes()) for key, array in arrays.items()}
-    laid: dict[str, dict[str, Any]] = {}
+    laid: dict[str, dict[str, object]] = {}
     for region, value in object_in(kept["laid"], "laid").items():
         how = object_in(value, "laid")
         laid[str(int(region))] = {key: text_in(how[key], key) for key in ("style", "manner", "hand")}

@@ -1,15 +1,20 @@
-"""The parts of a scene that images are rendered from: networks, geometry and regions."""
+"""The record of a scene, and what follows from its values alone.
+
+:mod:`svv.fields.scene.edits` changes its regions and its light, :mod:`svv.fields.scene.variants` its paintings,
+:mod:`svv.fields.scene.images` draws it; :class:`svv.fields.scene.scene.Scene` offers all of that as methods.
+"""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from svv.core.colour.colour import shift_colours
 from svv.core.colour.light import COEFFICIENTS, Lamp
@@ -20,13 +25,20 @@ from svv.errors import BadInput
 from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, RayCaster
+from svv.fields.scene.history import History
 from svv.fields.scene.parts import Parts
-from svv.fields.scene.region import Region
+from svv.fields.scene.region import Region, of_layer
 from svv.fields.strokes.stroke_edits import UNEDITED, edited_field, edits_of_strokes, entries_of
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
 from svv.kernels.constants import numbers_on
 from svv.kernels.types import Samples
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+S = TypeVar("S", bound="Model")
+"""A scene: functions that change one return one of its kind."""
 
 NETWORKS = ("base", "pcn", "styled")
 """Names of a scene's networks, the plainest first."""
@@ -35,18 +47,38 @@ JOINED_WEIGHT = 1.0 / 64.0
 """Weight in the pixel up to which samples are joined: halves the colours evaluated in a translucent scene at a cost of
 0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
 
+UNNAMED = "styled"
+"""Name of a variant for which no name was given."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A painting of a scene that is not the one being shown."""
+
+    name: str
+    network: UnrestrictedField
+    styles: tuple[str | None, ...]
+    """Name of each region's style; None for a region that is not painted. Parts that were split off later have none."""
+    made: dict[str, Any]
+    """Record of how it was painted."""
+
 
 @dataclass(frozen=True)
 class Model:
-    """Networks, geometry, regions and light. Letters: S samples, P regions."""
+    """What was learned of a scene, how it looks, its paintings, and its members. Letters: S samples, P regions."""
 
+    # --- what was learned ---
     settings: FieldSettings
     occupancy: Occupancy
     marching: Marching
     base: BaseField
     palette_network: PaletteField | None = None
     styled: UnrestrictedField | None = None
-    regions: tuple[Region, ...] = ()
+    """The painting that is shown."""
+    values: ValueFunction | None = None
+    """Its extinction as a function of its volume's values; None for a scene that learned its extinction otherwise."""
+    steps: TimeSteps | None = None
+    """The values themselves, at one or several time steps; None for a scene that is no function of them."""
     camera_rig: CameraRig | None = None
     """Placement of the cameras of its training views."""
     made: dict[str, Any] = field(default_factory=dict)
@@ -54,16 +86,29 @@ class Model:
     """Sample distance of images, as a multiple of the training step; chosen by :mod:`svv.train.base.sampling`."""
     joined: float = JOINED_WEIGHT
     """Weight in a pixel up to which samples are joined; chosen by :mod:`svv.train.base.sampling`."""
-    lamp: Lamp = field(default_factory=Lamp)
-    """The light of a scene whose lighting is ``phong``."""
-    values: ValueFunction | None = None
-    """Its extinction as a function of its volume's values; None for a scene that learned its extinction otherwise."""
-    steps: TimeSteps | None = None
-    """The values themselves, at one or several time steps; None for a scene that is no function of them."""
-    parts: Parts | None = None
-    """Where regions that are parts of others are; None if no region was ever split."""
+
+    # --- its look ---
+    regions: tuple[Region, ...] = ()
     unsplit: tuple[Region, ...] = ()
     """Regions whose splits were undone and may be redone."""
+    parts: Parts | None = None
+    """Where regions that are parts of others are; None if no region was ever split."""
+    lamp: Lamp = field(default_factory=Lamp)
+    """The light of a scene whose lighting is ``phong``."""
+    history: History = field(default_factory=History)
+    """The steps that can be undone and redone."""
+
+    # --- its paintings ---
+    painting: str | None = None
+    """Name of the variant whose network is ``styled``."""
+    others: tuple[Variant, ...] = ()
+    """Variants that are not shown."""
+
+    # --- its members ---
+    layers: tuple[Self, ...] = ()
+    """Further scenes that are drawn with it, without regions of their own; see :mod:`svv.fields.scene.joined`."""
+
+    # --- how it is drawn now ---
     still: bool = True
     """Whether an image may take longer to show strokes in full detail."""
     resolved: float = 0.0
@@ -73,6 +118,11 @@ class Model:
         """Raise BadInput if the scene shows several transfer functions, which ``what`` does not support."""
         if any(region.layer for region in self.regions):
             raise BadInput(f"{what} works with scenes of one transfer function: do it before svv join.")
+
+    @property
+    def every_layer(self) -> list[Self]:
+        """The scene without its layers, and these, all with time steps; only the first has regions, those of all."""
+        return [replace(self, layers=()), *(replace(s, steps=s.steps or self.steps) for s in self.layers)]
 
     @property
     def every_region(self) -> tuple[Region, ...]:
@@ -110,8 +160,27 @@ class Model:
     @property
     def networks(self) -> tuple[str, ...]:
         """Which of the networks ``base``, ``pcn`` and ``styled`` it holds, the plainest first."""
-        there = (self.base, self.palette_network, self.styled)
-        return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
+        there = {name for layer in self.every_layer for name, network in own_networks(layer) if network is not None}
+        return tuple(name for name in NETWORKS if name in there)
+
+    @property
+    def variant(self) -> str | None:
+        """Name of the variant that is shown; None for a scene that was not painted."""
+        return None if self.styled is None else self.painting or UNNAMED
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """Names of all variants, in alphabetical order."""
+        return tuple(variant.name for variant in self.every_variant)
+
+    @property
+    def every_variant(self) -> tuple[Variant, ...]:
+        """All variants, in alphabetical order."""
+        every = list(self.others)
+        if self.styled is not None and self.variant is not None:
+            styles = tuple(region.style for region in self.every_region)
+            every.append(Variant(self.variant, self.styled, styles, self.made.get("stylized", {})))
+        return tuple(sorted(every, key=lambda variant: variant.name))
 
     @property
     def rig(self) -> CameraRig:
@@ -194,6 +263,15 @@ class Model:
         """Regions with strokes, each with the number of the region whose strokes it has: itself, or its whole."""
         return self._with_strokes_of(self.styled)
 
+    @property
+    def regions_with_strokes(self) -> tuple[int, ...]:
+        """Numbers of the regions that are painted by strokes."""
+        found: list[int] = []
+        for number, layer in enumerate(self.every_layer):
+            own = [k for k, region in enumerate(self.regions) if region.layer == number]
+            found += [own[k] for k in replace(layer, regions=of_layer(self.regions, number)).stroked]
+        return tuple(sorted(found))
+
     def _with_strokes_of(self, network: UnrestrictedField | None) -> dict[int, int]:
         found: dict[int, int] = {}
         strokes = () if network is None or network.brushed is None else network.brushed.regions
@@ -212,10 +290,10 @@ class Model:
             return self.styled
         parts = None if self.parts is None else (self.parts.digest, self.parts.active)
         entries = entries_of(self.regions, roots)
-        return edited_field(self.styled, self.regions, entries, (str(self.device), parts), self._painted_at)
+        return edited_field(self.styled, self.regions, entries, (str(self.device), parts), self.painted_region)
 
     @torch.no_grad()
-    def _painted_at(self, place: Floats) -> NDArray[np.int64]:
+    def painted_region(self, place: Floats) -> NDArray[np.int64]:
         """Return the painted region with the largest palette weight at box coordinates (V, 3), -1 for none. (V,)"""
         assert self.palette_network is not None
         painted, found = torch.tensor([r.style is not None for r in self.regions], device=self.device), []
@@ -238,6 +316,26 @@ class Model:
         """Weight of the paint in each region's colour, in [0, 1]. (regions,)"""
         shares = [0.0 if r.style is None else r.strength for r in self.regions]
         return numbers_on(shares, self.device)
+
+
+def on_device(scene: S, device: torch.device) -> S:
+    """Return the scene on a device: itself if it is there already, otherwise a copy of its networks."""
+    if device.type == scene.device.type:
+        return scene
+    base, palette, styled, others = copy.deepcopy((scene.base, scene.palette_network, scene.styled, scene.others))
+    return replace(
+        scene,
+        base=base.to(device),
+        palette_network=None if palette is None else palette.to(device),
+        styled=None if styled is None else styled.to(device),
+        others=tuple(replace(other, network=other.network.to(device)) for other in others),
+        layers=tuple(on_device(layer, device) for layer in scene.layers),
+    )
+
+
+def own_networks(scene: Model) -> list[tuple[str, nn.Module | None]]:
+    """Return the scene's own networks by name, without those of layers and other variants."""
+    return [*zip(NETWORKS, (scene.base, scene.palette_network, scene.styled), strict=True)]
 
 
 def of_colour(here: Tensor | None, colour: Tensor) -> Tensor:

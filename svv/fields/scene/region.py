@@ -9,6 +9,7 @@ from typing import get_args
 
 from svv.errors import BadInput
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT, RecolourName
+from svv.options.making import DRAWN
 
 MOST_RELIEF = 4.0
 """Largest factor on the relief of strokes."""
@@ -120,6 +121,11 @@ class Region:
     def seen_opacity(self) -> float:
         """Factor on the extinction in images."""
         return 0.0 if self.hidden else self.opacity
+
+
+def paint_light_of(style: str | None) -> float:
+    """Return the default light on paint of this style: 0 for ink, whose strokes are the shading."""
+    return 0.0 if style is not None and style.startswith(DRAWN) else PAINT_LIGHT
 
 
 def label_of(regions: Sequence[Region], number: int) -> str:

@@ -1,4 +1,4 @@
-"""Conversion of a :class:`svv.fields.scene.scene.Scene` to the header and arrays of its file, and back."""
+"""Conversion of a scene to the header and arrays of its file, and back, and to plain values for people to read."""
 
 from __future__ import annotations
 
@@ -11,28 +11,30 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from svv.core.colour.light import Lamp
+from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.core.json_values import object_in, text_in
+from svv.errors import BadInput
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
-from svv.fields.scene.kept_styles import KEPT, put_apart, put_back
-from svv.fields.scene.model import NETWORKS, Model
+from svv.fields.scene.history import History
+from svv.fields.scene.joined import members
+from svv.fields.scene.kept_styles import KEPT, put_apart, put_back, without_kept
+from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
-from svv.fields.scene.variants import PaintedModel, Variant
 from svv.fields.strokes.kept_strokes import Brushed
 from svv.fields.values.of_values import SLOPES, TABLES, VALUES, fill_base, fill_palette
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[np.generic]]
 
 
-def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
+def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
     """Return header and arrays of the file; see :meth:`svv.fields.scene.scene.Scene.to_arrays`."""
     given = TABLES if scene.steps is not None and scene.values is not None and not whole else ()
     box, tensors = scene.occupancy.box, Arrays()
@@ -46,7 +48,7 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
         "normal_resolutions": _normal_resolutions(scene),
         "lamp": vars(scene.lamp),
         "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
-        "networks": [name for name, network in _networks(scene) if network is not None],
+        "networks": [name for name, network in own_networks(scene) if network is not None],
         "regions": [vars(r) for r in scene.regions],
         "undone": [vars(r) for r in scene.unsplit],
         "history": scene.history.to_json(),
@@ -74,7 +76,7 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
     if scene.parts is not None:
         header["parts"] = {"cells": scene.parts.cells}
         tensors |= {f"parts.{name}": array for name, array in _packed(scene.parts, scene.occupancy).items()}
-    named = _networks(scene) + [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
+    named = own_networks(scene) + [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
     given = (*given, *_add_brushed(named, header, tensors, whole))
     for name, network in named:
         if network is not None:
@@ -114,12 +116,7 @@ def _add_brushed(
     return follow
 
 
-def _networks(scene: PaintedModel) -> list[tuple[str, nn.Module | None]]:
-    """Return the scene's own networks by name, without those of layers."""
-    return [*zip(NETWORKS, (scene.base, scene.palette_network, scene.styled), strict=True)]
-
-
-def _add_layers(scene: PaintedModel, header: dict[str, Any], tensors: Arrays, packed: bool, whole: bool) -> None:
+def _add_layers(scene: Model, header: dict[str, Any], tensors: Arrays, packed: bool, whole: bool) -> None:
     """Add what a joined scene is joined from."""
     for number, layer in enumerate(scene.layers):
         told, arrays = arrays_of(layer if layer.steps else replace(layer, steps=scene.steps), packed, whole)
@@ -130,7 +127,7 @@ def _add_layers(scene: PaintedModel, header: dict[str, Any], tensors: Arrays, pa
         tensors |= {f"layer{number}.{name}": array for name, array in arrays.items()}
 
 
-def layers_of(header: dict[str, Any], tensors: Arrays, scene: PaintedModel) -> list[tuple[dict[str, Any], Arrays]]:
+def _layers_of(header: dict[str, Any], tensors: Arrays, scene: Model) -> list[tuple[dict[str, Any], Arrays]]:
     """Return header and arrays of each further scene of a joined one; the first has their regions and steps."""
     found, steps = [], scene.steps
     for number, told in enumerate(header.get("layers", [])):
@@ -145,8 +142,26 @@ def layers_of(header: dict[str, Any], tensors: Arrays, scene: PaintedModel) -> l
     return found
 
 
-def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
-    """Return the scene's fields by name from the result of :func:`arrays_of`."""
+def scene_of(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
+    """Return a scene from the result of :func:`arrays_of`, with its layers and its history."""
+    scene = _alone(kind, header, tensors)
+    layers = (scene_of(kind, *layer) for layer in _layers_of(header, tensors, scene))
+    scene = replace(scene, layers=tuple(replace(layer, regions=(), unsplit=()) for layer in layers))
+    if "history" not in header:
+        return scene
+    return replace(scene, history=History.from_json(header["history"], scene.every_region))
+
+
+def restored(kind: type[S], header: dict[str, Any], tensors: Arrays, name: str) -> S:
+    """Return a scene as :func:`scene_of` does; raises BadInput if the content of the file of this name is damaged."""
+    try:
+        return scene_of(kind, header, tensors)
+    except Exception as error:  # a damaged file may say anything, and so fail anywhere
+        raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
+
+
+def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
+    """Return a scene without its layers and its history."""
     check_finite(tensors)
     box = box_of(header["box"])
     occupancy = Occupancy(box, header["cells"], occupied_of(header, tensors, box))
@@ -200,12 +215,11 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     painting = None if header.get("painting") is None else text_in(header["painting"], "painting")
     if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
-    return {
-        "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
-        "styled": styled, "regions": regions, "camera_rig": rig, "made": _made_in(header["made"], tensors),
-        "painting": painting, "others": tuple(variants), "lamp": Lamp(**values_of(Lamp, header.get("lamp", {}))),
-        **images, "parts": parts, "unsplit": unsplit, "values": values, "steps": steps,
-    }  # fmt: skip
+    return kind(
+        settings, occupancy, marching, base, palette, styled, values, steps, rig, _made_in(header["made"], tensors),
+        regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
+        painting=painting, others=tuple(variants), **images,
+    )  # fmt: skip
 
 
 def _add_strokes(name: str, network: nn.Module, header: dict[str, Any], tensors: Arrays, steps: int) -> bool:
@@ -269,7 +283,7 @@ def _unpacked(header: dict[str, Any], tensors: Arrays, occupancy: Occupancy) -> 
         raise ValueError(f"parts of {header['cells']} cells do not fit {occupancy.cells}")
     zone = np.zeros([finer * n for n in occupancy.occupied.shape], np.uint8)
     _rows(zone, finer)[occupancy.occupied > 0] = tensors["parts.zone"].reshape(-1, finer, finer, finer)
-    return Parts(int(header["cells"]), zone, tensors["parts.inside"] > 0)
+    return Parts(int(header["cells"]), zone, np.greater(tensors["parts.inside"], 0))
 
 
 def _rows(zone: NDArray[np.uint8], finer: int) -> NDArray[np.uint8]:
@@ -295,7 +309,7 @@ def _regions(
     return regions, unsplit, counted(parts, regions, 0)
 
 
-def _normal_resolutions(scene: PaintedModel) -> tuple[int, ...] | None:
+def _normal_resolutions(scene: Model) -> tuple[int, ...] | None:
     phong = None if scene.palette_network is None else scene.palette_network.phong
     return None if phong is None else phong.normals.resolutions
 
@@ -305,5 +319,41 @@ def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
     return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
 
 
-def _styles_in(value: list[Any]) -> tuple[str | None, ...]:
+def _styles_in(value: Sequence[object]) -> tuple[str | None, ...]:
     return tuple(None if style is None else text_in(style, "style") for style in value)
+
+
+def info_of(scene: Model) -> dict[str, Any]:
+    """Describe the scene and how it was made, as plain values."""
+    networks = dict(own_networks(scene))
+    networks |= {f"variant {other.name}": other.network for other in scene.others}
+    parameters = {k: sum(p.numel() for p in n.parameters()) for k, n in networks.items() if n is not None}
+    return {
+        "networks": scene.networks,
+        "parameters": {**parameters, "total": sum(parameters.values())},
+        "encoding": scene.settings.encoding,
+        "resolutions": scene.settings.resolutions,
+        "paint_resolutions": None if scene.styled is None else scene.styled.resolutions,
+        "finest_world_units": scene.occupancy.box.size / scene.settings.resolutions[-1],
+        "occupied_fraction": scene.occupancy.fraction,
+        "image_step_world_units": scene.stride * scene.marching.step * scene.occupancy.box.size,
+        "bounds": scene.occupancy.box.bounds.tolist(),
+        "regions": [vars(r) for r in scene.regions],
+        **_light_of(scene),
+        "times": [] if scene.steps is None or len(scene.steps) < 2 else scene.steps.times,
+        "variant": scene.variant,
+        "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in scene.every_variant},
+        "undo": [step.what for step in scene.history.past],
+        "redo": [step.what for step in scene.history.future],
+        "camera_rig": {} if scene.camera_rig is None else scene.camera_rig.to_json(),
+        "made": without_kept(scene.made),
+    }
+
+
+def _light_of(scene: Model) -> dict[str, object]:
+    every = [member.coefficients() for member in members(scene)]
+    if any(coefficients is None for coefficients in every):
+        return {"lighting": scene.settings.lighting}
+    rows = [row for coefficients in every if coefficients is not None for row in coefficients.tolist()]
+    reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in rows]
+    return {"lighting": scene.settings.lighting, "light": scene.lamp.said(), "reflects": reflects}

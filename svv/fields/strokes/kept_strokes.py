@@ -155,7 +155,7 @@ class Brushed:
         """Return the usual width of a region's strokes, in box units."""
         return 2.0 * float(np.median(self.regions[region][0].radius))
 
-    def to_file(self, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    def to_file(self, name: str) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
         """Return plain values and arrays of a file, for a network of this name."""
         told = {
             "regions": {str(k): vars(brush) for k, (_, brush) in self.regions.items()},
@@ -175,7 +175,7 @@ class Brushed:
 
     @classmethod
     def from_file(
-        cls, name: str, told: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], vertices: int
+        cls, name: str, told: Mapping[str, Any], tensors: Mapping[str, NDArray[np.generic]], vertices: int
     ) -> Brushed:
         """Invert :meth:`to_file`; raises KeyError, TypeError or ValueError if the content does not fit."""
         regions, every = {}, {}
@@ -186,11 +186,12 @@ class Brushed:
             if (lives := Lives.from_arrays(own, len(regions[int(key)][0]))) is not None:
                 every[int(key)] = lives
         flats = np.asarray(told["flats"], np.float32).reshape(-1, 3)
-        owner = None
+        owner: NDArray[np.uint8] | None = None
         if told["complete"]:
-            owner = tensors[f"brushed.{name}.owner"].reshape(-1)
-            if owner.dtype != np.uint8 or len(owner) != vertices:
+            there = tensors[f"brushed.{name}.owner"].reshape(-1)
+            if there.dtype != np.uint8 or len(there) != vertices:
                 raise ValueError("the owners of paint do not fit the lattice")
+            owner = there.astype(np.uint8, copy=False)
         if not all(0 <= k < NOBODY for k in regions) or len(flats) > NOBODY:
             raise ValueError("strokes belong to regions that cannot be")
         return cls(regions, owner, flats, lives=every)

@@ -59,16 +59,16 @@ class Lives:
         given = [self.own] if self.when is None else [self.own, self.when]
         return all(bool(((0 <= told) & (told < steps)).all()) for told in given)
 
-    def to_arrays(self) -> dict[str, NDArray[Any]]:
+    def to_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Return the arrays of a scene's file."""
-        found = {"alive": self.own.astype(np.uint16)}
+        found: dict[str, NDArray[np.generic]] = {"alive": self.own.astype(np.uint16)}
         if self.born is not None and self.when is not None:
             found |= {f"born.{key}": array for key, array in self.born.packed().items()}
             found["born.when"] = self.when.astype(np.uint16)
         return found
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]], count: int) -> Lives | None:
+    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]], count: int) -> Lives | None:
         """Invert :meth:`to_arrays`; None if there are none. Raises KeyError or ValueError if they do not fit."""
         if "alive" not in arrays:
             return None

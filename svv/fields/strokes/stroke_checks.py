@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -81,12 +80,11 @@ def check_strokes(
     region = torch.randint(0, 2, (len(samples.count),), generator=generator)[samples.ray.long()]
     region = torch.where(torch.rand(len(samples), generator=generator) < 0.2, 2, region)
     own = torch.rand(len(samples), 3, generator=generator)
-    there: dict[str, Any] = {n: t.to(device) if torch.is_tensor(t) else t for n, t in vars(samples).items()}
     for colours in (None, own):
         expected = brushed.over(colours, samples, region, {0: 0, 2: 2}, [0, 1, 2], soft)
         below = None if colours is None else colours.to(device)
         got = brushed.over_there(
-            kernels.STROKES, below, Samples(**there), region.to(device), {0: 0, 2: 2}, [0, 1, 2], soft
+            kernels.STROKES, below, samples.to(device), region.to(device), {0: 0, 2: 2}, [0, 1, 2], soft
         ).cpu()
         assert got.shape == expected.shape and bool(got.isfinite().all())
         if len(samples):

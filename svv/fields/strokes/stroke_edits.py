@@ -112,12 +112,12 @@ def luminance(colours: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(linear @ np.array(LUMA))
 
 
-def edits_of_strokes(region: Region) -> tuple[Any, ...]:
+def edits_of_strokes(region: Region) -> tuple[object, ...]:
     """Return the edits of a region's strokes."""
     return tuple(getattr(region, name) for name in STROKE_EDITS)
 
 
-UNEDITED: tuple[Any, ...] = tuple(Region.__dataclass_fields__[name].default for name in STROKE_EDITS)
+UNEDITED: tuple[object, ...] = tuple(Region.__dataclass_fields__[name].default for name in STROKE_EDITS)
 """The edits of strokes as they were laid."""
 
 

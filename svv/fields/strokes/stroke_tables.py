@@ -6,11 +6,10 @@ What a place shows is defined by :class:`svv.fields.strokes.stroke_paint.StrokeP
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from scipy.ndimage import binary_dilation
 from torch import Tensor
 
@@ -60,7 +59,7 @@ def tables_of(
     cells, near, first, inside = _cells_of(strokes.where, reach)
     columns = strokes.colour, strokes.second, strokes.bristles[:, None], strokes.length[:, None]
 
-    def there(array: NDArray[Any], kind: Any = np.float32) -> Tensor:
+    def there(array: NDArray[np.generic], kind: DTypeLike = np.float32) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(array, kind)).to(device)
 
     return StrokeTables(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -22,15 +21,12 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import PRUNED, Occupancy, largest_in, least_extinction
 from svv.fields.scene.joined import members, with_members
-from svv.fields.scene.model import Model
-from svv.fields.scene.variants import PaintedModel
+from svv.fields.scene.model import Model, S
 from svv.fields.strokes.kept_strokes import NOBODY
 from svv.fields.values.carried_paint import carried
 from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_base, fill_palette
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
-
-Painted = TypeVar("Painted", bound=PaintedModel)
 
 CPU = torch.device("cpu")
 
@@ -38,7 +34,7 @@ Matter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Where the matter at positions (S, 3), of a box or the world, was when it was painted. (S, 3)"""
 
 
-def at_step(scene: Painted, step: int, anew: bool = False) -> Painted:
+def at_step(scene: S, step: int, anew: bool = False) -> S:
     """Return the scene as one of its time steps makes it, with the same palette, edits and paint.
 
     Paint moves with the matter. The result has no other time steps.
@@ -71,7 +67,7 @@ def at_step(scene: Painted, step: int, anew: bool = False) -> Painted:
     return _over(scene, grid, steps.box, steps.only(step), steps.place(step), step)
 
 
-def at_time(scene: Painted, time: float) -> Painted:
+def at_time(scene: S, time: float) -> S:
     """Return the scene at the last of its time steps that is not after ``time``, or at the first."""
     steps = scene.steps
     if steps is None or len(steps) < 2:
@@ -84,9 +80,7 @@ def step_at(steps: TimeSteps, time: float) -> int:
     return max(0, int(np.searchsorted(steps.times, time, side="right")) - 1)
 
 
-def at_volume(
-    scene: Painted, volume: ClassifiedVolume, time: float = 0.0, matter: Matter = lambda position: position
-) -> Painted:
+def at_volume(scene: S, volume: ClassifiedVolume, time: float = 0.0, matter: Matter = lambda position: position) -> S:
     """Return the scene as another volume's values make it, with the same palette, edits and paint.
 
     Where there was no paint before, it is that of the nearest place.
@@ -108,7 +102,7 @@ def at_volume(
     return _over(scene, grid, box, TimeSteps.of(grid, box, time), lambda at: box.to_box(matter(box.to_world(at))))
 
 
-def check_follows(scene: PaintedModel) -> tuple[ValueFunction, PaletteField]:
+def check_follows(scene: Model) -> tuple[ValueFunction, PaletteField]:
     """Return what a scene needs to follow its volume.
 
     Raises:
@@ -127,9 +121,7 @@ def check_follows(scene: PaintedModel) -> tuple[ValueFunction, PaletteField]:
 
 
 @torch.no_grad()
-def _over(
-    scene: Painted, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter, step: int | None = None
-) -> Painted:
+def _over(scene: S, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter, step: int | None = None) -> S:
     """Return the scene over a grid of values, one of its own ``step`` or another."""
     function, palette = check_follows(scene)
     device, old = scene.device, scene.base.density
@@ -150,7 +142,7 @@ def _over(
         return carried(network, scene, (occupancy, grid), step, matter, owners).to(device)
 
     def owners(place: NDArray[np.float32]) -> NDArray[np.uint8]:
-        region = result._painted_at(place)
+        region = result.painted_region(place)
         return np.where(region < 0, NOBODY, region).astype(np.uint8)
 
     result = replace(

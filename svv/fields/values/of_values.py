@@ -11,8 +11,6 @@ Letters: V vertices.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -88,7 +86,7 @@ def features_of(
     return value.astype(np.float32), (-gradient / (length + 1e-3 * max(length.max(), 1e-9))).astype(np.float32)
 
 
-def _sampled(field: NDArray[np.float32], at: NDArray[Any]) -> NDArray[np.float32]:
+def _sampled(field: NDArray[np.float32], at: NDArray[np.generic]) -> NDArray[np.float32]:
     """Return a field's values at grid coordinates (V, 3), interpolated trilinearly. (V,)"""
     return np.asarray(map_coordinates(field, at.T, order=1, mode="nearest"), np.float32)
 

@@ -6,7 +6,7 @@ step follows from these (:mod:`svv.fields.values.followed_scene`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,8 +26,6 @@ MOVE_STEP = 1.0 / 512.0
 
 MOST_CELLS, MOST_VERTICES = 1 << 14, 1 << 31
 """Limits of a grid, beyond which a file is damaged."""
-
-Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,28 +119,29 @@ class TimeSteps:
 
         return found
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return what the header of a scene's file tells about the steps."""
         return {
             "box": {"low": self.box.low, "size": self.box.size, "extent": self.box.extent}, "cells": self.cells,
             "interval": self.interval, "times": self.times, "own": self.own,
         }  # fmt: skip
 
-    def to_arrays(self) -> Arrays:
+    def to_arrays(self) -> dict[str, NDArray[np.uint8]]:
         """Return the arrays of a scene's file."""
         found = {f"step{k}.codes": codes for k, codes in enumerate(self.codes)}
         return found | {f"step{k}.moves": moves for k, moves in enumerate(self.moves) if moves is not None}
 
     @classmethod
-    def from_file(cls, header: dict[str, Any], arrays: Arrays) -> TimeSteps:
+    def from_file(cls, header: dict[str, Any], arrays: Mapping[str, NDArray[np.generic]]) -> TimeSteps:
         """Restore the steps of a scene's file; raises KeyError, TypeError or ValueError if the content does not fit."""
         b, (low, high) = header["box"], header["interval"]
         box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))
         times = tuple(float(time) for time in header["times"])
-        codes = tuple(arrays[f"step{k}.codes"] for k in range(len(times)))
-        moves = tuple(arrays.get(f"step{k}.moves") for k in range(len(times)))
-        if any(a is not None and (a.dtype != np.uint8 or a.ndim != 1) for a in (*codes, *moves)):
+        given = [(arrays[f"step{k}.codes"], arrays.get(f"step{k}.moves")) for k in range(len(times))]
+        if any(a is not None and (a.dtype != np.uint8 or a.ndim != 1) for pair in given for a in pair):
             raise ValueError("the time steps are damaged")
+        codes = tuple(np.asarray(own, np.uint8) for own, _ in given)
+        moves = tuple(None if move is None else np.asarray(move, np.uint8) for _, move in given)
         try:
             return cls(box, int(header["cells"]), (float(low), float(high)), times, codes, moves, int(header["own"]))
         except BadInput as error:

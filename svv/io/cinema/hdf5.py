@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ SUFFIXES = (".h5", ".hdf5")
 """Suffixes of HDF5 files, lower case."""
 
 
-def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
     """Read the picture and the metadata of one file.
 
     Returns:
@@ -56,7 +55,7 @@ def _h5py() -> ModuleType:
     return h5py
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return text for bytes, and arrays without axes of length 1 at their ends."""
     array = np.squeeze(np.asarray(value))
     if array.dtype.kind in "SO" and array.ndim == 0:

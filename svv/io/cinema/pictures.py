@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ LEAST_CONTRAST = 64
 """Levels by which the backgrounds of a pair must differ."""
 
 
-def read_pictures(files: Sequence[Path], progress: Progress) -> tuple[list[Images], list[dict[str, Any]]]:
+def read_pictures(files: Sequence[Path], progress: Progress) -> tuple[list[Images], list[dict[str, object]]]:
     """Decode pictures of one size, (height, width, 3 or 4), and the metadata that HDF5 files carry.
 
     Raises:
@@ -84,7 +83,7 @@ def read_pair(first: Sequence[Path], second: Sequence[Path], progress: Progress)
     return images
 
 
-def _read(file: Path) -> tuple[Images, dict[str, Any]]:
+def _read(file: Path) -> tuple[Images, dict[str, object]]:
     return read_channels(file) if file.suffix.lower() in SUFFIXES else (decode(file), {})
 
 

@@ -71,7 +71,7 @@ def rotations_of(table: Table) -> Array | None:
     return ascent_rotations(*angles) if table.ascent else paraview_rotations(*angles)
 
 
-def cameras_by_rows(table: Table, metas: Sequence[dict[str, Any]], size: tuple[int, int]) -> list[Camera] | None:
+def cameras_by_rows(table: Table, metas: Sequence[dict[str, object]], size: tuple[int, int]) -> list[Camera] | None:
     """Return the cameras that images or rows describe themselves; None if they do not.
 
     Raises:
@@ -80,7 +80,7 @@ def cameras_by_rows(table: Table, metas: Sequence[dict[str, Any]], size: tuple[i
     named = {name: values for name, values in table.columns.items() if name.lower().startswith("cam")}
     found: list[Camera | None] = []
     for k, (file, meta) in enumerate(zip(table.files, metas, strict=True)):
-        row: dict[str, Any] = {name: _parsed(values[k]) for name, values in named.items()}
+        row: dict[str, object] = {name: _parsed(values[k]) for name, values in named.items()}
         whole = row.pop(next((n for n in row if n.lower() == "camera"), ""), None)
         values = {**(whole if isinstance(whole, dict) else {}), **row, **meta}
         found.append(camera_of(values, *size, f"{table.folder / file}"))

@@ -79,7 +79,11 @@ def read_shot(path: Path) -> Shot:
     return shots[0].checked(str(path))
 
 
-def camera_of(values: Mapping[str, Any], width: int, height: int, name: str) -> Camera | None:
+View = dict[str, list[float]]
+"""Properties of a view by name."""
+
+
+def camera_of(values: Mapping[str, object], width: int, height: int, name: str) -> Camera | None:
     """Return the camera that the metadata of an image describe; None if they describe none.
 
     Names are compared without case and underscores, so that ``CameraPos``, ``camera_position`` and ``CamPosition`` are
@@ -162,7 +166,7 @@ def _of_json(path: Path, text: str) -> Shot:
     ).checked(str(path))
 
 
-def _of_state(path: Path, text: str) -> list[dict[str, Any]]:
+def _of_state(path: Path, text: str) -> list[View]:
     try:
         root = parsed_xml(text)
     except ValueError as error:
@@ -171,7 +175,7 @@ def _of_state(path: Path, text: str) -> list[dict[str, Any]]:
     for proxy in root.iter("Proxy"):
         if proxy.get("group") != "views":
             continue
-        view: dict[str, Any] = {}
+        view: View = {}
         for member in proxy.iter("Property"):
             try:
                 elements = sorted(member.findall("Element"), key=lambda e: int(e.get("index", "0")))
@@ -182,7 +186,7 @@ def _of_state(path: Path, text: str) -> list[dict[str, Any]]:
     return views
 
 
-def _of_script(path: Path, text: str) -> list[dict[str, Any]]:
+def _of_script(path: Path, text: str) -> list[View]:
     """Collect ``view.CameraPosition = [...]`` by view; the last assignment counts."""
     try:
         with warnings.catch_warnings():
@@ -192,7 +196,7 @@ def _of_script(path: Path, text: str) -> list[dict[str, Any]]:
         raise BadInput(f"{path} is not a Python script ({error.msg}, line {error.lineno}).") from error
     except (ValueError, RecursionError, MemoryError) as error:
         raise BadInput(f"{path} is not a Python script that can be read ({error}).") from error
-    views: dict[str, dict[str, Any]] = {}
+    views: dict[str, View] = {}
     for line in ast.walk(tree):
         if not isinstance(line, ast.Assign):
             continue
@@ -206,7 +210,7 @@ def _of_script(path: Path, text: str) -> list[dict[str, Any]]:
     return list(views.values())
 
 
-def _of_view(view: Mapping[str, Any]) -> Shot:
+def _of_view(view: View) -> Shot:
     position, point = view.get("CameraPosition"), view.get("CameraFocalPoint", [0.0, 0.0, 0.0])
     if position is None or np.shape(position) != (3,) or np.shape(point) != (3,):
         return Shot()
@@ -218,13 +222,13 @@ def _of_view(view: Mapping[str, Any]) -> Shot:
     return Shot((x, y, z), distance, *_first(view, "CameraViewAngle", 30.0))
 
 
-def _first(view: Mapping[str, Any], name: str, default: float) -> list[float]:
+def _first(view: View, name: str, default: float) -> list[float]:
     """Return the first number of a property, or the default if it has none, as a list of one."""
     numbers = view.get(name, [default])
     return [float(number) for number in numbers[:1] if np.ndim(number) == 0] or [default]
 
 
-def _vector(value: Any, name: str, default: Vector | None = None) -> np.ndarray:
+def _vector(value: object, name: str, default: Vector | None = None) -> np.ndarray:
     numbers = default if value is None and default is not None else value
     try:
         found = np.asarray(numbers, np.float64).ravel()
@@ -235,7 +239,7 @@ def _vector(value: Any, name: str, default: Vector | None = None) -> np.ndarray:
     return found
 
 
-def _number(value: Any, name: str) -> float:
+def _number(value: object, name: str) -> float:
     try:
         found = np.asarray(value, np.float64).ravel()
     except (TypeError, ValueError):

@@ -19,9 +19,10 @@ import time
 import urllib.error
 import urllib.parse
 import urllib.request
+from http.client import HTTPMessage
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, BinaryIO
 
 from svv.errors import BadInput, Progress, silent
 from svv.io.files.atomic import cannot_write, check_writable
@@ -114,9 +115,11 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
 class _Encrypted(urllib.request.HTTPRedirectHandler):
     """Follows redirections, but to no address that is not encrypted."""
 
-    def redirect_request(self, *arguments: Any) -> urllib.request.Request | None:
-        _check_encrypted(arguments[-1])
-        return super().redirect_request(*arguments)
+    def redirect_request(
+        self, req: urllib.request.Request, fp: IO[bytes], code: int, msg: str, headers: HTTPMessage, newurl: str
+    ) -> urllib.request.Request | None:
+        _check_encrypted(newurl)
+        return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
 def _check_encrypted(url: str) -> None:

@@ -87,7 +87,7 @@ def read_record(path: Path, key: str) -> dict[str, Any] | None:
     return record if isinstance(record, dict) and record.get("key") == key else None
 
 
-def write_record(path: Path, key: str, record: Mapping[str, Any]) -> None:
+def write_record(path: Path, key: str, record: Mapping[str, object]) -> None:
     """Write a JSON record with its key, whole or not at all.
 
     Raises:

@@ -86,7 +86,7 @@ class Worker:
         """Number of the process."""
         return self._process.pid
 
-    def send(self, order: Mapping[str, Any]) -> None:
+    def send(self, order: Mapping[str, object]) -> None:
         """Send an order; a process that has ended gets none, which ``alive`` tells."""
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):
@@ -185,7 +185,7 @@ def be_worker() -> Orders:
     return Orders()
 
 
-def say(folder: Path, said: Mapping[str, Any]) -> None:
+def say(folder: Path, said: Mapping[str, object]) -> None:
     """Replace what this process says."""
     partial = folder / f".{SAID}-{secrets.token_hex(4)}"
     with suppress(FileNotFoundError):  # the folder has just been removed, and this process is about to end

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ def deep_tiff(path: Path) -> Image.Image | None:
     import tifffile  # only here: it is slow to import
 
     with tifffile.TiffFile(path) as file:
-        page: Any = file.pages[0]
+        page = file.pages.first
         kind, photometric = np.dtype(page.dtype), int(page.photometric)
         if (
             kind.itemsize == 1 or kind.kind not in "uif" or int(page.compression) not in TIFFFILE_DECODES
@@ -66,19 +65,19 @@ def deep_tiff(path: Path) -> Image.Image | None:
     return image
 
 
-def scaled(values: NDArray[Any], most: float | None = None) -> NDArray[np.float64]:
+def scaled(values: NDArray[np.generic], most: float | None = None) -> NDArray[np.float64]:
     """Return values as levels from 0 to 1; ``most`` is the value of white, if the file gives it."""
     known = np.nan_to_num(values.astype(np.float64))
     white = most or white_of(known, values.dtype)
     return np.clip(known / max(white, float(known.max()), 1e-300), 0.0, 1.0)
 
 
-def full_of(kind: np.dtype[Any]) -> float:
+def full_of(kind: np.dtype[np.generic]) -> float:
     """Return the largest value of a type; 1 for real numbers."""
-    return 1.0 if kind.kind == "f" else float(np.iinfo(kind).max)
+    return 1.0 if kind.kind == "f" else float(np.iinfo(kind.name).max)
 
 
-def white_of(values: NDArray[Any], kind: np.dtype[Any]) -> float:
+def white_of(values: NDArray[np.generic], kind: np.dtype[np.generic]) -> float:
     """Return the value of white of values of a type; 16 bits may hold 8, 10 or 12, which would look black."""
     largest = float(values.max())
     if kind.kind == "u" and kind.itemsize == 2 and largest > 0:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -93,7 +91,6 @@ def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(text)
     least = 3.5 * text * max(size) / max(height, width)  # distance between two numbers, in pixels of the file
     step = next(s for k in range(9) for s in (10**k, 2 * 10**k, 5 * 10**k) if s >= least)
-    style: dict[str, Any] = {"fill": "white", "font": font, "stroke_width": 1, "stroke_fill": "black"}
     for horizontal, length, pixels in ((True, size[0], width), (False, size[1], height)):
         for place in range(step, length - step // 4, step):
             at = place * pixels / length
@@ -101,7 +98,7 @@ def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
             draw.line(ends, fill="black", width=4)
             draw.line(ends, fill="white", width=2)
             xy, anchor = ((at, 0.7 * text), "mt") if horizontal else ((0.7 * text, at), "lm")
-            draw.text(xy, str(place), anchor=anchor, **style)
+            draw.text(xy, str(place), "white", font, anchor, stroke_width=1, stroke_fill="black")
     return np.asarray(image)
 
 

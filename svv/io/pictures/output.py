@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -294,7 +294,7 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             raise BadInput(f"Cannot write {path}: the movie encoder stopped at its end; is the disk full?")
 
 
-def _encoder() -> Any:
+def _encoder() -> ModuleType:
     """Return the package that encodes movies, which nothing else needs.
 
     Raises:
@@ -310,7 +310,7 @@ def _encoder() -> Any:
     return imageio_ffmpeg
 
 
-def _is_whole(encoder: Any, movie: Path, frames: int) -> bool:
+def _is_whole(encoder: ModuleType, movie: Path, frames: int) -> bool:
     """Return whether a movie can be read to its end and has this number of frames; they are not decoded."""
     read = [encoder.get_ffmpeg_exe(), "-nostdin", "-v", "error", "-i", str(movie)]
     done = subprocess.run([*read, "-c", "copy", "-f", "framecrc", "-"], capture_output=True)

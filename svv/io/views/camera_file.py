@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from svv.core.geometry.cameras import NOMINAL_FOV, Camera
 from svv.core.json_values import parsed
 from svv.errors import BadInput
-from svv.io.views.transforms import camera_in
+from svv.io.views.transforms import Frame, camera_in
 
 DEFAULT_SIZE = (800, 800)
 """Width and height in pixels if neither the caller nor the file gives them."""
@@ -68,7 +67,7 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: in
     return Camera(rotation, float(angle), width, height, span)
 
 
-def _of_frame(path: Path, scene: dict[str, Any], frame: dict[str, Any], size: tuple[int, int] | None) -> Camera:
+def _of_frame(path: Path, scene: Frame, frame: Frame, size: tuple[int, int] | None) -> Camera:
     """Return the camera of a frame of a ``transforms.json``."""
     try:
         stated, own = (
@@ -82,7 +81,7 @@ def _of_frame(path: Path, scene: dict[str, Any], frame: dict[str, Any], size: tu
     return camera.resized(width, height)
 
 
-def _object(path: Path) -> dict[str, Any]:
+def _object(path: Path) -> Frame:
     try:
         content = parsed(path.read_bytes())
     except FileNotFoundError as error:

@@ -89,7 +89,7 @@ def split_of(file: Path) -> str:
     return "train" if file.stem == "transforms" else file.stem.removeprefix("transforms_")
 
 
-def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, Any], list[dict[str, Any]]]:
+def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, object], list[dict[str, object]]]:
     """Return the file of a split, its content, and the frames of the split.
 
     Raises:
@@ -118,19 +118,22 @@ def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, Any
     return path, scene, frames
 
 
-def _of_split(path: Path, scene: Frame, frames: list[dict[str, Any]], split: str) -> list[dict[str, Any]]:
-    lists = {name: scene.get(f"{name}_filenames") for name in ("train", "val", "test")}
-    for name, listed in lists.items():
+def _of_split(path: Path, scene: Frame, frames: list[dict[str, object]], split: str) -> list[dict[str, object]]:
+    lists: dict[str, list[str]] = {}
+    for name in ("train", "val", "test"):
+        listed = scene.get(f"{name}_filenames")
         if listed is not None and not (isinstance(listed, list) and all(isinstance(n, str) for n in listed)):
             raise BadInput(f"{path}: {name}_filenames must be a list of file names.")
+        if listed is not None:
+            lists[name] = listed
     wanted = lists.get(split)
     if wanted is not None:
         return [frame for frame in frames if frame.get("file_path") in wanted]
-    others = {name for listed in lists.values() for name in listed or ()}
+    others = {name for listed in lists.values() for name in listed}
     return [frame for frame in frames if str(frame.get("file_path")) not in others]
 
 
-def present(path: Path, frames: Sequence[dict[str, Any]]) -> tuple[list[dict[str, Any]], str | None]:
+def present(path: Path, frames: Sequence[dict[str, object]]) -> tuple[list[dict[str, object]], str | None]:
     """Return the frames whose pictures are there, and a sentence on the others, if any.
 
     Raises:

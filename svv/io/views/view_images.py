@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ RESIZED = "The images differ in size, so all were reduced to {width} x {height} 
 
 
 def read_views(
-    path: Path, scene: Frame, frames: Sequence[dict[str, Any]], progress: Progress, label: str
+    path: Path, scene: Frame, frames: Sequence[dict[str, object]], progress: Progress, label: str
 ) -> tuple[Images, tuple[Camera, ...], str | None]:
     """Read the images and cameras of frames.
 

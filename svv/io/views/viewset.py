@@ -155,11 +155,11 @@ class ViewSet:
         except OSError as error:
             raise cannot_write(target, error) from error
 
-    def _transforms(self, split: str) -> dict[str, Any]:
+    def _transforms(self, split: str) -> dict[str, object]:
         first = self.cameras[0]
         frames = []
         for name, camera in zip(self.names, self.cameras, strict=True):
-            frame: dict[str, Any] = {"file_path": f"./{split}/{name}"}
+            frame: dict[str, object] = {"file_path": f"./{split}/{name}"}
             if (camera.fov_x, camera.span_x) != (first.fov_x, first.span_x):
                 frame |= {"camera_model": "PINHOLE"} if first.is_orthographic else {}
                 frame |= intrinsics_of(camera)

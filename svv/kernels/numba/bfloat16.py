@@ -7,10 +7,11 @@ range of float32), and products are accumulated in float32. S samples.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import torch
 from torch import Tensor
+
+from svv.kernels.types import Context
 
 LEAST_SAMPLES = 4096
 """Fewest samples for which bfloat16 is faster; fewer are multiplied in float32."""
@@ -38,7 +39,7 @@ class HalfNetwork(torch.autograd.Function):
     """Linear layers without biases, with ReLU between them: x (S, I) and weights (O, I) each -> (S, O)."""
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, *weights: Tensor) -> Tensor:
+    def forward(ctx: Context, x: Tensor, *weights: Tensor) -> Tensor:
         halves = [w.bfloat16() for w in weights]
         inputs = [_padded(x)]
         for w in halves[:-1]:
@@ -48,7 +49,7 @@ class HalfNetwork(torch.autograd.Function):
         return out[: len(x)].float()
 
     @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Context, upstream: Tensor) -> tuple[Tensor | None, ...]:
         saved = ctx.saved_tensors
         count = len(saved) // 2
         g, gradients = _padded(upstream), []

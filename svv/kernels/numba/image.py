@@ -10,7 +10,6 @@ Letters: S samples, R rays, P palette colours, L levels, F features per level, H
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import torch
@@ -282,10 +281,10 @@ def composite(
     )  # fmt: skip
 
 
-def _layout(lattice: Lattice) -> tuple[NDArray[Any], ...]:
+def _layout(lattice: Lattice) -> tuple[NDArray[np.generic], ...]:
     return _arrays(lattice.shapes, lattice.scales, lattice.bases, lattice.index)
 
 
-def _arrays(*tensors: Tensor) -> tuple[NDArray[Any], ...]:
+def _arrays(*tensors: Tensor) -> tuple[NDArray[np.generic], ...]:
     """Return arrays that share the tensors' memory."""
     return tuple(t.detach().numpy() for t in tensors)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 import torch
@@ -189,11 +188,11 @@ def _bias_corrections(beta1: float, beta2: float) -> NDArray[np.float32]:
     return numba_lattice.bias_corrections(np.float32(beta1), np.float32(beta2))
 
 
-def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:
+def _layout(where: Lattice) -> tuple[NDArray[np.generic], ...]:
     return where.shapes.numpy(), where.scales.numpy(), where.bases.numpy(), where.index.numpy()
 
 
-def _sample_buffers(capacity: int) -> tuple[NDArray[Any], ...]:
+def _sample_buffers(capacity: int) -> tuple[NDArray[np.generic], ...]:
     """Return buffers for position, skipped, sigma and ray of samples (only pages that are written take up memory)."""
     return (
         np.empty((capacity, 3), np.float32),

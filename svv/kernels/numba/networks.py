@@ -13,7 +13,6 @@ Letters: S samples, I inputs, O outputs. Widths are padded with zeros to multipl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -23,6 +22,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 from torch import Tensor
+
+from svv.kernels.types import Context
 
 ROWS = 4
 """Rows of a tile of a product: its sums stay in registers, 8 of AVX2 for 4 x 16."""
@@ -53,11 +54,11 @@ def _tile(columns: int, kind: str) -> Callable[..., None]:
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         a0, am, ak, b0, bk, depth, c0, cm = (arguments[k] for k in (1, 2, 3, 5, 6, 7, 9, 10))
 
-        def at(number: int, offset: Any) -> Any:
+        def at(number: int, offset: ir.Value) -> ir.Value:
             array = context.make_array(signature.args[number])(context, builder, arguments[number])
             return builder.gep(array.data, [offset])
 
-        def row(pointer: Any, stride: Any, m: int) -> Any:
+        def row(pointer: ir.Value, stride: ir.Value, m: int) -> ir.Value:
             return builder.gep(pointer, [builder.mul(stride, stride.type(m))])
 
         out = [builder.bitcast(row(at(8, c0), cm, m), vector.as_pointer()) for m in range(ROWS)]
@@ -209,7 +210,7 @@ class Network(torch.autograd.Function):
     """Linear layers without biases, with ReLU between them: x (S, I) and weights (to, from) each -> (S, O)."""
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, *weights: Tensor) -> Tensor:
+    def forward(ctx: Context, x: Tensor, *weights: Tensor) -> Tensor:
         x, out = x.detach().contiguous(), torch.empty(len(x), len(weights[-1]))
         matrices = [w.detach().numpy() for w in weights]
         widths, wide = _widths(matrices)
@@ -218,7 +219,7 @@ class Network(torch.autograd.Function):
         return out
 
     @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Context, upstream: Tensor) -> tuple[Tensor | None, ...]:
         x, *weights = ctx.saved_tensors
         matrices = [w.detach().numpy() for w in weights]
         widths, wide = _widths(matrices)

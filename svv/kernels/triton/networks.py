@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import torch
 import triton
@@ -28,6 +27,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from svv.core.rays.networks import relu_layers
+from svv.kernels.types import Context
 
 WIDEST_LAYER = 64
 """Widest layer that the kernels support: the backward pass holds the gradients of all weights at once."""
@@ -181,7 +181,7 @@ def run(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
 
 class _Network(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, x: Tensor, *weights: Tensor) -> Tensor:
+    def forward(ctx: Context, x: Tensor, *weights: Tensor) -> Tensor:
         ctx.save_for_backward(x, *weights)
         shape = len(x), x.shape[1], len(weights[0]), len(weights[-1])
         out = torch.empty(len(x), len(weights[-1]), device=x.device)
@@ -194,7 +194,7 @@ class _Network(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, g_out: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Context, g_out: Tensor) -> tuple[Tensor | None, ...]:
         x, *weights = ctx.saved_tensors
         shape = len(x), x.shape[1], len(weights[0]), len(weights[-1])
         inward, programs = ctx.needs_input_grad[0], _programs(x, BACKWARD)

@@ -5,8 +5,6 @@ Letters: S samples, R rays, P palette colours, C channels. ``BLOCK`` is the numb
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 import triton
 import triton.language as tl
@@ -15,6 +13,7 @@ from torch.autograd.function import once_differentiable
 
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.kernels.triton.image import softplus
+from svv.kernels.types import Context
 
 BLOCK = 128
 PENALTIES = 3
@@ -181,9 +180,14 @@ def loss(
     return _Loss.apply(out.contiguous(), transmittance, shown, weight, each, alpha)
 
 
+class _Mixing(Context):
+    settled: bool
+    shape: tuple[int, int, int]
+
+
 class _Mixed(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, raw: Tensor, light: Tensor, colours: Tensor, settled: bool) -> tuple[Tensor, Tensor]:
+    def forward(ctx: _Mixing, raw: Tensor, light: Tensor, colours: Tensor, settled: bool) -> tuple[Tensor, Tensor]:
         ctx.save_for_backward(raw, light, colours)
         ctx.settled, ctx.shape = settled, (len(raw), len(colours), light.shape[1])
         samples, count, outputs = ctx.shape
@@ -198,7 +202,7 @@ class _Mixed(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, g_values: Tensor, g_weights: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: _Mixing, g_values: Tensor, g_weights: Tensor) -> tuple[Tensor | None, ...]:
         raw, light, colours = ctx.saved_tensors
         samples, count, outputs = ctx.shape
         programs = triton.cdiv(samples, BLOCK)
@@ -212,10 +216,14 @@ class _Mixed(torch.autograd.Function):
         return g_raw, g_light, parts.sum(dim=0), None
 
 
+class _Losing(Context):
+    alpha: bool
+
+
 class _Loss(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
+        ctx: _Losing, out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
     ) -> tuple[Tensor, Tensor]:
         rays, channels = out.shape
         programs = triton.cdiv(rays, BLOCK)
@@ -235,7 +243,7 @@ class _Loss(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, g: Tensor | None, _: None) -> tuple[Tensor | None, ...]:
+    def backward(ctx: _Losing, g: Tensor | None, _: None) -> tuple[Tensor | None, ...]:
         if g is None:
             return None, None, None, None, None, None
         g_out, g_transmittance = ctx.saved_tensors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from svv.core.geometry.cameras import Camera
 from svv.render.figures.framing import distance_to, round_length
 from svv.render.figures.lettering import Lettering
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 INSET = 1.2
 """Distance of annotations from the edge of their panel."""
@@ -58,7 +61,7 @@ def bar_size(lettering: Lettering, text: str, length: float) -> tuple[float, flo
     return max(length, lettering.width(text)) + 2 * INSET, lettering.line + BAR_WIDTH + 2 * INSET
 
 
-def draw_bar(axes: Any, place: tuple[float, float], lettering: Lettering, text: str, length: float) -> None:
+def draw_bar(axes: Axes, place: tuple[float, float], lettering: Lettering, text: str, length: float) -> None:
     """Draw a scale bar with its text above it, in axes of mm from the lower left corner.
 
     Args:
@@ -102,7 +105,7 @@ def _extent(
 
 
 def draw_axes(
-    axes: Any, place: tuple[float, float], lettering: Lettering, names: tuple[str, str, str], camera: Camera
+    axes: Axes, place: tuple[float, float], lettering: Lettering, names: tuple[str, str, str], camera: Camera
 ) -> None:
     """Draw how the world's axes lie before a camera: arrows, or a dot or a cross for one along the line of sight.
 
@@ -122,11 +125,12 @@ def draw_axes(
         else:
             arrow = {"arrowstyle": "-|>,head_length=0.28,head_width=0.13", "shrinkA": 0, "shrinkB": 0}
             style = {"lw": AXIS_WIDTH * 72 / 25.4, "color": lettering.ink, "mutation_scale": 10}
-            axes.annotate("", origin + tips[k], origin, arrowprops={**arrow, **style})
-        axes.text(*(origin + at[k]), names[k], ha="center", va="center", **lettering.properties())
+            axes.annotate("", tuple(origin + tips[k]), tuple(origin), arrowprops={**arrow, **style})
+        x, y = origin + at[k]
+        axes.text(x, y, names[k], ha="center", va="center", **lettering.properties())
 
 
-def _towards(axes: Any, lettering: Lettering, origin: NDArray[np.floating], facing: bool) -> None:
+def _towards(axes: Axes, lettering: Lettering, origin: NDArray[np.floating], facing: bool) -> None:
     """Draw the sign of an axis along the line of sight: a dot in a ring towards the viewer, a cross away."""
     from matplotlib.patches import Circle
 
@@ -141,5 +145,5 @@ def _towards(axes: Any, lettering: Lettering, origin: NDArray[np.floating], faci
             _line(axes, xs, ys, lettering, AXIS_WIDTH)
 
 
-def _line(axes: Any, x: tuple[float, float], y: tuple[float, float], lettering: Lettering, width: float) -> None:
+def _line(axes: Axes, x: tuple[float, float], y: tuple[float, float], lettering: Lettering, width: float) -> None:
     axes.plot(x, y, color=lettering.ink, lw=width * 72 / 25.4, solid_capstyle="butt")

@@ -30,11 +30,13 @@ from svv.render.figures.framing import (
     preview_camera,
     windows_of,
 )
+from svv.render.figures.layout import Line
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from svv.fields.scene.scene import Scene
@@ -283,7 +285,7 @@ class Drawing:
     def _pixels(self, mm: float) -> int:
         return max(1, round(mm / 25.4 * self.options.dpi))
 
-    def _axes(self, left: int, top: int, width: int, height: int) -> Any:
+    def _axes(self, left: int, top: int, width: int, height: int) -> Axes:
         """Return matplotlib's axes over whole pixels, without frame."""
         across, down = self.size
         axes = self.figure.add_axes((left / across, 1.0 - (top + height) / down, width / across, height / down))
@@ -359,20 +361,20 @@ class Drawing:
         """Write the letter and the title of a panel above it."""
         y = box.top - 0.8 - 0.25 * self.lettering.line
         indent = self.lettering.width(f"{letter}  ", bold=True) if letter else 0.0
-        self._text(box.left, y, letter, bold=True, va="baseline")
+        self._text(box.left, y, letter, bold=True)
         lines = self.lettering.wrapped(title, box.width - indent)
         if len(lines) > 1:
             raise BadInput(f"The title '{title}' is wider than its panel: shorten it, or make the figure wider.")
-        self._text(box.left + indent, y, title, va="baseline")
+        self._text(box.left + indent, y, title)
 
-    def _text(self, x: float, y: float, text: str, bold: bool = False, **how: Any) -> None:
+    def _text(self, x: float, y: float, text: str, bold: bool = False) -> None:
         """Write a line of text at a place in mm."""
         if text:
             across, down = self.size
             at = self._pixels(x) / across, 1.0 - y / 25.4 * self.options.dpi / down
-            self.figure.text(at[0], at[1], text, **self.lettering.properties(bold), **how)
+            self.figure.text(at[0], at[1], text, va="baseline", **self.lettering.properties(bold))
 
-    def _draw_line(self, line: Any) -> None:
+    def _draw_line(self, line: Line) -> None:
         """Draw a line of the legend: the swatch, and its name above its values."""
         from svv.render.figures.layout import BESIDE, swatch_diameter
 
@@ -383,4 +385,4 @@ class Drawing:
         first = box.top + 0.5 * (box.height - len(words) * self.lettering.line)
         for k, word in enumerate(words):
             y = first + (k + 0.76) * self.lettering.line
-            self._text(box.left + diameter + BESIDE, y, word, va="baseline")
+            self._text(box.left + diameter + BESIDE, y, word)

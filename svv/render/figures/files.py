@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -17,6 +17,9 @@ from PIL.PngImagePlugin import PngInfo
 
 from svv.errors import BadInput
 from svv.io.files.atomic import atomic_path, check_writable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 KINDS = (".pdf", ".svg", ".png", ".tif", ".tiff")
 """Extensions of files that a figure can be written to."""
@@ -40,7 +43,7 @@ def check_kind(path: str | Path) -> Path:
     return file
 
 
-def write_figure(figure: Any, path: str | Path, told: str = "") -> None:
+def write_figure(figure: Figure, path: str | Path, told: str = "") -> None:
     """Write a figure of :func:`svv.render.figures.figure.figure`, whole or not at all.
 
     Args:
@@ -66,7 +69,7 @@ def write_figure(figure: Any, path: str | Path, told: str = "") -> None:
         temporary.write_bytes(content)
 
 
-def pixels_of(figure: Any) -> NDArray[np.uint8]:
+def pixels_of(figure: Figure) -> NDArray[np.uint8]:
     """Return a figure as a picture at its resolution: straight RGBA where it is transparent, otherwise RGB."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -84,13 +87,13 @@ def told_in(picture: Image.Image) -> str:
     return text if isinstance(text, str) and text.startswith("{") else ""
 
 
-def _saved(figure: Any, kind: str, metadata: Mapping[str, Any]) -> bytes:
+def _saved(figure: Figure, kind: str, metadata: Mapping[str, object]) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format=kind, metadata=metadata, dpi=figure.dpi)
     return stream.getvalue()
 
 
-def _raster(figure: Any, kind: str, told: str) -> bytes:
+def _raster(figure: Figure, kind: str, told: str) -> bytes:
     stream, dpi = io.BytesIO(), float(figure.dpi)
     picture = Image.fromarray(pixels_of(figure))
     if kind == ".png":
@@ -104,7 +107,7 @@ def _raster(figure: Any, kind: str, told: str) -> bytes:
     return stream.getvalue()
 
 
-def _with_fonts(svg: str, figure: Any) -> str:
+def _with_fonts(svg: str, figure: Figure) -> str:
     """Return an SVG with the characters of its fonts inside, so that it looks alike where they are not installed."""
     used: dict[tuple[str, bool], set[str]] = {}
     from matplotlib.text import Text

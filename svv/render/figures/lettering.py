@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -132,6 +133,6 @@ def _others() -> Sequence[str]:
     return [name for name in names if not name.startswith(NOT_FONTS)]
 
 
-def as_text() -> Any:
+def as_text() -> AbstractContextManager[None]:
     """Return a context in which matplotlib writes text as text, with its fonts, and the same file each time."""
     return rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "svv", "axes.unicode_minus": True})

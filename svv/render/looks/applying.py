@@ -34,7 +34,7 @@ def applied(
     mapping: Mapping[int, int] | None = None,
     progress: Progress = silent,
     checkpoint: Path | None = None,
-    **paint: Any,
+    **paint: object,
 ) -> Applied:
     """Return a scene with a look.
 
@@ -88,7 +88,7 @@ def _painted(
     source: Mapping[int, LookRegion],
     progress: Progress,
     checkpoint: Path | None,
-    paint: Mapping[str, Any],
+    paint: Mapping[str, object],
 ) -> tuple[Scene, list[str]]:
     """Return the scene with the paint of a look, a pass for each way to lay it, and the notes of the painting."""
     ways: dict[Laid, dict[int, str]] = {}
@@ -105,7 +105,7 @@ def _painted(
             stroke_size=laid.stroke_size,
             go_on=count > 0,
         )
-        asked = {name: value for name, value in paint.items() if count == 0 or name != "variant"}
+        asked: dict[str, Any] = {name: value for name, value in paint.items() if count == 0 or name != "variant"}
         saved = None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}.{count}")
         each = part(progress, count / len(ways), (count + 1) / len(ways))
         styles = [look.styles[name] for name in used]

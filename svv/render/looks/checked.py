@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from svv.core.colour.light import COEFFICIENTS, checked_coefficients
@@ -27,7 +25,7 @@ RANGES = {
 """Bounds of edits that are numbers; other edits are checked where they are made."""
 
 
-def checked_edits(told: object, name: str) -> dict[str, Any]:
+def checked_edits(told: object, name: str) -> dict[str, object]:
     """Return edits of a region from plain values.
 
     Args:

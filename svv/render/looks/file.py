@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -80,7 +80,7 @@ def read(path: str | Path) -> Kept:
 
 def to_json(look: Kept) -> dict[str, Any]:
     """Return a look as plain values."""
-    content: dict[str, Any] = {KEY: VERSION}
+    content: dict[str, object] = {KEY: VERSION}
     if look.title:
         content["title"] = look.title
     content["regions"] = [_region_told(region) for region in look.regions]
@@ -89,7 +89,7 @@ def to_json(look: Kept) -> dict[str, Any]:
         content["lamp"] = vars(look.lamp)
     if look.camera is not None:
         camera = look.camera
-        told: dict[str, Any] = {"camera_to_world": camera.camera_to_world.tolist()}
+        told: dict[str, object] = {"camera_to_world": camera.camera_to_world.tolist()}
         told |= {"width": camera.width, "height": camera.height}
         lens = {"fov": float(np.degrees(camera.fov_x))} if camera.span_x is None else {"span_x": camera.span_x}
         content["camera"] = told | lens | ({} if camera.centre is None else {"centre": camera.centre})
@@ -98,8 +98,8 @@ def to_json(look: Kept) -> dict[str, Any]:
     return content
 
 
-def _region_told(region: LookRegion) -> dict[str, Any]:
-    told: dict[str, Any] = {"edits": dict(region.edits)}
+def _region_told(region: LookRegion) -> dict[str, object]:
+    told: dict[str, object] = {"edits": dict(region.edits)}
     told |= {key: value for key in ("colour", "values", "style") if (value := getattr(region, key)) is not None}
     return told if region.laid == Laid() else {**told, "laid": vars(region.laid)}
 
@@ -233,7 +233,7 @@ def figure_in(told: object, name: str) -> dict[str, Any]:
     return {key: _setting_in(fields[key], value, f"{name}, {key}") for key, value in content.items()}
 
 
-def _setting_in(field: Described, value: object, name: str) -> Any:
+def _setting_in(field: Described, value: object, name: str) -> object:
     if value is None and field.optional:
         return None
     if field.choices:
@@ -244,5 +244,10 @@ def _setting_in(field: Described, value: object, name: str) -> Any:
         if get_args(field.kind)[0] is float:
             return vector_in(value, name)
         return tuple(text_in(one, name) for one in list_in(value, len(value) if isinstance(value, list) else 0, name))
-    kinds: dict[Any, Any] = {bool: switch_in, int: whole_in, float: number_in, str: text_in}
+    kinds: dict[object, Callable[[object, str], object]] = {
+        bool: switch_in,
+        int: whole_in,
+        float: number_in,
+        str: text_in,
+    }
     return kinds[field.kind](value, name)

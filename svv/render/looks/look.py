@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, silent
@@ -96,13 +95,13 @@ class Look(Kept):
         mapping: Mapping[int, int] | None = None,
         progress: Progress = silent,
         checkpoint: Path | None = None,
-        **paint: Any,
+        **paint: object,
     ) -> Applied:
         """Return a scene with this look; see :func:`.applying.applied`."""
         return applied(self, scene, mapping, progress, checkpoint, **paint)
 
 
-def changed_settings(figure: FigureOptions | None) -> dict[str, Any]:
+def changed_settings(figure: FigureOptions | None) -> dict[str, object]:
     """Return the settings of figures that differ from the defaults and do not depend on a scene, by name."""
     if figure is None:
         return {}
@@ -110,7 +109,9 @@ def changed_settings(figure: FigureOptions | None) -> dict[str, Any]:
     return {name: value for name, value in given.items() if value != plain[name] and name != "network"}
 
 
-def _style_of(key: str, name: str, kept: Mapping[str, Any], given: Mapping[str, StyleInput]) -> StyleInput:
+def _style_of(
+    key: str, name: str, kept: Mapping[str, Mapping[str, str]], given: Mapping[str, StyleInput]
+) -> StyleInput:
     """Return a style: an ink, one that was given, or one that the scene keeps."""
     if (ink := ink_named(name)) is not None:
         return StyleInput(ink)

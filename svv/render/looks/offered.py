@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from svv.errors import BadInput
@@ -9,15 +10,15 @@ from svv.options.making import PREFIX
 from svv.styles.offered import INKS
 
 
-def _look(title: str, *regions: dict[str, Any]) -> dict[str, Any]:
+def _look(title: str, *regions: Mapping[str, str | float | tuple[float, ...]]) -> dict[str, Any]:
     """Return a look as plain values; its regions have edits, and may have a ``style``: a gallery picture or an ink."""
-    told: list[dict[str, Any]] = []
+    told: list[dict[str, object]] = []
     styles: dict[str, dict[str, str]] = {}
     for region in regions:
         edits = dict(region)
         style = edits.pop("style", None)
         told.append({"edits": edits} if style is None else {"edits": edits, "style": style})
-        if style is not None:
+        if isinstance(style, str):
             kind = "ink" if style in INKS else "gallery"
             styles[style] = {kind: style}
     return {"svv_look": 1, "title": title, "regions": told, "styles": styles}

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -229,7 +228,7 @@ class Baker:
             occlude(self.scene, paint, places, self.scene.region_of(places, self.palette.material(places)[1]))
         return paint
 
-    def light(self, progress: Progress) -> dict[str, Any]:
+    def light(self, progress: Progress) -> dict[str, object]:
         """Add the light, if the scene has one, and return how a viewer reads that of a network."""
         phong = self.palette.phong
         if phong is not None:
@@ -247,7 +246,7 @@ class Baker:
 
 
 @torch.no_grad()
-def fields_of(scene: Scene, progress: Progress = silent) -> tuple[list[Field], dict[str, Any]]:
+def fields_of(scene: Scene, progress: Progress = silent) -> tuple[list[Field], dict[str, object]]:
     """Return what a viewer needs to draw a scene with its palette.
 
     ``extinction`` is its logarithm (1 channel). ``weights`` holds palette weights (P), ``material`` the intensity and

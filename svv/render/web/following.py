@@ -14,7 +14,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any
 
 from svv.core.colour.colour import WHITE
 from svv.errors import BadInput
@@ -107,7 +106,7 @@ def _handler(answer: Callable[[str], tuple[str, bytes] | None]) -> type[BaseHTTP
             self.end_headers()
             self.wfile.write(content)
 
-        def log_message(self, format: str, *args: Any) -> None:
+        def log_message(self, format: str, *args: object) -> None:
             """Say nothing."""
 
     return Handler

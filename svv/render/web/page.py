@@ -170,7 +170,7 @@ def _closer(scene: Scene) -> CameraRig:
     return replace(rig, fov_x=float(fov), span_x=None if rig.span_x is None else part * rig.span_x)
 
 
-def _header(scene: Scene, rig: CameraRig) -> dict[str, Any]:
+def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
     """Return everything but the layers, as plain values."""
     bounds = np.array([member.occupancy.box.bounds for member in members(scene)])
     room = rig.radius - 0.5 * float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
@@ -201,7 +201,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, Any]:
     }
 
 
-def _layers(scene: Scene, progress: Progress) -> tuple[list[dict[str, Any]], list[NDArray[np.uint8]]]:
+def _layers(scene: Scene, progress: Progress) -> tuple[list[dict[str, object]], list[NDArray[np.uint8]]]:
     """Return what is told of each layer, as plain values, and the arrays of all, one after the other.
 
     Arrays are a layer's occupied cells, as bits, and its codes, as differences between a channel's neighbours.
@@ -218,7 +218,7 @@ def _layers(scene: Scene, progress: Progress) -> tuple[list[dict[str, Any]], lis
     return told, packed
 
 
-def _layer(scene: Scene, first: int, fields: Sequence[Field]) -> dict[str, Any]:
+def _layer(scene: Scene, first: int, fields: Sequence[Field]) -> dict[str, object]:
     """Return what is told of a layer whose first region has the number ``first`` in the whole."""
     occupancy, how = scene.occupancy, scene.marching_for_images
     box = occupancy.box
@@ -237,9 +237,9 @@ def _layer(scene: Scene, first: int, fields: Sequence[Field]) -> dict[str, Any]:
     }
 
 
-def _regions(scene: Scene) -> list[dict[str, Any]]:
+def _regions(scene: Scene) -> list[dict[str, object]]:
     reflects = scene.coefficients()
-    told = []
+    told: list[dict[str, object]] = []
     for number, r in enumerate(scene.regions):
         values = f"{r.share:.0%}" if r.values is None else interval_text(*r.values)
         told.append({
@@ -255,7 +255,7 @@ OKLAB = {"to_cones": TO_CONES, "to_lab": TO_LAB, "from_lab": FROM_LAB, "from_con
 """Matrices with which a page recolours a region in Oklab."""
 
 
-def _matcaps(scene: Scene) -> dict[str, Any]:
+def _matcaps(scene: Scene) -> dict[str, object]:
     """Return the pictures of the regions' MatCaps, as the texels of a texture, and how they are looked up."""
     names = _names_of_matcaps(scene)
     pictures = [
@@ -290,7 +290,7 @@ def paintings_of(scene: Scene) -> list[str]:
     return [" + ".join(names)] if names else []
 
 
-def _painting(scene: Scene, name: str) -> dict[str, Any]:
+def _painting(scene: Scene, name: str) -> dict[str, object]:
     """Return the name, the regions' styles and the effects of the painting that a scene shows."""
     strokes = [(strokes_of(member), len(member.regions)) for member in members(scene)]
     rows = [row for own, count in strokes for row in ([[0.0] * 4] * count if own is None else own.tolist())]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -43,12 +41,12 @@ def streamed(noise: Floats, angle: Floats, length: float) -> Floats:
     return rank(total)
 
 
-def mixed(paper: NDArray[Any], ink: NDArray[Any], cover: NDArray[Any]) -> Floats:
+def mixed(paper: NDArray[np.floating], ink: NDArray[np.floating], cover: NDArray[np.floating]) -> Floats:
     """Blend ink over paper: colours (..., 3), cover (n, n) in [0, 1]."""
     return (paper + (ink - paper) * np.clip(cover, 0, 1)[..., None]).astype(np.float32)
 
 
-def discs(n: int, y: NDArray[Any], x: NDArray[Any], radius: NDArray[Any]) -> Floats:
+def discs(n: int, y: NDArray[np.generic], x: NDArray[np.generic], radius: NDArray[np.generic]) -> Floats:
     """Return the cover (n, n) of round dots with soft rims of a pixel; positions and radii in pixels."""
     cover = np.zeros((n, n), np.float32)
     reach = int(np.ceil(radius.max())) + 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -50,7 +48,7 @@ def screen_print(rng: Generator, n: int) -> Floats:
     subject = flowers(rng, m, 6)
     y, x = np.mgrid[:m, :m].astype(np.float32)
 
-    def dots(turn: float, pitch: float, amount: NDArray[Any]) -> Floats:
+    def dots(turn: float, pitch: float, amount: NDArray[np.generic]) -> Floats:
         u = (x * np.cos(turn) + y * np.sin(turn)) / (pitch * unit)
         v = (y * np.cos(turn) - x * np.sin(turn)) / (pitch * unit)
         away = np.hypot(u - np.rint(u), v - np.rint(v))

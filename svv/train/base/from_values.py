@@ -10,7 +10,6 @@ Letters: V vertices.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -100,14 +99,14 @@ class ValueReconstruction(Reconstruction):
         base.extinction_table = self.extinction.table.detach().clone()
         return base, occupancy
 
-    def layout(self) -> dict[str, NDArray[Any]]:
+    def layout(self) -> dict[str, NDArray[np.generic]]:
         """Return what a checkpoint needs besides the parameters: their layout, and the table of the extinction."""
         own = self.extinction
         return super().layout() | {
             "extinction": own.table.cpu().numpy(), "moments": own.moments.cpu().numpy(), "age": np.array(own.age)
         }  # fmt: skip
 
-    def go_on_from(self, layout: dict[str, NDArray[Any]] | None) -> None:
+    def go_on_from(self, layout: dict[str, NDArray[np.generic]] | None) -> None:
         """Restore the layout and the table of an interrupted run, if there is one."""
         super().go_on_from(layout)
         if layout is not None:

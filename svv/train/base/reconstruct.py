@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
@@ -189,19 +188,19 @@ class Reconstruction:
         if pruned.occupied.any():
             self.occupancy = pruned
 
-    def layout(self) -> dict[str, NDArray[Any]]:
+    def layout(self) -> dict[str, NDArray[np.generic]]:
         """Return what a checkpoint needs, besides the parameters, to restore their layout."""
         refined = np.zeros(0, np.uint8) if self.refined is None else self.refined.occupied
         return {"occupied": self.occupancy.occupied, "refined": refined, "rays": np.array(self.budget.rays)}
 
-    def go_on_from(self, layout: dict[str, NDArray[Any]] | None) -> None:
+    def go_on_from(self, layout: dict[str, NDArray[np.generic]] | None) -> None:
         """Restore the layout of an interrupted run, if there is one."""
         if layout is None:
             return
         if layout["refined"].size:
-            self.occupancy = replace(self.occupancy, occupied=layout["refined"])
+            self.occupancy = replace(self.occupancy, occupied=layout["refined"].astype(np.uint8, copy=False))
             self.refine()
-        self.occupancy = replace(self.occupancy, occupied=layout["occupied"])
+        self.occupancy = replace(self.occupancy, occupied=layout["occupied"].astype(np.uint8, copy=False))
         self.budget.rays = int(layout["rays"])
 
     def finish(self) -> tuple[BaseField, Occupancy]:

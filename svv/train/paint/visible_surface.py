@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -227,7 +226,7 @@ def visible_surface(
     normals = form.normals(front.astype(np.float32))
     side = max(SIDE * width, 1.0 / 400.0)
     kept, cube = _in_cubes(middle, side)
-    count = np.bincount(cube, weight)
+    count = np.bincount(cube, weight).astype(np.float64)
     depth, alpha = (np.bincount(cube, weight * a) / np.maximum(count, 1e-12) for a in (depth, weight))
     points, normals = middle[kept].astype(np.float32), normals[kept]
     surface = surface_of(points, normals, depth, alpha, count, side, form.up)
@@ -239,7 +238,7 @@ def visible_surface(
     place, facing = out[:, :3].clip(0.0, 1.0).astype(np.float32), out[:, 3:6].astype(np.float32)
     again, cube = _in_cubes(place[fine], side)
     own = np.flatnonzero(fine)[again]
-    total = np.bincount(cube, surface.seen[fine])
+    total = np.bincount(cube, surface.seen[fine]).astype(np.float64)
     surface = surface_of(place[own], facing[own], surface.depth[own], surface.alpha[own], total, side, form.up)
     return _one_sided(surface)
 
@@ -263,8 +262,8 @@ def _one_sided(surface: VisibleSurface) -> VisibleSurface:
 
 
 def surface_of(
-    points: NDArray[Any], normals: NDArray[Any], depth: NDArray[Any], alpha: NDArray[Any], seen: NDArray[Any],
-    side: float, up: NDArray[np.float64],
+    points: NDArray[np.floating], normals: NDArray[np.floating], depth: NDArray[np.floating],
+    alpha: NDArray[np.floating], seen: NDArray[np.floating], side: float, up: NDArray[np.float64],
 ) -> VisibleSurface:  # fmt: skip
     """Return a surface through points (S, 3), at most one in each cube of side ``side``; see its fields.
 
@@ -276,15 +275,15 @@ def surface_of(
     cells = int(np.ceil(1.0 / side)) + 1
     slot = np.full((cells, cells, cells), -1, np.int32)
     slot[tuple(np.clip((points / side).astype(np.int64), 0, cells - 1).T)] = np.arange(len(points))
-    points, normals, depth, alpha, seen = (
+    place, facing, deep, opaque, count = (
         np.ascontiguousarray(a, np.float32) for a in (points, normals, depth, alpha, seen)
     )
-    return VisibleSurface(side, slot, points, normals, depth, alpha, seen, up)
+    return VisibleSurface(side, slot, place, facing, deep, opaque, count, up)
 
 
 def _sheets(
     view: StyledView, region: int, gap: float, most: int
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]] | None:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
     """Return middles (T, 3), points at their front (T, 3), depths (T,) and weights (T,) of a view's sheets."""
     own = (view.region == region).cpu().numpy()
     if not own.any():
@@ -295,7 +294,7 @@ def _sheets(
     first = np.diff(pixel, prepend=-1) != 0
     first |= step > gap
     sheet = np.cumsum(first) - 1
-    total: NDArray[Any] = np.bincount(sheet, weight)
+    total = np.asarray(np.bincount(sheet, weight), np.float64)
     along = np.linalg.norm(where - where[first][sheet], axis=1)
     mean, square = (np.bincount(sheet, weight * along**power) / total for power in (1, 2))
     middle = np.stack([np.bincount(sheet, weight * where[:, f]) for f in range(3)], 1) / total[:, None]

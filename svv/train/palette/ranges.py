@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -44,7 +44,7 @@ class Labelled(Protocol):
 class Owners:
     """The regions to which points may belong, according to a classified volume."""
 
-    def __init__(self, volume: ClassifiedVolume, regions: NDArray[Any], device: torch.device) -> None:
+    def __init__(self, volume: ClassifiedVolume, regions: NDArray[np.integer], device: torch.device) -> None:
         """Assign a volume's ranges to regions.
 
         Args:

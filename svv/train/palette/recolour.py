@@ -30,6 +30,7 @@ from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
 from svv.train.run.loop import Loop, Running, falling, network_adam
+from svv.train.run.network_adam import Group
 
 SETTLED_AT, SETTLED_IN = 4096, 100
 """Points of a step towards regions that a trained network is told, and the number of these steps."""
@@ -78,7 +79,7 @@ class Recolouring:
         if s.joined > 0 and self.base.density is not None:
             self.marching = replace(self.marching, least_weight=s.joined, merge=True)
         networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours", "phong.raw"))]
-        groups = [
+        groups: list[Group] = [
             {"params": networks, "full": s.network_rate},
             {"params": [self.field.colours], "full": s.palette_rate},
         ]

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -135,7 +134,7 @@ class _Points:
         empty = self.labels(np.zeros(len(self._places), np.int64))
         normals = torch.from_numpy(surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)).to(self._device)
         pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
-        parts: list[list[NDArray[Any]]] = []
+        parts: list[list[NDArray[np.generic]]] = []
         for number in range(RAYS // AT_A_TIME):
             if parts and time.monotonic() >= until:
                 break

@@ -6,9 +6,11 @@ the state of the one in progress, and belongs to one set of views, settings and 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
@@ -20,13 +22,13 @@ from svv.io.scene_file import read_scene_file, write_scene_file
 from svv.train.run import ranks
 from svv.train.run.network_adam import NetworkAdam
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[np.generic]]
 
 
 class Checkpoint:
     """The checkpoint file of one run."""
 
-    def __init__(self, path: Path, key: dict[str, Any]) -> None:
+    def __init__(self, path: Path, key: Mapping[str, object]) -> None:
         """Open the file.
 
         Args:
@@ -57,7 +59,7 @@ class Checkpoint:
         self.arrays = {k[5:]: v for k, v in arrays.items() if k.startswith("done.")}
         self._state = {k[6:]: v for k, v in arrays.items() if k.startswith("state.")}
 
-    def finish(self, stage: str, values: dict[str, Any], arrays: Arrays) -> None:
+    def finish(self, stage: str, values: dict[str, object], arrays: Arrays) -> None:
         """Record that a stage is done, with its results, which replace those of the previous stages."""
         self.finished[stage] = values
         self.arrays, self._state, self._progress = arrays, {}, {}

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from svv.fields.scene.kept_styles import KEPT
 from svv.fields.scene.scene import Scene
@@ -12,10 +11,11 @@ from svv.io.pictures.picture_data import as_data, mask_as_data
 from svv.options.making import PaintOptions
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.paint.plan import ordered
+from svv.train.report import Report
 
 
 def with_styles_kept(
-    before: Scene, painted: Scene, inputs: Sequence[StyleInput], asked: PaintOptions, report: Mapping[str, Any]
+    before: Scene, painted: Scene, inputs: Sequence[StyleInput], asked: PaintOptions, report: Report
 ) -> Scene:
     """Return a painted scene that keeps the pictures of its styles.
 

@@ -10,17 +10,17 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.scene import Scene
 from svv.io.files.worker import Worker
 from svv.io.views.viewset import ViewSet
 from svv.options.making import TrainOptions
+from svv.train.report import Report
 
 COMMAND = "from svv.job.learning_process import main; main()"
 """What the process runs."""
@@ -58,14 +58,14 @@ class Learning:
         self._end = weakref.finalize(self, self._worker.stop)
         self._failed, self._stopped, self._asked = "", False, False
         self._read: tuple[int, Scene] | None = None
-        self._result: tuple[Scene, dict[str, Any]] | None = None
+        self._result: tuple[Scene, Report] | None = None
         self._page: tuple[int, str] | None = None
         self._looking = threading.RLock()
         order = {"options": asdict(options), "checkpoint": None if checkpoint is None else str(checkpoint.absolute())}
         self._sending = threading.Thread(target=self._send, args=(views, order), daemon=True)
         self._sending.start()
 
-    def _send(self, views: ViewSet, order: dict[str, Any]) -> None:
+    def _send(self, views: ViewSet, order: Mapping[str, object]) -> None:
         try:
             views.write(self._worker.folder / VIEWS)
             self._worker.send(order)
@@ -117,7 +117,7 @@ class Learning:
             self._stopped = True
         self._end()
 
-    def wait(self, timeout: float | None = None, progress: Progress = silent) -> tuple[Scene, dict[str, Any]]:
+    def wait(self, timeout: float | None = None, progress: Progress = silent) -> tuple[Scene, Report]:
         """Wait for the scene, and return it with its report, as :func:`svv.train_scene` returns them.
 
         Args:

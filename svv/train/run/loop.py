@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -15,7 +14,7 @@ from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.last_good import LastGood
-from svv.train.run.network_adam import FusedAdam, NetworkAdam
+from svv.train.run.network_adam import FusedAdam, Group, NetworkAdam
 
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
@@ -175,7 +174,7 @@ def falling(fraction: float, end: float, hold: float = 0.0) -> float:
     return min(1.0, (1.0 - fraction) / (1.0 - hold)) if hold < 1.0 else 1.0
 
 
-def network_adam(parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3) -> NetworkAdam:
+def network_adam(parameters: Sequence[Tensor] | Sequence[Group], rate: float = 1e-3) -> NetworkAdam:
     """Return Adam for a stage's networks; on a GPU, one kernel updates all parameters of a group.
 
     Args:

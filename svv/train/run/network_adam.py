@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import torch
 from torch import Tensor
+
+
+class Group(TypedDict, total=False):
+    """Parameters with a learning rate of their own."""
+
+    params: Sequence[Tensor]
+    lr: float
+    full: float
+    """The rate at the beginning, for whoever changes ``lr``."""
 
 
 class NetworkAdam:
@@ -20,11 +29,11 @@ class NetworkAdam:
     """Whether the numbers of steps lie on the parameters' device."""
 
     def __init__(
-        self, parameters: Sequence[Tensor] | Sequence[dict[str, Any]], lr: float, betas: tuple[float, float], eps: float
+        self, parameters: Sequence[Tensor] | Sequence[Group], lr: float, betas: tuple[float, float], eps: float
     ) -> None:
         """Optimise parameters, or groups of them with the key ``params``; each group may change its rate ``lr``."""
-        groups = [p if isinstance(p, dict) else {"params": [p]} for p in parameters]
-        self.param_groups: list[dict[str, Any]] = [{"lr": lr, **group} for group in groups]
+        groups: list[Group] = [p if isinstance(p, dict) else {"params": [p]} for p in parameters]
+        self.param_groups: list[Group] = [{"lr": lr, **group} for group in groups]
         self.state: dict[int, dict[str, Tensor]] = {}
         self._betas, self._eps = betas, eps
 

@@ -24,6 +24,7 @@ from svv.errors import BadInput, Cancelled, Elsewhere
 if TYPE_CHECKING:
     import torch
     from torch import Tensor
+    from torch.distributed.distributed_c10d import Store
 
 
 T = TypeVar("T")
@@ -73,7 +74,7 @@ class _Group:
     """The ranks of this run, as long as :func:`joined` lasts."""
 
     place: Place
-    store: Any
+    store: Store
     """What all ranks can write to without waiting for each other."""
 
 
@@ -156,7 +157,7 @@ def _leave() -> None:
             dist.destroy_process_group()
 
 
-def _connected(where: Place, device: str) -> Any:
+def _connected(where: Place, device: str) -> Store:
     """Form the group of all ranks and return its store."""
     import torch
     import torch.distributed as dist
@@ -278,7 +279,7 @@ def _broadcast(thing: Any) -> Any:
     import torch.distributed as dist
 
     buffers: list[pickle.PickleBuffer] = []
-    parts: list[Any] = []
+    parts: list[bytearray | memoryview] = []
     if is_first():
         content = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
         parts = [bytearray(content), *(memoryview(b.raw()) for b in buffers)]
@@ -289,9 +290,9 @@ def _broadcast(thing: Any) -> Any:
         sizes = torch.tensor([len(p) for p in parts]) if parts else torch.empty(int(number), dtype=torch.int64)
         dist.broadcast(sizes, 0)
         parts = parts or [bytearray(int(size)) for size in sizes]
-        for content in parts:
-            if len(content):
-                dist.broadcast(torch.frombuffer(content, dtype=torch.uint8), 0)
+        for piece in parts:
+            if len(piece):
+                dist.broadcast(torch.frombuffer(piece, dtype=torch.uint8), 0)
     return thing if is_first() else pickle.loads(parts[0], buffers=parts[1:])
 
 

@@ -1,0 +1,359 @@
+"""Images of a scene: rendered alone or together with its members, still or while a camera moves.
+
+Letters: R rays, S samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.colour.palette_shading import lit
+from svv.core.geometry.cameras import Camera
+from svv.core.images.outlines import Pen, outlined
+from svv.core.rays.compositing import LEAST_ALPHA
+from svv.errors import BadInput, Progress
+from svv.fields.radiance.image import draw, image_kernels_of, look_at
+from svv.fields.radiance.kept_views import View, key_of
+from svv.fields.radiance.matcaps import dress
+from svv.fields.radiance.networks import PaletteColours, encode_directions
+from svv.fields.radiance.occlusion import occlude
+from svv.fields.radiance.paint_light import lights_of
+from svv.fields.radiance.phong import Beams
+from svv.fields.radiance.rendering import (
+    Marching,
+    RayCaster,
+    Rays,
+    composite,
+    empty_images,
+    ended,
+    march,
+    not_hidden,
+    on_cpu,
+)
+from svv.fields.scene.joined import members
+from svv.fields.scene.model import Model, S, for_colours, of_colour
+from svv.fields.strokes.stroke_opacity import fade_of, followed
+from svv.fields.strokes.stroke_paint import shared_width
+from svv.kernels.constants import numbers_on
+from svv.kernels.dispatch import kernels_of
+from svv.kernels.gpu import gpu_errors
+from svv.kernels.types import Samples
+
+MOVING_JOINED = 1.0 / 16.0
+"""Weight in a pixel up to which a moving scene's samples are joined, unless its own is larger. More, or longer steps,
+lose what a smaller picture would not (docs/measurements/limits.md)."""
+
+FINER = 0.8
+"""Width of pixels, in cells of the paint, below which a still image shows the strokes themselves."""
+
+SOFT = 1.5
+"""Width of the soft edges of strokes in pixels: sharper ones are restless from frame to frame."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """One image of a scene.
+
+    ``rgba`` (H, W, 4) float32, straight alpha, in [0, 1]; ``depth`` (H, W) float32, mean distance from the camera in
+    world units, NaN where nothing is visible; ``region`` (H, W) int16, -1 where nothing is visible.
+
+    >>> image = scene.render(svv.orbit(scene, 8, 64, 48)[0])
+    >>> image.rgba.shape, image.depth.shape, image.region.shape
+    ((48, 64, 4), (48, 64), (48, 64))
+    """
+
+    rgba: NDArray[np.float32]
+    depth: NDArray[np.float32]
+    region: NDArray[np.int16]
+
+
+def while_moving(scene: S) -> S:
+    """Return the scene as it is drawn while a camera moves; see :meth:`svv.Scene.while_moving`."""
+    layers = tuple(while_moving(layer) for layer in scene.layers)
+    return replace(scene, joined=max(scene.joined, MOVING_JOINED), layers=layers, still=False)
+
+
+def resolving(scene: S, camera: Camera) -> S:
+    """Return the scene as a still image of a camera shows it: with its strokes.
+
+    Where other paint lies beside them, only if the lattice is too coarse for strokes.
+    """
+    if scene.layers:
+        layers = tuple(resolving(layer, camera) for layer in scene.layers)
+        return replace(scene, still=False, layers=layers)
+    if scene.styled is None or scene.styled.brushed is None:
+        return replace(scene, still=False)
+    box = scene.occupancy.box
+    away = float(np.linalg.norm(camera.position - np.asarray(box.bounds, np.float64).reshape(3, 2).mean(1)))
+    pixel = shared_width(float(camera.pixel_at(max(away - 0.25 * box.size, 0.1 * box.size))) / box.size)
+    finer = scene.styled.brushed.complete or pixel < FINER / scene.styled.resolutions[-1]
+    return replace(scene, still=False, resolved=SOFT * pixel if finer else 0.0)
+
+
+def render(
+    scene: Model, camera: Camera, network: str | None, background: Sequence[float] | None, progress: Progress
+) -> Rendering:
+    """Render one image; see :meth:`svv.Scene.render`."""
+    network = network or scene.networks[-1]
+    if network not in scene.networks:
+        raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")
+    if network == "styled" and scene.still:
+        return render(resolving(scene, camera), camera, network, background, progress)
+    outlines, shape = network != "base" and any(r.outline for r in scene.regions), (camera.height, camera.width)
+    with gpu_errors(scene.device):
+        images = _draw(scene, camera, network, progress)
+        if background is not None and not outlines:
+            _blend(images[0], background)
+        rgba, depth, region = on_cpu(images)
+        rgba, depth, region = rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape)
+    if outlines:
+        pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in scene.regions]
+        size = scene.occupancy.box.size
+        rgba, depth, region = outlined(rgba, depth, region, pens, camera.pixel_at, size)
+        if background is not None:
+            _blend(torch.from_numpy(rgba).view(-1, 4), background)
+    progress(1.0, "rendering")
+    return Rendering(rgba, depth, region)
+
+
+def _draw(scene: Model, camera: Camera, network: str, progress: Progress) -> tuple[Tensor, Tensor, Tensor]:
+    """Return straight RGBA (pixels, 4), depth and region (pixels,) of a view, on the scene's device."""
+    together = Together(scene, camera, network) if scene.layers else None
+    caster = scene.caster([camera])
+    alone = together is None and network != "base" and image_kernels_of(scene) is not None
+    view = View(key_of(scene, camera, marching_as_edited(scene, network)) if alone else None)
+    pixels, chunk = camera.width * camera.height, kernels_of(scene.device.type).RAYS
+    images = empty_images(pixels, scene.device)
+    in_sight = caster.in_sight(scene.occupancy) if together is None else together.in_sight()
+    in_order = len(in_sight) == pixels  # if so, a chunk is a slice of the images; otherwise it is scattered
+    for first in range(0, len(in_sight), chunk):
+        progress(first / len(in_sight), "rendering")
+        own = in_sight[first : first + chunk]
+        piece = [image[first : first + chunk] for image in images]
+        parts = piece if in_order else empty_images(len(own), scene.device)
+        if together is not None:
+            together.draw(own, *parts)
+        else:
+            rays = caster.rays(own)
+            beams = Beams.of(scene.lamp, camera, rays)
+            _render_rays(scene, rays, beams, network, (parts[0], parts[1], parts[2]), view, first)
+        if not in_order:
+            for image, part in zip(images, parts, strict=True):
+                image.index_copy_(0, own, part)
+    view.drawn()
+    return images
+
+
+@torch.no_grad()
+def _render_rays(
+    scene: Model, rays: Rays, beams: Beams, network: str, images: tuple[Tensor, Tensor, Tensor], view: View, first: int
+) -> None:
+    """Render rays into the images; pixels in which nothing is visible are left unchanged.
+
+    ``first``: number of the first of these rays among those of the ``view``.
+    """
+    kernels = None if network == "base" else image_kernels_of(scene)
+    if kernels is not None:
+        look = view.look(first, lambda: look_at(kernels, scene, visible_samples(scene, rays, network), rays))
+        if look is not None:
+            draw(kernels, scene, look, rays, network, beams, images)
+        return
+    samples = visible_samples(scene, rays, network)
+    if not len(samples):
+        return
+    rgba, depth, region = images
+    colour, of, sigma = shade(scene, samples, rays, network, beams)
+    distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
+    values = [colour, distance[:, None]]
+    if scene.palette_network is not None:
+        values.append(torch.nn.functional.one_hot(of, len(scene.regions)).float())
+    out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
+    alpha = 1.0 - transmittance
+    seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
+    mean = out[seen] / alpha[seen, None]
+    rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
+    rgba[seen, 3] = alpha[seen]
+    depth[seen] = mean[:, 3] * scene.occupancy.box.size
+    region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if scene.palette_network is not None else 0
+
+
+@torch.no_grad()
+def point_at(
+    scene: Model, camera: Camera, pixel: tuple[float, float], network: str | None
+) -> tuple[float, float, float]:
+    """Return the point that a pixel shows; see :meth:`svv.Scene.point_at`."""
+    column, row = (int(np.floor(value)) for value in pixel)
+    if not (0 <= column < camera.width and 0 <= row < camera.height):
+        raise BadInput(f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels.")
+    found = Together(scene, camera, network or scene.networks[-1]).most_visible(
+        torch.tensor([row * camera.width + column])
+    )
+    if found is not None:
+        return found
+    raise BadInput(f"Nothing is visible at the pixel {column},{row}: click on something visible.")
+
+
+def _blend(rgba: Tensor, background: Sequence[float]) -> None:
+    """Blend straight RGBA (N, 4) over a colour, in place and on its device; alpha becomes 1."""
+    alpha = rgba[:, 3:].clone()
+    rgba[:, :3].mul_(alpha).add_(numbers_on(background, rgba.device) * (1.0 - alpha))
+    rgba[:, 3] = 1.0
+
+
+# --- what samples look like -------------------------------------------------------------------------------------------
+
+
+Seen = tuple[Samples, Tensor, Tensor, Tensor]
+"""S samples, their colours (S, 3), regions (S,) and a number of each: edited extinctions, or distances (S,)."""
+
+
+def marching_as_edited(scene: Model, network: str) -> Marching:
+    """Return how rays are sampled; they go deeper where edits make regions more transparent."""
+    return replace(scene.marching_for_images, fade=fade_of(scene, network))
+
+
+@torch.no_grad()
+def visible_samples(scene: Model, rays: Rays, network: str) -> Samples:
+    """Return the samples of rays for an image."""
+    how = marching_as_edited(scene, network)
+    samples = march(rays, scene.occupancy, scene.base.density, how)
+    if scene.base.density is None:
+        samples, _ = not_hidden(samples, scene.base.extinction(samples), how)
+        return samples
+    return ended(samples)
+
+
+def seen_along(scene: Model, rays: Rays, beams: Beams, network: str) -> Seen | None:
+    """Return what an image shows of rays, as samples with their edited extinctions; None if that is nothing."""
+    samples = visible_samples(scene, rays, network)
+    return (samples, *shade(scene, samples, rays, network, beams)) if len(samples) else None
+
+
+def shade(
+    scene: Model, samples: Samples, rays: Rays, network: str, beams: Beams | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return colour (S, 3), region (S,) and edited extinction (S,) of samples; by default lit along the rays."""
+    sigma, geometry = scene.base.geometry(samples)
+    directions = encode_directions(rays.lit_along, samples.ray)
+    if network == "base" or scene.palette_network is None:
+        region = torch.zeros_like(samples.ray, dtype=torch.int64)
+        return scene.base(geometry, directions), region, sigma
+    seen = beams or Beams.headlight(-rays.lit_along)
+    at = None if scene.palette_network.phong is None else seen.at(samples.ray)  # a network's light cannot be moved
+    here, coefficients = scene.regions_at(samples.position), scene.coefficients()
+    coefficients = None if coefficients is None else for_colours(coefficients, here)
+    parts = scene.palette_network(samples.position, geometry, directions, at, coefficients)
+    region = of_colour(here, parts.region)
+    paint = scene.paint(samples, network, region)
+    sigma = followed(scene, sigma, region, paint)
+    if any(r.seen_opacity != 1.0 for r in scene.regions):
+        sigma = sigma * numbers_on([r.seen_opacity for r in scene.regions], sigma.device)[region]
+    diffuse = scene.with_style(parts.diffuse(scene.edited_colours(parts.offsets, here)), region, paint)
+    occlude(scene, diffuse, samples.position, region)
+    colour = light(scene, parts, diffuse, region, network)
+    if any(r.matcap is not None for r in scene.regions):
+        dress(scene, colour, samples.position, region, samples.ray, seen)
+    return colour, region, sigma
+
+
+def light(scene: Model, parts: PaletteColours, diffuse: Tensor, region: Tensor, network: str) -> Tensor:
+    """Light diffuse colours (S, 3) with the brightness that the edits of their regions (S,) set. (S, 3)"""
+    if network != "styled":
+        factor = numbers_on([r.lighting for r in scene.regions], diffuse.device)[region]
+        return lit(diffuse, parts.specular, parts.shade, factor)
+    return lit(diffuse, parts.specular, parts.shade, *lights_of(scene, network)[region].unbind(1))
+
+
+# --- several scenes together ------------------------------------------------------------------------------------------
+
+
+class Together:
+    """Draws a joined scene from one camera; a plain scene is one of one member."""
+
+    def __init__(self, scene: Model, camera: Camera, network: str) -> None:
+        """Prepare the members that are visible."""
+        self.camera, self.count = camera, len(scene.regions)
+        self.shown: list[tuple[Tensor, Model, RayCaster, str]] = []
+        """Number in the whole of each region of a member (or 0 without regions), the member, its rays and network."""
+        for number, member in enumerate(members(scene)):
+            if network == "base" or any(r.seen_opacity > 0.0 for r in member.regions):
+                caster = member.caster([camera])
+                own = network if network in member.networks else member.networks[-1]
+                numbers = [k for k, r in enumerate(scene.regions) if r.layer == number] or [0]
+                self.shown.append((torch.tensor(numbers, device=member.device), member, caster, own))
+
+    def in_sight(self) -> Tensor:
+        """Return the pixels that may show something, ascending. (R,)"""
+        found = [caster.in_sight(member.occupancy) for _, member, caster, _ in self.shown]
+        return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
+
+    def samples(self, pixels: Tensor) -> Seen | None:
+        """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
+
+        Returns:
+            The samples, whose ``sigma`` is their edited optical depth and whose step is 1; their colours (S, 3),
+            regions (S,) and distances from the camera in world units (S,). None if there are none.
+        """
+        parts: list[tuple[Tensor, ...]] = []
+        tail = torch.zeros(len(pixels), device=pixels.device)
+        for numbers, member, caster, network in self.shown:
+            rays = caster.rays(pixels)
+            beams = Beams.of(member.lamp, self.camera, rays)
+            found = seen_along(member, rays, beams, network)
+            if found is None:
+                continue
+            samples, colour, of, sigma = found
+            size = member.occupancy.box.size
+            distance = size * (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
+            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of]))
+            tail = tail.to(samples.tail) + samples.tail
+        if not parts:
+            return None
+        ray, distance, skipped, thickness, colour, of = (torch.cat(each) for each in zip(*parts, strict=True))
+        order = distance.argsort(stable=True)
+        order = order[ray[order].argsort(stable=True)]
+        count = torch.bincount(ray, minlength=len(pixels))
+        found_there = Samples(
+            colour[order], thickness[order], skipped[order], ray[order], count.cumsum(0) - count, count, tail, 1.0
+        )
+        return found_there, colour[order], of[order], distance[order]
+
+    @torch.no_grad()
+    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
+        """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
+        found = self.samples(pixels)
+        if found is None:
+            return
+        samples, colour, of, distance = found
+        regions = torch.nn.functional.one_hot(of, self.count).float()
+        values = torch.cat([colour, distance[:, None], regions], dim=1)
+        out, transmittance, _ = composite(samples, samples.sigma, values)
+        alpha = 1.0 - transmittance
+        seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
+        mean = out[seen] / alpha[seen, None]
+        rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
+        rgba[seen, 3] = alpha[seen]
+        depth[seen] = mean[:, 3]
+        region[seen] = mean[:, 4:].argmax(1).to(torch.int16)
+
+    @torch.no_grad()
+    def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:
+        """Return the world point where the region that a pixel (1,) shows is most visible; None if nothing is."""
+        found = self.samples(pixel)
+        if found is None:
+            return None
+        samples, _, of, distance = found
+        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
+        if float(1.0 - transmittance) <= LEAST_ALPHA or float(weights.max()) <= 0.0:
+            return None
+        own = of == torch.bincount(of, weights).argmax()
+        origin, direction = (vectors.reshape(-1, 3)[int(pixel)] for vectors in self.camera.rays())
+        along = float(distance[torch.where(own, weights, -1.0).argmax()])
+        x, y, z = (origin + along * direction).tolist()
+        return x, y, z

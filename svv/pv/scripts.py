@@ -25,6 +25,7 @@ from svv.io.views.view_meta import ViewMeta, known
 from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn
 from svv.options.making import ViewOptions
+from svv.pv.paraview_types import Display, Proxy, View
 
 Result = TypeVar("Result")
 
@@ -92,7 +93,7 @@ class ShownVolume(Drawn):
         return render_crew_views(crew, tf, cameras, shading, progress)
 
 
-def shown_volume(display: Any) -> ShownVolume:
+def shown_volume(display: Display) -> ShownVolume:
     """Return the volume that a representation shows.
 
     Raises:
@@ -104,25 +105,20 @@ def shown_volume(display: Any) -> ShownVolume:
 
     source = display.Input
     source.UpdatePipeline(simple.GetTimeKeeper().Time)  # as the view shows it
-    values = shown_as(display)
-    kind, array = values["Scalars"]
-    table = values["TransferFunction"]
+    values, table = shown_as(display), display.LookupTable
+    kind, array = display.ColorArrayName[0], display.ColorArrayName[1]
     table.SMProxy.UpdateVTKObjects()
-    given = {
-        "Scalars": array,
-        "ScalarsOnCells": kind == "CELLS",
-        "TransferFunction": table.SMProxy.GetClientSideObject(),
-    }
-    values = {**values, **given}
+    values["Scalars"], values["ScalarsOnCells"] = array, kind == "CELLS"
+    values["TransferFunction"] = table.SMProxy.GetClientSideObject()
     data = source.SMProxy.GetClientSideObject().GetOutputDataObject(source.Port)
     return ShownVolume(data, values, array)
 
 
-def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
+def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Result:
     """Do work on the volume that a representation shows; with several ranks, all of them draw it.
 
     Raises:
-        BadInput: Any reason of :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
+        BadInput: As of :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
     """
     from paraview import simple
 
@@ -139,7 +135,7 @@ def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
     return on_all_ranks(display.Input, (kind, volume.name), time, lambda data: work(replace(volume, data=data)))
 
 
-def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Any, Any]:
+def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Display, View]:
     """Show a volume in a 3D view, as a user would after *File > Open*.
 
     Args:
@@ -167,7 +163,7 @@ def open_volume(path: Path, tf: Path | None = None, array: str | None = None) ->
     return display, view
 
 
-def _display_in_state(path: Path) -> tuple[Any, Any]:
+def _display_in_state(path: Path) -> tuple[Display, View]:
     from paraview import simple
 
     for view in simple.GetRenderViews():
@@ -177,7 +173,7 @@ def _display_in_state(path: Path) -> tuple[Any, Any]:
     raise BadInput(f"{path} shows no volume: save the state with the representation Volume in its view.")
 
 
-def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
+def _display_of_file(path: Path, array: str | None) -> tuple[Display, View]:
     from paraview import simple
 
     try:
@@ -209,7 +205,7 @@ def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
     return display, view
 
 
-def _show_with(display: Any, tf: Path) -> None:
+def _show_with(display: Display, tf: Path) -> None:
     """Give a display a preset's transfer function, at the preset's own values if the data contains them."""
     from svv.dvr.functions.transfer_functions import TransferFunction
 
@@ -228,7 +224,7 @@ def _show_with(display: Any, tf: Path) -> None:
         display.ScalarOpacityUnitDistance = function.unit_distance
 
 
-def update(filter: Any) -> None:
+def update(filter: Proxy) -> None:
     """Update a StyleRF filter at ParaView's current time.
 
     Raises:
@@ -243,7 +239,7 @@ def update(filter: Any) -> None:
         raise BadInput(filter.Status)
 
 
-def table_of(filter: Any) -> list[dict[str, Any]]:
+def table_of(filter: Proxy) -> list[dict[str, str]]:
     """Return the rows of a filter's output table as {column: value}; raise BadInput as :func:`update` does."""
     update(filter)
     table = filter.SMProxy.GetClientSideObject().GetOutputDataObject(0)
@@ -254,7 +250,7 @@ def table_of(filter: Any) -> list[dict[str, Any]]:
     ]
 
 
-def camera_of_view(view: Any, width: int, height: int) -> Camera:
+def camera_of_view(view: View, width: int, height: int) -> Camera:
     """Return the camera of a 3D view, for images of the given width and height in pixels."""
     from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of
     from svv.pv.filters.vtk_data import camera_of

@@ -6,16 +6,16 @@ Client code, for the user interface and for scripts.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from svv.errors import BadInput
+from svv.pv.paraview_types import Proxy
 
 SHOWN = {"StyleRFRender": "Frame", "StyleRFStylizedView": "Frame", "StyleRFViews": "ShownView",
          "StyleRFViewsReader": "ShownView"}  # fmt: skip
 """Filter -> the property that selects which of several images it shows."""
 
 
-def play_orbit(filter: Any = None, frames: int | None = None) -> Any:
+def play_orbit(filter: Proxy | None = None, frames: int | None = None) -> Proxy:
     """Animate the frames of the orbit, or the views of a set.
 
     The data stays at the time that is shown now.
@@ -65,7 +65,7 @@ def stop_orbit() -> None:
     scene.UpdateAnimationUsingDataTimeSteps()
 
 
-def _filter_in(candidates: Sequence[Any]) -> Any:
+def _filter_in(candidates: Sequence[Proxy | None]) -> Proxy:
     for source in candidates:
         if source is not None and source.SMProxy.GetXMLName() in SHOWN:
             return source

@@ -8,13 +8,14 @@ from __future__ import annotations
 import argparse
 import atexit
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.geometry.cameras import Camera
 from svv.dvr.parallel.ranks import ranks_here
@@ -26,6 +27,7 @@ from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn
 from svv.options.making import ViewOptions
 from svv.pv.paraview_types import Display, Proxy, View
+from svv.pv.vtk_types import Values
 
 Result = TypeVar("Result")
 
@@ -34,9 +36,9 @@ Result = TypeVar("Result")
 class ShownVolume(Drawn):
     """A volume with the transfer function and the shading with which a representation shows it."""
 
-    data: Any
-    """The volume as a VTK data object."""
-    values: Mapping[str, Any]
+    data: vtkDataObject
+    """The volume."""
+    values: Values
     """Values of :func:`svv.pv.display.capture.shown_as`, with the transfer function as a VTK object."""
     label: str
     """Name of the array."""
@@ -46,7 +48,7 @@ class ShownVolume(Drawn):
         """Name of the array."""
         return self.label
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Return a hash of data, transfer function and shading.
 
         Raises:
@@ -57,14 +59,14 @@ class ShownVolume(Drawn):
         # Number and size of the views have their defaults here, because the job records them itself.
         return {"shown": views_key(volume_of(self.data, self.values), self.values)}
 
-    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> vtkImageData:
         """Return the volume after checking it; it is in memory already."""
         from svv.pv.display.shown import volume_shown
         from svv.pv.filters.engine import volume_of
 
         return volume_shown(volume_of(self.data, self.values), self.values, "The volume")
 
-    def how(self) -> dict[str, Any]:
+    def how(self) -> dict[str, object]:
         """Return transfer function and shading as they are shown."""
         from svv.pv.filters.engine import shading_of, transfer_function_of
 
@@ -73,12 +75,14 @@ class ShownVolume(Drawn):
     def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
         from svv.dvr.parallel.crew_views import make_crew_views
+        from svv.pv.filters.engine import shading_of, transfer_function_of
         from svv.pv.filters.parallel import crew_of
 
-        crew, how = crew_of(self.data), self.how()
+        crew = crew_of(self.data)
         if crew is None:
             return super().draw(options, progress, kept)
-        return make_crew_views(crew, how["tf"], options, how["shading"], self.name, progress)
+        tf, shading = transfer_function_of(self.values), shading_of(self.values)
+        return make_crew_views(crew, tf, options, shading, self.name, progress)
 
     def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
         """Render the volume as views were drawn, with all ranks that have a part of it."""
@@ -118,7 +122,7 @@ def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Resu
     """Do work on the volume that a representation shows; with several ranks, all of them draw it.
 
     Raises:
-        BadInput: As of :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
+        BadInput: As :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
     """
     from paraview import simple
 

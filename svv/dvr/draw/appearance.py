@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +129,7 @@ def put(image: vtkImageData, appearance: Appearance) -> None:
         ghosts = numpy_to_vtk(np.ascontiguousarray(flags).ravel(), deep=True)
         ghosts.SetName(GHOSTS)
         image.GetPointData().AddArray(ghosts)
-    kept: tuple[tuple[str, Any], ...] = (
+    kept: tuple[tuple[str, Array | None], ...] = (
         (CROP, appearance.crop),
         (NEAREST, np.ones(1) if appearance.nearest else None),
         (STRETCH, appearance.stretch if appearance.stretched else None),

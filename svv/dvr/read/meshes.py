@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkCommonDataModel import (
     VTK_VOXEL,
     vtkCompositeDataSet,
@@ -123,7 +123,9 @@ def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
             iterator.GoToNextItem()
 
 
-def _arrays_of(data: vtkDataObject, array: str | None, cells: bool, name: str) -> list[tuple[vtkDataSet, Any, bool]]:
+def _arrays_of(
+    data: vtkDataObject, array: str | None, cells: bool, name: str
+) -> list[tuple[vtkDataSet, vtkDataArray, bool]]:
     """Return the grids of a mesh that fill space and have an array, with it, and whether it is on cells.
 
     Raises:
@@ -241,7 +243,7 @@ def _hidden_cells(block: vtkDataSet) -> NDArray[np.bool_] | None:
 
 def _sampled(
     parts: list[vtkDataSet], array: str, on_cells: bool, along: int | None, name: str
-) -> tuple[vtkImageData, NDArray[Any], NDArray[np.bool_]]:
+) -> tuple[vtkImageData, NDArray[np.number], NDArray[np.bool_]]:
     """Return an image over grids, its values, and which of its points lie in a cell. (Z, Y, X) both
 
     By default, the image has as many points as the mesh has values: if the mesh is a box, that leaves its values as
@@ -325,7 +327,7 @@ def _image_over(
 
 def _values_at(
     image: vtkImageData, parts: list[vtkDataSet], name: str
-) -> tuple[NDArray[np.floating[Any]], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
     """Return the values at the points of an image, and which of them lie in a cell. (Z, Y, X) both"""
     shape = image.GetDimensions()[::-1]
     arrays = [part.GetPointData().GetScalars() or part.GetCellData().GetScalars() for part in parts]
@@ -356,8 +358,8 @@ def _values_at(
 
 
 def _with_edges(
-    image: vtkImageData, values: NDArray[Any], known: NDArray[np.bool_], parts: list[vtkDataSet], name: str
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    image: vtkImageData, values: NDArray[np.number], known: NDArray[np.bool_], parts: list[vtkDataSet], name: str
+) -> tuple[NDArray[np.number], NDArray[np.bool_]]:
     """Return values that reach beyond the edges of a mesh, and at which points to show the image. (Z, Y, X) both
 
     A cell of the image is drawn if none of its corners is blanked. Those are drawn here whose centres lie in the mesh,

@@ -6,7 +6,7 @@ Each class is a list of properties and a few calls into :mod:`svv.pv.filters.edi
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
 
@@ -29,6 +29,9 @@ from svv.pv.panel.properties import Property, button, file, integer, panel, stat
 from svv.pv.results.cached import Keeping
 from svv.pv.vtk_types import Data, OutInfo, Request
 
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
 
 
@@ -43,7 +46,7 @@ def save_properties() -> list[Property]:
 class SceneOutput(Keeping):
     """A filter whose output is a scene, which it can also save."""
 
-    def give(self, scene: Any, table: Any) -> None:
+    def give(self, scene: Scene, table: Data) -> None:
         """Put a scene into an output table, and remember it for Save Scene."""
         self.kept("given", object(), lambda: scene)
         put_scene(scene, table)

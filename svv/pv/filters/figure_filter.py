@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from paraview.util.vtkAlgorithm import smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
@@ -80,7 +81,7 @@ class StyleRFFigure(Filter):
         else:
             self._status = f"Saved as {name}."
 
-    def _pixels(self, data: Any) -> Any:
+    def _pixels(self, data: Data) -> NDArray[np.uint8]:
         """Return the figure as straight RGBA, drawn once for each scene and panel. (height, width, 4)"""
         from svv.pv.panel.figures import pixels_of
 

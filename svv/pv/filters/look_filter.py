@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
 
@@ -17,6 +17,9 @@ from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import button, choice, file, panel, status, text
 from svv.pv.vtk_types import Data, OutInfo
 from svv.render.looks.offered import LOOKS
+
+if TYPE_CHECKING:
+    from svv.render.looks.applying import Applied
 
 __all__ = ["StyleRFLook"]
 
@@ -62,7 +65,7 @@ class StyleRFLook(SceneOutput):
         look = Look.load(source)
         named = source if shipped else digest_of_file(source)
 
-        def apply() -> Any:
+        def apply() -> Applied:
             with self.training() as progress:
                 on = scene.on(device_named(options_in(DeviceOptions, values).device))
                 return look.applied(on, pairs_in(values["Pairs"]), progress, preset=values["Preset"])

@@ -11,13 +11,20 @@ import hashlib
 import weakref
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints, vtkStringArray
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageData, vtkPolyData, vtkTable
+from vtkmodules.vtkCommonDataModel import (
+    vtkCellArray,
+    vtkDataObject,
+    vtkImageData,
+    vtkImplicitFunction,
+    vtkPolyData,
+    vtkTable,
+)
 
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
@@ -71,7 +78,7 @@ def put_stored(stored: Stored, content: bytes, table: vtkTable) -> None:
 def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
     table.Initialize()
     colours = np.array([r.edited_colour or r.colour for r in regions], np.float64).reshape(-1, 3)
-    columns: list[tuple[str, Any]] = [
+    columns: list[tuple[str, NDArray[np.number]]] = [
         ("Region", np.arange(len(regions), dtype=np.int32)),
         ("Colour", colours),
         ("Share", np.array([r.share for r in regions], np.float64)),
@@ -139,9 +146,9 @@ def time_of(data: vtkDataObject | None) -> float | None:
     return float(data.GetInformation().Get(key)) if data is not None and data.GetInformation().Has(key) else None
 
 
-def digest_of(array: Any) -> str:
+def digest_of(array: vtkDataArray) -> str:
     """Return a hash of an array's content; it is cached until the array is modified."""
-    place = array.__this__, array.GetMTime()
+    place = array.GetAddressAsString(""), array.GetMTime()
     if place not in _digests:
         if len(_digests) >= KNOWN:
             _digests.clear()
@@ -169,7 +176,7 @@ def _digest(content: bytes | memoryview) -> str:
 # --- images ---------------------------------------------------------------------------------------------------------
 
 
-def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
+def put_image(image: vtkImageData, arrays: dict[str, NDArray[np.number]]) -> None:
     """Fill an image with arrays whose row 0 is at the top; the first array becomes its scalars.
 
     Args:
@@ -188,7 +195,7 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
             image.GetPointData().SetActiveScalars(name)
 
 
-def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[Any]], camera: Camera) -> None:
+def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[np.number]], camera: Camera) -> None:
     """Fill an image as :func:`put_image` does, and record its camera."""
     put_image(image, arrays)
     numbers = [*camera.camera_to_world.ravel(), camera.fov_x, camera.span_x or 0.0]
@@ -236,7 +243,7 @@ def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
         image.GetFieldData().AddArray(_array(name, values))
 
 
-def evaluated(function: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def evaluated(function: vtkImplicitFunction, at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values of an implicit function of VTK at world coordinates (N, 3). (N,)"""
     values = vtkDoubleArray()
     values.SetNumberOfTuples(len(at))  # not every function does
@@ -244,7 +251,7 @@ def evaluated(function: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
     return vtk_to_numpy(values)
 
 
-def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
+def _tell_ranges(array: vtkDataArray, values: NDArray[np.number]) -> None:
     """Store the ranges of an array's components (N, C) where VTK caches them; VTK needs 0.1 s for a small image."""
     finite = values if values.dtype.kind in "iu" else np.where(np.isfinite(values), values, np.nan)
     if values.dtype.kind == "f" and (np.isinf(values).any() or np.isnan(finite).all(axis=0).any()):
@@ -254,7 +261,7 @@ def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
     _store_ranges(array, ends, (float(np.nanmin(norm)), float(np.nanmax(norm))))
 
 
-def _store_ranges(array: Any, ends: NDArray[np.float64], norms: tuple[float, float]) -> None:
+def _store_ranges(array: vtkDataArray, ends: NDArray[np.float64], norms: tuple[float, float]) -> None:
     """Store ranges, of components (C, 2) and of lengths, where VTK caches them."""
     information = array.GetInformation()
     for key in (vtkDataArray.PER_COMPONENT(), vtkDataArray.PER_FINITE_COMPONENT()):
@@ -262,7 +269,7 @@ def _store_ranges(array: Any, ends: NDArray[np.float64], norms: tuple[float, flo
         components.SetNumberOfInformationObjects(len(ends))
         for component, (low, high) in enumerate(ends.tolist()):
             components.GetInformationObject(component).Set(vtkDataArray.COMPONENT_RANGE(), (low, high), 2)
-        information.Set(key, components)
+        key.Set(information, components)
     for length in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
         information.Set(length, norms, 2)
 
@@ -382,7 +389,7 @@ def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
         data.GetPointData().AddArray(_array(name, values))
 
 
-def _array(name: str, values: NDArray[Any]) -> Any:
+def _array(name: str, values: NDArray[np.number]) -> vtkDataArray:
     array = numpy_to_vtk(np.ascontiguousarray(values), deep=1)
     array.SetName(name)
     return array

@@ -9,10 +9,9 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +25,11 @@ from svv.pv.filters.vtk_data import camera_of
 from svv.pv.launch.programs import PYTHON
 from svv.pv.panel.option_panel import options_in
 from svv.pv.paraview_types import Proxy, View
+from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-Values = Mapping[str, Any]
 
 PIXELS = 800
 """Width and height of the camera's picture, of which a figure shows what is visible."""

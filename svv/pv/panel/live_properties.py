@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
-from svv.pv.panel.properties import Property, button, hidden_text, stored, switch
+from svv.pv.panel.properties import Owner, Property, button, hidden_text, stored, switch
+
+if TYPE_CHECKING:
+    from svv.pv.live.beside import Beside
 
 
 def live() -> list[Property]:
     """Return the properties and buttons of a filter that learns beside the window (:mod:`svv.pv.live.beside`)."""
 
-    def in_window(self: Any, value: int) -> None:
+    def in_window(self: Beside, value: int) -> None:
         self.values["InWindow"] = bool(value)
         if value > 1:
             self.prepare()
 
-    def late(self: Any, value: int) -> None:
+    def late(self: Owner, value: int) -> None:
         self.values["Late"] = bool(value)
 
     hidden = (

@@ -11,10 +11,11 @@ import re
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
 from svv.pv.panel.tooltips import with_picture
+from svv.pv.paraview_types import Observed
 
 SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
 """ParaView's names of the surfaces between which :func:`shape` chooses."""
@@ -25,13 +26,21 @@ CELLS = 1
 Class = TypeVar("Class", bound=type)
 
 
+class Owner(Protocol):
+    """The filter to which properties belong: it holds their values, by name."""
+
+    values: dict[str, Any]
+
+    def Modified(self) -> None: ...
+
+
 @dataclass(frozen=True)
 class Property:
     """A property: its XML, its default in the filter's ``values``, and its setters by method name."""
 
     name: str
     xml: str
-    default: Any
+    default: object
     setters: dict[str, Callable[..., None]]
 
 
@@ -58,10 +67,10 @@ def label_of(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)
 
 
-def stored(name: str, convert: Callable[..., Any]) -> Callable[..., None]:
+def stored(name: str, convert: Callable[..., object]) -> Callable[..., None]:
     """Return a setter that converts what it is given, and marks the filter as modified if that is another value."""
 
-    def setter(self: Any, *given: Any) -> None:
+    def setter(self: Owner, *given: object) -> None:
         value = convert(*given)
         if self.values[name] != value:
             self.values[name] = value
@@ -129,7 +138,7 @@ def switch(name: str, default: bool, help: str, advanced: bool = False) -> Prope
 def client_switch(name: str, help: str) -> Property:
     """Return a check box for client code, off by default; the filter's output does not depend on it."""
 
-    def setter(self: Any, value: int) -> None:
+    def setter(self: Owner, value: int) -> None:
         self.values[name] = bool(value)
 
     return replace(switch(name, False, help), setters={f"Set{name}": setter})
@@ -180,12 +189,12 @@ def files(name: str, extensions: str, what: str, help: str) -> Property:
         '<FileListDomain name="files"/>', False, hints,
     )  # fmt: skip
 
-    def add(self: Any, value: str) -> None:
+    def add(self: Owner, value: str) -> None:
         if value:
             self.values[name] = (*self.values[name], value)
             self.Modified()
 
-    def clear(self: Any) -> None:
+    def clear(self: Owner) -> None:
         self.values[name] = ()
         self.Modified()
 
@@ -235,8 +244,8 @@ def scalars() -> Property:
         "per voxel.</Documentation></StringVectorProperty>"
     )
 
-    def setter(self: Any, *given: Any) -> None:
-        chosen = given[4] or "", bool(given[4]) and int(given[3]) == CELLS
+    def setter(self: Owner, index: int, port: int, connection: int, belongs_to: int, array: str | None) -> None:
+        chosen = array or "", bool(array) and int(belongs_to) == CELLS
         if chosen != (self.values["Scalars"], self.values.get("ScalarsOnCells", False)):
             self.values["Scalars"], self.values["ScalarsOnCells"] = chosen
             self.Modified()
@@ -273,7 +282,7 @@ def transfer_function() -> Property:
         "</Documentation></ProxyProperty>"
     )
 
-    def setter(self: Any, table: Any) -> None:
+    def setter(self: Owner, table: object) -> None:
         if self.values["TransferFunction"] is not table:
             self.values["TransferFunction"] = table
             self.Modified()
@@ -290,7 +299,7 @@ def shape(name: str, help: str) -> Property:
         f"<Documentation>{escape(help)}</Documentation></ProxyProperty>"
     )
 
-    def setter(self: Any, function: Any) -> None:
+    def setter(self: Owner, function: Observed | None) -> None:
         if self.values[name] is not function:
             self.values[name] = function
             self.Modified()
@@ -300,11 +309,11 @@ def shape(name: str, help: str) -> Property:
     return Property(name, xml, None, {f"Set{name}": setter})
 
 
-def _marker(filter: Any) -> Callable[..., None]:
+def _marker(filter: Owner) -> Callable[..., None]:
     """Return an observer that marks a filter as modified as long as it exists."""
     reference = weakref.ref(filter)
 
-    def mark(*_: Any) -> None:
+    def mark(*_: object) -> None:
         this = reference()
         if this is not None:
             this.Modified()
@@ -329,7 +338,7 @@ def kept_as() -> list[Property]:
         'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"', "", True,
     )  # fmt: skip
 
-    def setter(self: Any, value: str) -> None:
+    def setter(self: Owner, value: str) -> None:
         self.values["KeptAs"] = value or ""
 
     told = hidden_text("Kept", "GetKept", "Names under which the results are kept now.")
@@ -390,11 +399,12 @@ def panel(*properties: Property) -> Callable[[Class], Class]:
     def decorate(cls: Class) -> Class:
         from paraview.util.vtkAlgorithm import smproperty
 
-        plain: Any = getattr(cls, "_pv_original_func", cls)  # ParaView's decorators do not return a class
+        plain = getattr(cls, "_pv_original_func", cls)  # ParaView's decorators do not return a class
+        own: dict[str, object] = {"defaults": {p.name: p.default for p in properties if p.setters}}
         for property in properties:
-            for name, setter in property.setters.items():
-                setattr(plain, name, setter)
-        plain.defaults = {p.name: p.default for p in properties if p.setters}
+            own.update(property.setters)
+        for name, value in own.items():
+            setattr(plain, name, value)
         return smproperty.xml("".join(with_picture(p.name, p.xml) for p in properties))(cls)
 
     return decorate

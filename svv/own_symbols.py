@@ -16,9 +16,9 @@ from __future__ import annotations
 import importlib.abc
 import os
 import sys
+from collections.abc import Sequence
 from importlib.machinery import ExtensionFileLoader, ModuleSpec, PathFinder
 from types import ModuleType
-from typing import Any
 
 DEEPBIND = getattr(os, "RTLD_DEEPBIND", 0)
 """Flag that prefers a library's own symbols to the program's (glibc; other systems separate libraries anyway)."""
@@ -45,7 +45,9 @@ class _Finder(importlib.abc.MetaPathFinder):
     def __init__(self, library: str) -> None:
         self.library = library
 
-    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         if fullname != self.library:
             return None
         spec = PathFinder.find_spec(fullname, path, target)

@@ -23,11 +23,6 @@ AskedHandName = Literal["auto", "oil", "watercolour", "dots", "ink-wash", "dry-b
 NetworkName = Literal["base", "pcn", "styled"]
 PictureName = Literal["rgba", "depth", "region"]
 
-TimeLimit = Annotated[
-    float | None,
-    Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit."),
-]
-
 PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
 LIGHTINGS: tuple[str, ...] = get_args(LightingName)
 DEVICES: tuple[str, ...] = get_args(DeviceName)

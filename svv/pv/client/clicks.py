@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
 
 from svv.pv.client.observers import WeakReference, python_proxy
@@ -64,19 +65,25 @@ class Clicks:
         self._tags, self._views = [], []
 
 
-def stopped(filter: Proxy, button: str) -> bool:
-    """Stop the active handler, if any; return whether it was the one of this button of this filter."""
+def press(filter: Proxy, button: str, views: Sequence[View], act: Act, no_view: str) -> None:
+    """Let clicks into some views act for a button, until another one is pressed or the same one again.
+
+    Args:
+        filter: The filter with the button.
+        button: The button that was pressed.
+        views: The views.
+        act: What a click does.
+        no_view: Warning if there are none.
+    """
     again = False
     while _clicks:
         old = _clicks.pop()
         again = old.button == button and old.filter.Get() is filter.SMProxy
         old.stop()
-    return again
-
-
-def start(filter: Proxy, button: str, views: Sequence[View], act: Act) -> None:
-    """Let clicks into some views act for a button, until another one is pressed or the same one again."""
-    _clicks.append(Clicks(filter, button, views, act))
+    if views and not again:
+        _clicks.append(Clicks(filter, button, views, act))
+    elif not again:
+        vtkOutputWindow.GetInstance().DisplayWarningText(no_view)
 
 
 def place_under(view: View, at: Sequence[int]) -> tuple[float, float]:

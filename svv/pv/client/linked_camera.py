@@ -7,7 +7,7 @@ starts and stops it according to a filter's property *Follow Camera*.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 
 from svv.core.frame_rate import Pace
 from svv.errors import BadInput
@@ -20,6 +20,8 @@ IMAGES = ("StyleRFRender", "StyleRFStylizedView")
 
 PLACED = "StyleRFPlaceInView"
 """The filter that places such an image in the 3D view (:mod:`svv.pv.client.placing`)."""
+
+NO_IMAGE = "There is no StyleRF image to follow the camera: add StyleRF Render or StyleRF Stylized View first."
 
 LARGEST = 800
 """Longer side of the sharp image, in pixels."""
@@ -244,7 +246,7 @@ def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollo
     """
     from paraview import simple
 
-    filter = filter or _image_filter([simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))])
+    filter = filter or newest(IMAGES, NO_IMAGE)
     view = view or view_to_follow(filter)
     if view is None or view.GetXMLName() != "RenderView":
         raise BadInput("There is no 3D view to follow: show the volume in one first.")
@@ -320,8 +322,16 @@ def upstream(filter: Proxy) -> Iterator[Proxy]:
             yield from upstream(one)
 
 
-def _image_filter(candidates: Sequence[Proxy | None]) -> Proxy:
-    for source in candidates:
-        if source is not None and source.SMProxy.GetXMLName() in IMAGES:
-            return source
-    raise BadInput("There is no StyleRF image to follow the camera: add StyleRF Render or StyleRF Stylized View first.")
+def newest(kinds: Container[str], missing: str) -> Proxy:
+    """Return the active filter if it is of one of these kinds, otherwise the last one that is.
+
+    Raises:
+        BadInput: There is none; ``missing`` is the sentence.
+    """
+    from paraview import simple
+
+    for source in [simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))]:
+        if source is not None and source.SMProxy.GetXMLName() in kinds:
+            found: Proxy = source
+            return found
+    raise BadInput(missing)

@@ -8,9 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from vtkmodules.vtkCommonCore import vtkOutputWindow
-
-from svv.pv.client.clicks import pixel_at, place_under, start, stopped
+from svv.pv.client.clicks import Act, pixel_at, place_under, press
 from svv.pv.client.observers import observe, python_proxy, with_data
 from svv.pv.paraview_types import Display, Property, Proxy, SMProxy, View
 
@@ -19,6 +17,11 @@ KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": "
 
 MASK = 1
 """The output port that shows the picture."""
+
+NO_VIEW = (
+    "StyleRFStylize: No view shows the picture: switch Preview Only on, press Apply, and show the second output, "
+    "Mask.\n"
+)
 
 
 def watch_points(filter: Proxy) -> None:
@@ -36,16 +39,8 @@ def _pressed(proxy: SMProxy, event: str, name: str) -> None:
     if name not in KINDS:
         return
     paint = python_proxy(proxy)
-    if stopped(paint, name):
-        return
-    views = views_of_mask(paint)
-    if not views:
-        vtkOutputWindow.GetInstance().DisplayWarningText(
-            "StyleRFStylize: No view shows the picture: switch Preview Only on, press Apply, and show the second "
-            "output, Mask.\n"
-        )
-        return
-    start(paint, name, views, lambda filter, view, at: set_point(filter, place_under(view, at), name))
+    act: Act = lambda filter, view, at: set_point(filter, place_under(view, at), name)  # noqa: E731
+    press(paint, name, views_of_mask(paint), act, NO_VIEW)
 
 
 def views_of_mask(paint: Proxy) -> list[View]:

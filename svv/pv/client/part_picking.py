@@ -10,9 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
-from vtkmodules.vtkCommonCore import vtkOutputWindow
-
-from svv.pv.client.clicks import pixel_at, place_under, start, stopped
+from svv.pv.client.clicks import pixel_at, place_under, press
 from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of, upstream
 from svv.pv.client.observers import observe, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy, View
@@ -38,14 +36,7 @@ def _pressed(proxy: SMProxy, event: str, name: str) -> None:
         return
     from paraview import simple
 
-    edit = python_proxy(proxy)
-    if stopped(edit, BUTTON):
-        return
-    views = simple.GetRenderViews()
-    if not views:
-        vtkOutputWindow.GetInstance().DisplayWarningText("StyleRFEdit: There is no view to click into.\n")
-        return
-    start(edit, BUTTON, views, pick)
+    press(python_proxy(proxy), BUTTON, simple.GetRenderViews(), pick, "StyleRFEdit: There is no view to click into.\n")
 
 
 def pick(edit: Proxy, view: View, at: Sequence[int]) -> None:

@@ -7,7 +7,7 @@ is just starting, importing them would create an additional session.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
@@ -29,14 +29,14 @@ from svv.pv.paraview_types import Display, Proxy, SMProxyManager, SMSessionProxy
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
 
-BUTTONS = ("StyleRFEdit", "StyleRFPalette")
-"""Filters with buttons that set their panel (:mod:`svv.pv.panel.undo`)."""
-
-PICKS = "StyleRFEdit"
-"""The filter whose parts can be chosen in views (:mod:`svv.pv.client.part_picking`)."""
-
-POINTS = "StyleRFStylize"
-"""The filter whose points can be set in a view (:mod:`svv.pv.client.mask_points`)."""
+WATCHED: tuple[tuple[Callable[[Proxy], None], tuple[str, ...]], ...] = (
+    (watch, ("StyleRFEdit", "StyleRFPalette")),
+    (watch_kept, KEEPING),
+    (watch_picks, ("StyleRFEdit",)),
+    (watch_points, ("StyleRFStylize",)),
+    (watch_camera, linked_camera.IMAGES),
+)
+"""What makes buttons and properties of filters work, and these filters."""
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader", "StyleRFStylize")
 """Filters and readers whose output is an image of colours."""
@@ -171,19 +171,10 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
         for filter in _proxies(session, name):
             if filter.TransferFunction is None and filter.Input is not None:
                 _capture_if_shown(filter)
-    for name in BUTTONS:
-        for filter in _proxies(session, name):
-            watch(filter)
-    for name in KEEPING:
-        for filter in _proxies(session, name):
-            watch_kept(filter)
-    for filter in _proxies(session, PICKS):
-        watch_picks(filter)
-    for filter in _proxies(session, POINTS):
-        watch_points(filter)
-    for name in linked_camera.IMAGES:
-        for filter in _proxies(session, name):
-            watch_camera(filter)
+    for watch_it, names in WATCHED:
+        for name in names:
+            for filter in _proxies(session, name):
+                watch_it(filter)
     for name in BESIDE:
         for filter in _proxies(session, name):
             watch_learning(filter, loading=bool(session.GetInLoadXMLState()))

@@ -24,6 +24,7 @@ from svv.measure import give_memory_back
 from svv.pv.client.connection import client_gone
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
+from svv.pv.panel.properties import label_of
 from svv.pv.results.time_steps import Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request, Values
 
@@ -206,6 +207,25 @@ class Filter(VTKPythonAlgorithmBase):
         for name in names:
             self._kept.pop(name, None)
         self.Modified()
+
+    def save(self, result: str, file: str, write: Callable[[Path], object]) -> None:
+        """Write something to the file that a property names, for a button, and report it.
+
+        Args:
+            result: Name under which what is written is kept; there is nothing to write as long as nothing is.
+            file: Name of the property.
+            write: Writes it; may raise BadInput and Cancelled.
+        """
+        name = self.values[file]
+        if self.last(result) is None or not name:
+            self.say(f"There is nothing to save yet: choose a file under {label_of(file)}, and press Apply.")
+            return
+        try:
+            write(Path(name))
+        except (BadInput, Cancelled) as error:
+            self.say(str(error) or "Stopped.")
+        else:
+            self._status = f"Saved as {name}."
 
     def say(self, sentence: str, error: bool = True) -> None:
         """Report a sentence to the user, in Output Messages and in the property Status."""

@@ -6,6 +6,7 @@ Each class is a list of properties and a few calls into :mod:`svv.pv.filters.edi
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
@@ -53,19 +54,13 @@ class SceneOutput(Keeping):
 
     def SaveScene(self) -> None:
         """Write the scene to a file."""
-        scene, name = self.last("given"), self.values["SaveFile"]
-        if scene is None or not name:
-            self.say("There is nothing to save yet: choose a file under Save File, and press Apply.")
-            return
-        if self.unfinished:
-            self.say("The scene is still being learned: save it when it is there.")
-            return
-        try:
-            scene.save(name)
-        except BadInput as error:
-            self.say(str(error))
-        else:
-            self._status = f"Saved as {name}."
+
+        def write(file: Path) -> None:
+            if self.unfinished:
+                raise BadInput("The scene is still being learned: save it when it is there.")
+            self.last("given").save(file)
+
+        self.save("given", "SaveFile", write)
 
     def before(self, outputs: list[Data]) -> None:
         if self.last("given") is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
@@ -79,16 +78,7 @@ class StyleRFLook(SceneOutput):
         """Write the input's look to a file."""
         from svv.render.looks.look import Look
 
-        scene, name = self.last("input"), self.values["SaveLookFile"]
-        if scene is None or not name:
-            self.say("There is nothing to save yet: choose a file under Save Look File, and press Apply.")
-            return
-        try:
-            Look.of(scene).save(Path(name))
-        except BadInput as error:
-            self.say(str(error))
-        else:
-            self._status = f"Saved as {name}."
+        self.save("input", "SaveLookFile", lambda file: Look.of(self.last("input")).save(file))
 
 
 def pairs_in(text: str) -> dict[int, int] | None:

@@ -7,7 +7,7 @@ from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vt
 from svv.dvr.read.meshes import is_mesh, resampled
 from svv.pv.vtk_types import Values
 
-__all__ = ["forget_image", "image_of", "is_mesh", "told"]
+__all__ = ["image_of", "is_mesh", "told"]
 
 _last: dict[tuple[object, ...], vtkImageData] = {}
 """What an image was resampled from -> the last such image, which the filters on one input share."""
@@ -33,11 +33,6 @@ def told(data: vtkDataObject | None, values: Values) -> str:
         return ""
     size = " x ".join(map(str, image_of(data, values).GetDimensions()))
     return f" The input, a {data.GetClassName()}, was resampled to {size} points."
-
-
-def forget_image() -> None:
-    """Release the image."""
-    _last.clear()
 
 
 def _changed(data: vtkDataObject) -> int:

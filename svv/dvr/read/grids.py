@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
 
 from svv.bricks.source import Level
-from svv.dvr.draw.appearance import GHOSTS, Appearance, blanked, put, without_duplicates
+from svv.dvr.draw.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -143,9 +143,7 @@ def own_unit_distance(image: vtkImageData) -> float | None:
 
 def put_own_unit_distance(image: vtkImageData, distance: float) -> None:
     """Let an image carry what :func:`own_unit_distance` returns."""
-    array = numpy_to_vtk(np.array([distance]), deep=True)
-    array.SetName(OWN_UNIT)
-    image.GetFieldData().AddArray(array)
+    image.GetFieldData().AddArray(named(OWN_UNIT, np.array([distance])))
 
 
 def level_of_image(image: vtkImageData) -> Level:
@@ -219,9 +217,7 @@ def _native(values: NDArray[np.number], name: str) -> NDArray[np.number]:
 
 def put_scalars(image: vtkImageData, values: NDArray[np.number], name: str) -> None:
     """Make a flat array the image's point scalars."""
-    scalars = numpy_to_vtk(values, deep=True)
-    scalars.SetName(name)
-    image.GetPointData().SetScalars(scalars)
+    image.GetPointData().SetScalars(named(name, values))
 
 
 def _check_geometry(matrix: NDArray[np.float64], name: str) -> None:

@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkCommonDataModel import (
     VTK_VOXEL,
@@ -30,7 +30,7 @@ from vtkmodules.vtkFiltersCore import vtkProbeFilter, vtkThreshold
 from vtkmodules.vtkFiltersExtraction import vtkExtractCellsByType
 from vtkmodules.vtkFiltersHyperTree import vtkHyperTreeGridToUnstructuredGrid
 
-from svv.dvr.draw.appearance import GHOSTS
+from svv.dvr.draw.appearance import GHOSTS, named
 from svv.dvr.read.grids import check_precision, pick_scalars, put_own_unit_distance, put_scalars
 from svv.errors import BadInput
 from svv.io.files.memory import memory_there
@@ -90,9 +90,7 @@ def resampled(
     put_scalars(image, values.ravel(), chosen)
     if not known.all():
         flags = np.where(known, 0, vtkDataSetAttributes.HIDDENPOINT).astype(np.uint8).ravel()
-        ghosts = numpy_to_vtk(flags, deep=True)
-        ghosts.SetName(GHOSTS)
-        image.GetPointData().AddArray(ghosts)
+        image.GetPointData().AddArray(named(GHOSTS, flags))
     sides = np.array(image.GetSpacing()) * (np.array(image.GetDimensions()) - 1)
     count = sum(part.GetNumberOfCells() for part in parts)
     put_own_unit_distance(image, float(np.linalg.norm(sides) / np.cbrt(count)))
@@ -201,8 +199,7 @@ def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
     values = vtk_to_numpy(array)
     check_precision(values)
     if not on_cells and values.dtype.kind in "iu":
-        array = numpy_to_vtk(values.astype(np.float64), deep=True)
-        array.SetName(name)
+        array = named(name, values.astype(np.float64))
     data.SetScalars(array)
     hidden = _hidden_cells(block)
     return part if hidden is None else _without(part, hidden, name)
@@ -210,8 +207,7 @@ def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
 
 def _without(part: vtkDataSet, hidden: NDArray[np.bool_], name: str) -> vtkDataSet:
     """Return a grid without its hidden cells, which VTK's probe does not know."""
-    flags = numpy_to_vtk(hidden.astype(np.uint8), deep=True)
-    flags.SetName("StyleRF Hidden")
+    flags = named("StyleRF Hidden", hidden.astype(np.uint8))
     part.GetCellData().AddArray(flags)
     left = vtkThreshold()
     left.SetInputData(part)

@@ -28,6 +28,7 @@ from vtkmodules.vtkCommonDataModel import (
 
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
+from svv.dvr.draw.appearance import named
 from svv.errors import BadInput
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished
 from svv.pv.results.keys import digest_of_views
@@ -65,14 +66,14 @@ def put_scene(scene: Scene, table: vtkTable) -> None:
     """Fill a table with one row per region, and with the scene itself as field data."""
     _put_regions(scene.regions, table)
     content = scene.to_bytes()
-    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+    table.GetFieldData().AddArray(named(SCENE, np.frombuffer(content, np.uint8)))
     _keep(_digest(content), scene)
 
 
 def put_stored(stored: Stored, content: bytes, table: vtkTable) -> None:
     """Fill a table as :func:`put_scene` does, with the scene in a file, which is not read for it."""
     _put_regions(stored.regions, table)
-    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+    table.GetFieldData().AddArray(named(SCENE, np.frombuffer(content, np.uint8)))
 
 
 def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
@@ -88,7 +89,7 @@ def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
         ("Lighting", np.array([r.lighting for r in regions], np.float64)),
     ]
     for name, values in columns:
-        table.AddColumn(_array(name, values))
+        table.AddColumn(named(name, values))
     for heading, words in (("Name", [r.name for r in regions]), ("Style", [r.style for r in regions])):
         column = vtkStringArray()
         column.SetName(heading)
@@ -188,7 +189,7 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[np.number]]) -> Non
     image.SetDimensions(width, height, 1)
     for number, (name, values) in enumerate(arrays.items()):
         upside = np.ascontiguousarray(values[::-1])
-        array = _array(name, upside.reshape(width * height, -1) if values.ndim == 3 else upside.ravel())
+        array = named(name, upside.reshape(width * height, -1) if values.ndim == 3 else upside.ravel())
         _tell_ranges(array, values.reshape(width * height, -1))
         image.GetPointData().AddArray(array)
         if number == 0:
@@ -199,7 +200,7 @@ def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[np.number]], camera
     """Fill an image as :func:`put_image` does, and record its camera."""
     put_image(image, arrays)
     numbers = [*camera.camera_to_world.ravel(), camera.fov_x, camera.span_x or 0.0]
-    image.GetFieldData().AddArray(_array(CAMERA, np.array(numbers)))
+    image.GetFieldData().AddArray(named(CAMERA, np.array(numbers)))
 
 
 def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.float32], Camera]:
@@ -223,11 +224,11 @@ def put_mesh(mesh: DepthMesh, data: vtkPolyData) -> None:
     """Fill a data object with a surface in its own colours, array ``RGBA`` of the points."""
     data.Initialize()
     points, cells = vtkPoints(), vtkCellArray()
-    points.SetData(_array("Points", mesh.points))
-    cells.SetData(4, _array("Vertices", mesh.quads.ravel()))
+    points.SetData(named("Points", mesh.points))
+    cells.SetData(4, named("Vertices", mesh.quads.ravel()))
     data.SetPoints(points)
     data.SetPolys(cells)
-    data.GetPointData().SetScalars(_array("RGBA", mesh.colours))
+    data.GetPointData().SetScalars(named("RGBA", mesh.colours))
 
 
 def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
@@ -236,11 +237,11 @@ def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
     image.SetDimensions(*volume.grid.shape)
     image.SetOrigin(*volume.grid.origin)
     image.SetSpacing(*(volume.grid.spacing,) * 3)
-    colours = _array(BAKED, volume.rgba.reshape(-1, 4))
+    colours = named(BAKED, volume.rgba.reshape(-1, 4))
     _store_ranges(colours, *volume.ranges)  # at 256^3, VTK would look for them for seconds
     image.GetPointData().SetScalars(colours)
     for name, values in volume.fields().items():
-        image.GetFieldData().AddArray(_array(name, values))
+        image.GetFieldData().AddArray(named(name, values))
 
 
 def evaluated(function: vtkImplicitFunction, at: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -375,7 +376,7 @@ def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
     data.Initialize()
     matrices = np.stack([camera.camera_to_world for camera in cameras])
     points = vtkPoints()
-    points.SetData(_array("Points", matrices[:, :3, 3]))
+    points.SetData(named("Points", matrices[:, :3, 3]))
     data.SetPoints(points)
     vertices = vtkCellArray()
     for number in range(len(cameras)):
@@ -386,10 +387,4 @@ def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
     if any(c.is_orthographic for c in cameras):
         arrays["Parallel Scale"] = np.array([0.5 * c.height / c.focal * c.is_orthographic for c in cameras])
     for name, values in arrays.items():
-        data.GetPointData().AddArray(_array(name, values))
-
-
-def _array(name: str, values: NDArray[np.number]) -> vtkDataArray:
-    array = numpy_to_vtk(np.ascontiguousarray(values), deep=1)
-    array.SetName(name)
-    return array
+        data.GetPointData().AddArray(named(name, values))

@@ -9,9 +9,9 @@ from __future__ import annotations
 from vtkmodules.vtkCommonCore import VTK_INT
 
 from svv.pv.client.linked_camera import busy, follow, follower_of, followers, placed, stop_following, view_to_follow
-from svv.pv.client.observers import WeakReference, observe, python_proxy, with_data
+from svv.pv.client.observers import WeakReference, python_proxy, with_data
 from svv.pv.client.timers import Timer, window
-from svv.pv.paraview_types import Proxy, SMProxy, SMViewProxy, View
+from svv.pv.paraview_types import SMProxy, SMViewProxy
 
 PROPERTY = "FollowCamera"
 
@@ -28,32 +28,14 @@ _timers: list[Timer] = []
 """The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
 
 
-def watch_camera(filter: Proxy) -> None:
-    """Make a filter's property Follow Camera work, from now on.
-
-    Args:
-        filter: Proxy of StyleRF Render or StyleRF Stylized View.
-    """
-    observe(filter.SMProxy, "UpdatePropertyEvent", _pushed)
-    observe(filter.SMProxy, "UpdateDataEvent", _updated)
-
-
-def watch_view(view: View) -> None:
-    """Process the waiting filters whenever a view has been drawn.
-
-    Args:
-        view: Proxy of a 3D view.
-    """
-    observe(view.SMProxy, "EndEvent", _drawn)
-
-
 def _wait_for(proxy: SMProxy) -> None:
     if all(known.Get() is not proxy for known in _waiting):
         _waiting.append(WeakReference(proxy))
 
 
 @with_data("string0")
-def _pushed(proxy: SMProxy, event: str, name: str) -> None:
+def property_set(proxy: SMProxy, event: str, name: str) -> None:
+    """Start or stop following if the property has been set; an observer of the image filters."""
     if name != PROPERTY:
         return
     filter = python_proxy(proxy)
@@ -66,7 +48,8 @@ def _pushed(proxy: SMProxy, event: str, name: str) -> None:
             _begin()
 
 
-def _updated(proxy: SMProxy, event: str) -> None:
+def image_updated(proxy: SMProxy, event: str) -> None:
+    """Remember that a filter has a new image; an observer of the image filters."""
     filter = python_proxy(proxy)
     follower = follower_of(filter)
     if filter.FollowCamera and not (follower is not None and follower.drawing):
@@ -75,7 +58,8 @@ def _updated(proxy: SMProxy, event: str) -> None:
 
 
 @with_data(VTK_INT)
-def _drawn(proxy: SMViewProxy, event: str, interactive: int) -> None:
+def view_drawn(proxy: SMViewProxy, event: str, interactive: int) -> None:
+    """Process the waiting filters; an observer of the 3D views."""
     for follower in followers():
         # Cameras are moved by buttons, links and scripts, too; while the mouse moves one, the follower hears of it.
         late = follower.behind or (not interactive and follower.strayed(proxy))

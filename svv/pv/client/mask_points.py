@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 
 from svv.pv.client.clicks import Act, pixel_at, place_under, press
-from svv.pv.client.observers import observe, python_proxy, with_data
+from svv.pv.client.observers import python_proxy, with_data
 from svv.pv.paraview_types import Display, Property, Proxy, SMProxy, View
 
 KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": ""}
@@ -24,18 +24,9 @@ NO_VIEW = (
 )
 
 
-def watch_points(filter: Proxy) -> None:
-    """Make a filter's buttons work, from now on.
-
-    Args:
-        filter: Proxy of StyleRF Stylize.
-    """
-    observe(filter.SMProxy, "UpdatePropertyEvent", _pressed)
-
-
 @with_data("string0")
-def _pressed(proxy: SMProxy, event: str, name: str) -> None:
-    """Start handling clicks for a button; if it is pressed again, stop."""
+def pressed(proxy: SMProxy, event: str, name: str) -> None:
+    """Start handling clicks for a button; if it is pressed again, stop. An observer of StyleRF Stylize."""
     if name not in KINDS:
         return
     paint = python_proxy(proxy)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from svv.pv.client.clicks import pixel_at, place_under, press
 from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of, upstream
-from svv.pv.client.observers import observe, python_proxy, with_data
+from svv.pv.client.observers import python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy, View
 
 BUTTON = "ClickPart"
@@ -20,18 +20,9 @@ IMAGE = "StyleRFRender"
 """The filter whose image of the scene can be clicked into."""
 
 
-def watch_picks(filter: Proxy) -> None:
-    """Make a filter's button work, from now on.
-
-    Args:
-        filter: Proxy of StyleRF Edit.
-    """
-    observe(filter.SMProxy, "UpdatePropertyEvent", _pressed)
-
-
 @with_data("string0")
-def _pressed(proxy: SMProxy, event: str, name: str) -> None:
-    """Start handling clicks; if the button is pressed again, stop."""
+def pressed(proxy: SMProxy, event: str, name: str) -> None:
+    """Start handling clicks; if the button is pressed again, stop. An observer of StyleRF Edit."""
     if name != BUTTON:
         return
     from paraview import simple

@@ -13,7 +13,7 @@ from functools import partial
 from vtkmodules.vtkCommonCore import VTK_INT
 
 from svv.pv.client.linked_camera import IMAGES, PLACED, busy, look_through, timed
-from svv.pv.client.observers import observe, python_proxy, with_data
+from svv.pv.client.observers import python_proxy, with_data
 from svv.pv.paraview_types import Display, Proxy, SMViewProxy, View
 
 DISPLAY = "GeometryRepresentation"
@@ -34,11 +34,6 @@ def as_placed(display: Display) -> bool:
     return True
 
 
-def watch_pictures(view: View) -> None:
-    """Render the images of a 3D view's pictures for its camera before it is drawn, from now on."""
-    observe(view.SMProxy, "StartEvent", _before_drawing)
-
-
 def pictures_in(view: View) -> Iterator[tuple[Proxy, Proxy]]:
     """Yield the pictures that a view shows, with the filters of their images."""
     for display in view.Representations:
@@ -57,7 +52,8 @@ def _image_of(display: Display) -> Proxy | None:
 
 
 @with_data(VTK_INT)
-def _before_drawing(proxy: SMViewProxy, event: str, interactive: int) -> None:
+def render_pictures(proxy: SMViewProxy, event: str, interactive: int) -> None:
+    """Render the images of a 3D view's pictures for its camera before it is drawn; an observer of the views."""
     view = python_proxy(proxy)
     turned = False
     for picture, image in list(pictures_in(view)):

@@ -7,36 +7,43 @@ is just starting, importing them would create an additional session.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
-from svv.pv.client import linked_camera, placing
-from svv.pv.client.follow_property import watch_camera, watch_view
-from svv.pv.client.mask_points import watch_points
+from svv.pv.client import follow_property, linked_camera, mask_points, part_picking, placing
 from svv.pv.client.observers import observe, python_proxy
-from svv.pv.client.part_picking import watch_picks
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
-from svv.pv.display.volume_display import as_volume, watch_volumes
+from svv.pv.display.volume_display import as_volume, set_looks
 from svv.pv.live.sharpening import BESIDE, watch_learning
-from svv.pv.panel.cached_names import KEEPING, watch_kept
+from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
-from svv.pv.paraview_types import Display, Proxy, SMProxyManager, SMSessionProxyManager, View
+from svv.pv.paraview_types import Display, Observer, Proxy, SMProxyManager, SMSessionProxyManager, View
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
 
-WATCHED: tuple[tuple[Callable[[Proxy], None], tuple[str, ...]], ...] = (
-    (watch, ("StyleRFEdit", "StyleRFPalette")),
-    (watch_kept, KEEPING),
-    (watch_picks, ("StyleRFEdit",)),
-    (watch_points, ("StyleRFStylize",)),
-    (watch_camera, linked_camera.IMAGES),
+BUTTONS = ("StyleRFEdit", "StyleRFPalette")
+"""Filters with buttons that set their panel (:mod:`svv.pv.panel.undo`)."""
+
+OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
+    (KEEPING, "UpdateDataEvent", take_names),
+    (("StyleRFEdit",), "UpdatePropertyEvent", part_picking.pressed),
+    (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
+    (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
+    (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),
 )
-"""What makes buttons and properties of filters work, and these filters."""
+"""What makes buttons and properties of filters work: the filters, an event, and what is called then."""
+
+OF_VIEWS = (
+    ("EndEvent", follow_property.view_drawn),
+    ("StartEvent", set_looks),
+    ("StartEvent", placing.render_pictures),
+)
+"""What is called when a 3D view is drawn, by event."""
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader", "StyleRFStylize")
 """Filters and readers whose output is an image of colours."""
@@ -171,17 +178,18 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
         for filter in _proxies(session, name):
             if filter.TransferFunction is None and filter.Input is not None:
                 _capture_if_shown(filter)
-    for watch_it, names in WATCHED:
-        for name in names:
-            for filter in _proxies(session, name):
-                watch_it(filter)
+    for name in BUTTONS:
+        for filter in _proxies(session, name):
+            watch(filter)
+    for names, event, do in OBSERVERS:
+        for filter in (filter for name in names for filter in _proxies(session, name)):
+            observe(filter.SMProxy, event, do)
     for name in BESIDE:
         for filter in _proxies(session, name):
             watch_learning(filter, loading=bool(session.GetInLoadXMLState()))
     for view in _proxies(session, "RenderView", "views"):
-        watch_view(view)
-        watch_volumes(view)
-        placing.watch_pictures(view)
+        for event, do in OF_VIEWS:
+            observe(view.SMProxy, event, do)
     loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
     for display in _new_displays(session, placing.DISPLAY):
         if not loading:

@@ -8,9 +8,9 @@ time, so that what the user changes stays.
 from __future__ import annotations
 
 from svv.core.volumes.opacity_code import most_with, opacity_points
-from svv.pv.client.observers import Watched, observe, python_proxy
+from svv.pv.client.observers import Watched, python_proxy
 from svv.pv.filters.vtk_data import BAKED, OPACITY, UNIT_DISTANCE
-from svv.pv.paraview_types import Display, Proxy, PVDataRepresentation, SMProxy, SMViewProxy, View
+from svv.pv.paraview_types import Display, Proxy, PVDataRepresentation, SMProxy, SMViewProxy
 
 SET = "StyleRF.look"
 """Annotation of a display: the look that it was last given."""
@@ -46,12 +46,8 @@ def as_volume(display: Display) -> bool:
     return True
 
 
-def watch_volumes(view: View) -> None:
-    """Give baked volumes the look that their data ask for before a 3D view is drawn, from now on."""
-    observe(view.SMProxy, "StartEvent", _before_drawing)
-
-
-def _before_drawing(proxy: SMViewProxy, event: str) -> None:
+def set_looks(proxy: SMViewProxy, event: str) -> None:
+    """Give baked volumes the look that their data ask for before a 3D view is drawn; an observer of the views."""
     view = python_proxy(proxy)
     for display in view.Representations:
         if getattr(display, "MapScalars", 1) or not display.Visibility or display.Representation != "Volume":

@@ -8,23 +8,14 @@ modified.
 from __future__ import annotations
 
 from svv.pv.client.connection import server_gone
-from svv.pv.client.observers import observe
-from svv.pv.paraview_types import Proxy, SMProxy
+from svv.pv.paraview_types import SMProxy
 
 KEEPING = ("StyleRFViews", "StyleRFTrain", "StyleRFPalette", "StyleRFStylize", "StyleRFStylizedView")
 """Filters with this property."""
 
 
-def watch_kept(filter: Proxy) -> None:
-    """Keep a filter's property up to date with the names that the filter reports, from now on.
-
-    Args:
-        filter: Proxy of one of :data:`KEEPING`.
-    """
-    observe(filter.SMProxy, "UpdateDataEvent", _note)
-
-
-def _note(proxy: SMProxy, event: str) -> None:
+def take_names(proxy: SMProxy, event: str) -> None:
+    """Bring the property up to date with the names that the filter reports; an observer of these filters."""
     if server_gone(proxy):  # it ended during the work
         return
     told, carried = proxy.GetProperty("Kept"), proxy.GetProperty("KeptAs")

@@ -1,4 +1,4 @@
-"""What is kept for VTK objects goes when they go."""
+"""What is kept for VTK objects goes when they go; each of their events is observed once."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import weakref
 
 from vtkmodules.vtkCommonCore import vtkObject
 
-from svv.pv.client.observers import Watched
+from svv.pv.client.observers import Watched, WeakReference, observe, with_data
 
 
 class Thing:
@@ -33,3 +33,44 @@ def test_one_thing_is_kept_for_an_object() -> None:
     watched.put(one, 1)
     watched.put(one, 2)
     assert watched.get(one) == 2
+
+
+def test_a_weak_reference_does_not_keep_an_object() -> None:
+    one = vtkObject()
+    reference = WeakReference(one)
+    assert reference.Get() is one
+    del one
+    assert reference.Get() is None
+
+
+def test_an_event_is_observed_once_however_often_this_is_asked_for() -> None:
+    seen: list[str] = []
+    one, other = vtkObject(), vtkObject()
+
+    def note(thing: vtkObject, event: str) -> None:
+        seen.append(event)
+
+    for _ in range(3):
+        observe(one, "ModifiedEvent", note)
+    observe(one, "UserEvent", note)
+    observe(other, "ModifiedEvent", note)
+    one.Modified()
+    assert seen == ["ModifiedEvent"]
+    one.InvokeEvent("UserEvent")
+    other.Modified()
+    assert seen == ["ModifiedEvent", "UserEvent", "ModifiedEvent"]
+
+
+def test_an_observer_gets_the_data_that_it_asks_for() -> None:
+    class Panel:
+        def __init__(self) -> None:
+            self.names: list[str] = []
+
+        @with_data("string0")
+        def pressed(self, thing: vtkObject, event: str, name: str) -> None:
+            self.names.append(name)
+
+    filter, panel = vtkObject(), Panel()
+    observe(filter, "UserEvent", panel.pressed)
+    filter.InvokeEvent("UserEvent", "ClickPart")
+    assert panel.names == ["ClickPart"]

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,7 @@ from svv.options.making import DeviceOptions, PresetName
 from svv.progress import shown
 
 if TYPE_CHECKING:
+    from svv.core.geometry.cameras import Camera
     from svv.fields.scene.scene import Scene
     from svv.render.looks.look import Look
 
@@ -87,7 +88,7 @@ def save(
     print(out)
 
 
-def _camera(scene: Scene, side: Side) -> Any:
+def _camera(scene: Scene, side: Side) -> Camera | None:
     """Return the camera that a look keeps; None for none."""
     from svv.cli.options import parse_angles
     from svv.io.views.camera_file import read_camera
@@ -157,7 +158,7 @@ def apply(
     print(out)
 
 
-def told_of(camera: Any) -> dict[str, Any]:
+def told_of(camera: Camera) -> dict[str, object]:
     """Return a camera as :func:`svv.io.views.camera_file.read_camera` reads it."""
     from math import degrees
 
@@ -174,14 +175,14 @@ def show(look: LookFile) -> None:
     print_table(described(Look.load(look)))
 
 
-def described(look: Look) -> dict[str, Any]:
+def described(look: Look) -> dict[str, object]:
     """Return what a look holds, for people to read."""
     from svv.core.colour.colour import to_hex
     from svv.train.paint.ink import Ink
 
     regions = {}
     for number, region in enumerate(look.regions):
-        told: dict[str, Any] = {} if region.shown_colour is None else {"colour": to_hex(region.shown_colour)}
+        told: dict[str, object] = {} if region.shown_colour is None else {"colour": to_hex(region.shown_colour)}
         told |= {} if region.values is None else {"values": "{:g} to {:g}".format(*region.values)}
         told |= {} if region.style is None else {"style": region.style}
         told |= {key: value for key, value in region.edits.items() if key not in ("name", "edited_colour")}
@@ -190,7 +191,7 @@ def described(look: Look) -> dict[str, Any]:
         name: "an ink" if isinstance(style.style, Ink) else "{1} x {0} pixels".format(*style.style.shape)
         for name, style in look.styles.items()
     }
-    found: dict[str, Any] = {"title": look.title or None, **regions, "styles": styles or None}
+    found: dict[str, object] = {"title": look.title or None, **regions, "styles": styles or None}
     found["light"] = None if look.lamp is None else look.lamp.said()
     found["camera"] = None if look.camera is None else "kept"
     found["figure"] = dict(look.figure) or None

@@ -19,7 +19,7 @@ import typer
 from svv.cli import options
 from svv.options.described import Described, described
 
-SYNTAX: dict[str, Callable[[str, str], Any]] = {
+SYNTAX: dict[str, Callable[[str, str], object]] = {
     "colour": lambda text, _: options.parse_colour(text),
     "dims": lambda text, _: options.parse_dims(text),
     "light": lambda text, _: options.parse_light(text),
@@ -37,15 +37,15 @@ SYNTAX: dict[str, Callable[[str, str], Any]] = {
 """Parser of each syntax, by name; it takes the text and the option's name."""
 
 
-def spread(command: Callable[..., Any]) -> Callable[..., Any]:
+def spread(command: Callable[..., None]) -> Callable[..., None]:
     """Return the command as typer is to see it: each dataclass parameter is replaced by its fields, in order.
 
     The default of an option comes from the parameter's default if there is one, otherwise from the field.
     """
     parameters: list[inspect.Parameter] = []
-    groups: dict[str, Any] = {}
+    groups: dict[str, type] = {}
     for name, parameter in inspect.signature(command).parameters.items():
-        kind = get_type_hints(command, include_extras=True)[name]
+        kind: type = get_type_hints(command, include_extras=True)[name]
         if not is_dataclass(kind):
             parameters.append(parameter.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY))
             continue
@@ -62,10 +62,10 @@ def spread(command: Callable[..., Any]) -> Callable[..., Any]:
             )
 
     @functools.wraps(command)
-    def run(**given: Any) -> Any:
+    def run(**given: object) -> None:
         for name, kind in groups.items():
             given[name] = kind(**{f.name: _meant(f, given.pop(f.name)) for f in _options_of(kind)})
-        return command(**given)
+        command(**given)
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -77,11 +77,11 @@ def flag_of(field: Described) -> str:
     return field.setting.flag or f"--{field.name.replace('_', '-')}"
 
 
-def _options_of(kind: Any) -> list[Described]:
+def _options_of(kind: type) -> list[Described]:
     return [field for field in described(kind) if field.setting.command]
 
 
-def _as_typer_has_it(cls: Any, field: Described) -> Any:
+def _as_typer_has_it(cls: type, field: Described) -> object:
     """Return the annotation of a field for typer; a field that already has a typer option is left unchanged."""
     given = get_type_hints(cls, include_extras=True)[field.name]
     if any(hasattr(note, "param_decls") for note in get_args(given)):
@@ -113,14 +113,14 @@ def words(name: str, choices: tuple[str, ...]) -> Any:
     return Enum(name.title().replace("_", ""), {word.replace("-", "_"): word for word in choices}, type=str)
 
 
-def _shown(field: Described, default: Any) -> Any:
+def _shown(field: Described, default: object) -> object:
     """Return a default in the form that typer takes."""
     if default is inspect.Parameter.empty or default is None or default == ():
         return inspect.Parameter.empty if default is inspect.Parameter.empty else None
     return words(field.name, field.choices)(default) if field.choices else default
 
 
-def _meant(field: Described, given: Any) -> Any:
+def _meant(field: Described, given: Any) -> object:
     """Convert the value of an option to the value of its field."""
     if isinstance(given, Enum) and field.choices:
         return given.value

@@ -16,7 +16,6 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write the resul
 Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this JSON file.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same result.")]
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
-VolumeFile = Annotated[Path, typer.Argument(metavar="VOLUME", help="A volume: .vti, .nrrd, .nii.gz, .raw, .tif ...")]
 
 
 def examples(*lines: str) -> str:

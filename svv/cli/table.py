@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 
-def print_table(content: Mapping[str, Any], indent: str = "") -> None:
+def print_table(content: Mapping[str, object], indent: str = "") -> None:
     """Print names and values to standard output; nested values are indented below their names."""
     wide = max((len(name) for name, value in content.items() if not _is_nested(value)), default=0)
     for name, value in content.items():
@@ -16,7 +15,7 @@ def print_table(content: Mapping[str, Any], indent: str = "") -> None:
         print(f"{indent}{name}")
         if isinstance(value, dict):
             print_table(value, indent + "  ")
-        else:
+        elif isinstance(value, list | tuple):
             for index, item in enumerate(value):
                 print(f"{indent}  {index}: {_text(item)}")
 

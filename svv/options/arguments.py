@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from typing import Any, TypeVar, get_origin
+from typing import TypeVar, get_origin
 
 from svv.options.described import described
 
 Options = TypeVar("Options")
 
 
-def add_arguments(parser: argparse.ArgumentParser, options: Any, flags: Mapping[str, str]) -> None:
+def add_arguments(parser: argparse.ArgumentParser, options: object, flags: Mapping[str, str]) -> None:
     """Add arguments for some fields of a dataclass.
 
     Args:
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Any, flags: Mapping[
             parser.add_argument(flags[field.name], dest=field.name, action="store_true", help=said)
             continue
         said = field.sentence.rstrip(".") + ("" if default is None else f" ({default})")
-        kind: Any = str if field.choices or get_origin(field.kind) is tuple else field.kind
+        kind = str if field.choices or get_origin(field.kind) is tuple else field.kind
         parser.add_argument(
             flags[field.name],
             dest=field.name,
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Any, flags: Mapping[
         )
 
 
-def options_of(kind: type[Options], given: argparse.Namespace, **others: Any) -> Options:
+def options_of(kind: type[Options], given: argparse.Namespace, **others: object) -> Options:
     """Build the dataclass from parsed arguments; other fields have their defaults, or their values in ``others``."""
     named = {field.name: getattr(given, field.name) for field in described(kind) if hasattr(given, field.name)}
     return kind(**{**named, **others})

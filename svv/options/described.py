@@ -43,7 +43,7 @@ class Setting:
     """Whether panels show the field only among their advanced properties."""
     slider: tuple[float | None, float | None] | None = None
     """Range of the panel's slider, for values without a limit or with too wide a range."""
-    unset: Any = None
+    unset: object = None
     """The panel's value that stands for None, which a property cannot hold."""
     unset_says: str = ""
     """Explanation of ``unset`` in the panel's help."""
@@ -62,7 +62,7 @@ class Described:
     """Type of the field, without None and annotations."""
     optional: bool
     """Whether the value may be None."""
-    default: Any
+    default: object
     setting: Setting
     sentence: str
 
@@ -79,13 +79,13 @@ class Described:
         return self.name.title().replace("_", "")
 
 
-def described(cls: Any) -> tuple[Described, ...]:
+def described(cls: type) -> tuple[Described, ...]:
     """Describe the fields of a dataclass, in order."""
     return _described(cls)
 
 
 @cache
-def _described(cls: Any) -> tuple[Described, ...]:
+def _described(cls: type) -> tuple[Described, ...]:
     hints, text = get_type_hints(cls, include_extras=True), sentences(cls)
     found = []
     for field in fields(cls):
@@ -103,7 +103,7 @@ def _described(cls: Any) -> tuple[Described, ...]:
 
 
 @cache
-def sentences(cls: Any) -> dict[str, str]:
+def sentences(cls: type) -> dict[str, str]:
     """Return the docstring below each field of a class, on one line; '' for a field without one."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__[:-1]):
@@ -117,6 +117,6 @@ def sentences(cls: Any) -> dict[str, str]:
     return found
 
 
-def chosen(options: Any) -> dict[str, Any]:
+def chosen(options: object) -> dict[str, object]:
     """Return the options that the result depends on, by name."""
     return {f.name: getattr(options, f.name) for f in described(type(options)) if f.setting.result}

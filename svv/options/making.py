@@ -23,9 +23,9 @@ AskedHandName = Literal["auto", "oil", "watercolour", "dots", "ink-wash", "dry-b
 NetworkName = Literal["base", "pcn", "styled"]
 PictureName = Literal["rgba", "depth", "region"]
 
+Changes = Annotated[tuple[str, ...], Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True)]
 TimeLimit = Annotated[
-    float | None,
-    Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit."),
+    float | None, Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit.")
 ]
 
 PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
@@ -126,9 +126,7 @@ class TrainOptions:
     preset: PresetName = "balanced"
     """How long to train: draft gives a first look, fast and balanced take minutes, best a quarter of an hour for a
     figure, the paper's schedule hours."""
-    time_limit: Annotated[
-        float | None, Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit.")
-    ] = None
+    time_limit: TimeLimit = None
     """Train for at most this many seconds."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
@@ -144,10 +142,7 @@ class TrainOptions:
     """Learn from views only, as the paper does. By default, the volume is used as well, if the views come with it."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed", advanced=True)] = False
     """Leave out what stands still on the screen in all views: colour bars, axes, logos, text."""
-    change: Annotated[
-        tuple[str, ...],
-        Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True),
-    ] = ()
+    change: Changes = ()
     """Change one setting of the preset, such as reconstruct.iterations=4000."""
 
 
@@ -161,9 +156,7 @@ class PaletteOptions:
 
     preset: PresetName = "balanced"
     """How long to train the regions; draft gives a first look."""
-    time_limit: Annotated[
-        float | None, Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit.")
-    ] = None
+    time_limit: TimeLimit = None
     """Train for at most this many seconds."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
@@ -209,10 +202,7 @@ class PaintOptions:
     none."""
     variant: Annotated[str | None, Setting(metavar="NAME", panel="")] = None
     """Add a painting under this name and keep the others."""
-    change: Annotated[
-        tuple[str, ...],
-        Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True),
-    ] = ()
+    change: Changes = ()
     """Change one setting of the preset, such as stylize.style_views=30."""
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 import argparse
 import atexit
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.geometry.cameras import Camera
 from svv.dvr.parallel.ranks import ranks_here
@@ -25,6 +26,8 @@ from svv.io.views.view_meta import ViewMeta, known
 from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn
 from svv.options.making import ViewOptions
+from svv.pv.paraview_types import Display, Proxy, View
+from svv.pv.vtk_types import Values
 
 Result = TypeVar("Result")
 
@@ -33,9 +36,9 @@ Result = TypeVar("Result")
 class ShownVolume(Drawn):
     """A volume with the transfer function and the shading with which a representation shows it."""
 
-    data: Any
-    """The volume as a VTK data object."""
-    values: Mapping[str, Any]
+    data: vtkDataObject
+    """The volume."""
+    values: Values
     """Values of :func:`svv.pv.display.capture.shown_as`, with the transfer function as a VTK object."""
     label: str
     """Name of the array."""
@@ -45,7 +48,7 @@ class ShownVolume(Drawn):
         """Name of the array."""
         return self.label
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Return a hash of data, transfer function and shading.
 
         Raises:
@@ -56,14 +59,14 @@ class ShownVolume(Drawn):
         # Number and size of the views have their defaults here, because the job records them itself.
         return {"shown": views_key(volume_of(self.data, self.values), self.values)}
 
-    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> vtkImageData:
         """Return the volume after checking it; it is in memory already."""
         from svv.pv.display.shown import volume_shown
         from svv.pv.filters.engine import volume_of
 
         return volume_shown(volume_of(self.data, self.values), self.values, "The volume")
 
-    def how(self) -> dict[str, Any]:
+    def how(self) -> dict[str, object]:
         """Return transfer function and shading as they are shown."""
         from svv.pv.filters.engine import shading_of, transfer_function_of
 
@@ -72,12 +75,14 @@ class ShownVolume(Drawn):
     def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
         from svv.dvr.parallel.crew_views import make_crew_views
+        from svv.pv.filters.engine import shading_of, transfer_function_of
         from svv.pv.filters.parallel import crew_of
 
-        crew, how = crew_of(self.data), self.how()
+        crew = crew_of(self.data)
         if crew is None:
             return super().draw(options, progress, kept)
-        return make_crew_views(crew, how["tf"], options, how["shading"], self.name, progress)
+        tf, shading = transfer_function_of(self.values), shading_of(self.values)
+        return make_crew_views(crew, tf, options, shading, self.name, progress)
 
     def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
         """Render the volume as views were drawn, with all ranks that have a part of it."""
@@ -92,7 +97,7 @@ class ShownVolume(Drawn):
         return render_crew_views(crew, tf, cameras, shading, progress)
 
 
-def shown_volume(display: Any) -> ShownVolume:
+def shown_volume(display: Display) -> ShownVolume:
     """Return the volume that a representation shows.
 
     Raises:
@@ -104,25 +109,20 @@ def shown_volume(display: Any) -> ShownVolume:
 
     source = display.Input
     source.UpdatePipeline(simple.GetTimeKeeper().Time)  # as the view shows it
-    values = shown_as(display)
-    kind, array = values["Scalars"]
-    table = values["TransferFunction"]
+    values, table = shown_as(display), display.LookupTable
+    kind, array = display.ColorArrayName[0], display.ColorArrayName[1]
     table.SMProxy.UpdateVTKObjects()
-    given = {
-        "Scalars": array,
-        "ScalarsOnCells": kind == "CELLS",
-        "TransferFunction": table.SMProxy.GetClientSideObject(),
-    }
-    values = {**values, **given}
+    values["Scalars"], values["ScalarsOnCells"] = array, kind == "CELLS"
+    values["TransferFunction"] = table.SMProxy.GetClientSideObject()
     data = source.SMProxy.GetClientSideObject().GetOutputDataObject(source.Port)
     return ShownVolume(data, values, array)
 
 
-def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
+def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Result:
     """Do work on the volume that a representation shows; with several ranks, all of them draw it.
 
     Raises:
-        BadInput: Any reason of :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
+        BadInput: As :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
     """
     from paraview import simple
 
@@ -139,7 +139,7 @@ def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
     return on_all_ranks(display.Input, (kind, volume.name), time, lambda data: work(replace(volume, data=data)))
 
 
-def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Any, Any]:
+def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Display, View]:
     """Show a volume in a 3D view, as a user would after *File > Open*.
 
     Args:
@@ -167,7 +167,7 @@ def open_volume(path: Path, tf: Path | None = None, array: str | None = None) ->
     return display, view
 
 
-def _display_in_state(path: Path) -> tuple[Any, Any]:
+def _display_in_state(path: Path) -> tuple[Display, View]:
     from paraview import simple
 
     for view in simple.GetRenderViews():
@@ -177,7 +177,7 @@ def _display_in_state(path: Path) -> tuple[Any, Any]:
     raise BadInput(f"{path} shows no volume: save the state with the representation Volume in its view.")
 
 
-def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
+def _display_of_file(path: Path, array: str | None) -> tuple[Display, View]:
     from paraview import simple
 
     try:
@@ -209,7 +209,7 @@ def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
     return display, view
 
 
-def _show_with(display: Any, tf: Path) -> None:
+def _show_with(display: Display, tf: Path) -> None:
     """Give a display a preset's transfer function, at the preset's own values if the data contains them."""
     from svv.dvr.functions.transfer_functions import TransferFunction
 
@@ -228,7 +228,7 @@ def _show_with(display: Any, tf: Path) -> None:
         display.ScalarOpacityUnitDistance = function.unit_distance
 
 
-def update(filter: Any) -> None:
+def update(filter: Proxy) -> None:
     """Update a StyleRF filter at ParaView's current time.
 
     Raises:
@@ -243,7 +243,7 @@ def update(filter: Any) -> None:
         raise BadInput(filter.Status)
 
 
-def table_of(filter: Any) -> list[dict[str, Any]]:
+def table_of(filter: Proxy) -> list[dict[str, str]]:
     """Return the rows of a filter's output table as {column: value}; raise BadInput as :func:`update` does."""
     update(filter)
     table = filter.SMProxy.GetClientSideObject().GetOutputDataObject(0)
@@ -254,7 +254,7 @@ def table_of(filter: Any) -> list[dict[str, Any]]:
     ]
 
 
-def camera_of_view(view: Any, width: int, height: int) -> Camera:
+def camera_of_view(view: View, width: int, height: int) -> Camera:
     """Return the camera of a 3D view, for images of the given width and height in pixels."""
     from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of
     from svv.pv.filters.vtk_data import camera_of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -24,7 +24,7 @@ Arguments = Annotated[
 
 # Unknown options belong to the program, and so does everything from the first file name on: `svv pvpython script.py
 # --help`. Only --help is ours: -h would also be found inside ParaView's own options (-display).
-PASSED_ON: dict[str, Any] = {
+PASSED_ON: dict[str, object] = {
     "ignore_unknown_options": True,
     "allow_interspersed_args": False,
     "help_option_names": ["--help"],

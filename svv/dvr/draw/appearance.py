@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
 
 from svv.errors import BadInput
@@ -122,15 +122,20 @@ class Appearance:
         return hidden
 
 
+def named(name: str, values: NDArray[np.number]) -> vtkDataArray:
+    """Return a copy of an array, of tuples if it has two axes, as VTK has it, with a name."""
+    array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+    array.SetName(name)
+    return array
+
+
 def put(image: vtkImageData, appearance: Appearance) -> None:
     """Let an image carry how it is shown."""
     image.GetPointData().RemoveArray(GHOSTS)
     if appearance.blank is not None:
         flags = appearance.blank * np.uint8(vtkDataSetAttributes.HIDDENPOINT)
-        ghosts = numpy_to_vtk(np.ascontiguousarray(flags).ravel(), deep=True)
-        ghosts.SetName(GHOSTS)
-        image.GetPointData().AddArray(ghosts)
-    kept: tuple[tuple[str, Any], ...] = (
+        image.GetPointData().AddArray(named(GHOSTS, flags.ravel()))
+    kept: tuple[tuple[str, Array | None], ...] = (
         (CROP, appearance.crop),
         (NEAREST, np.ones(1) if appearance.nearest else None),
         (STRETCH, appearance.stretch if appearance.stretched else None),
@@ -138,9 +143,7 @@ def put(image: vtkImageData, appearance: Appearance) -> None:
     for name, values in kept:
         image.GetFieldData().RemoveArray(name)
         if values is not None:
-            array = numpy_to_vtk(np.ascontiguousarray(values, np.float64).ravel(), deep=True)
-            array.SetName(name)
-            image.GetFieldData().AddArray(array)
+            image.GetFieldData().AddArray(named(name, np.asarray(values, np.float64).ravel()))
 
 
 def without_duplicates(image: vtkImageData) -> vtkImageData:

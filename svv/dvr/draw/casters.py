@@ -18,7 +18,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
 
 import numpy as np
 import vtkmodules.vtkRenderingOpenGL2 as opengl  # also registers the implementation of renderers
@@ -29,7 +28,12 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkMultiThreader, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow, vtkVolume, vtkVolumeProperty
-from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkGPUVolumeRayCastMapper
+from vtkmodules.vtkRenderingVolume import (
+    vtkFixedPointRayCastImage,
+    vtkFixedPointVolumeRayCastMapper,
+    vtkGPUVolumeRayCastMapper,
+    vtkVolumeMapper,
+)
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
@@ -115,7 +119,7 @@ class CpuMapper:
         pixels[top : top + height, left : left + width] = memory[height - 1 :: -1, :width]
         return pixels
 
-    def _skip_empty_rays(self, cast: Any, camera: Camera, used: tuple[slice, slice]) -> None:
+    def _skip_empty_rays(self, cast: vtkFixedPointRayCastImage, camera: Camera, used: tuple[slice, slice]) -> None:
         """Skip rays that miss all visible cells, and end the others behind the last visible cell.
 
         The ray caster ends rays at the depth buffer of surrounding geometry; our buffer contains the depth behind the
@@ -270,7 +274,7 @@ def hardware_opengl() -> bool:
     return found is not None and not any(word in found.group(1).lower() for word in SOFTWARE_GL)
 
 
-def off_screen_window() -> Any:
+def off_screen_window() -> vtkRenderWindow:
     """Return an off-screen render window with a working OpenGL context.
 
     Raises:
@@ -306,7 +310,7 @@ def all_threads() -> Iterator[None]:
         vtkMultiThreader.SetGlobalMaximumNumberOfThreads(limit)
 
 
-def _memory(pointer: object, kind: Any, count: int) -> NDArray[Any]:
+def _memory(pointer: object, kind: type[ctypes.c_uint16 | ctypes.c_float], count: int) -> NDArray[np.number]:
     """Return an array of the memory at a pointer that VTK passes to Python as ``_<address>_p_void``."""
     address = re.match(r"_([0-9a-f]+)_p_", str(pointer))
     if address is None:
@@ -338,7 +342,7 @@ def straight(cast: NDArray[np.uint16]) -> Pixels:
     return pixels
 
 
-def _volume(mapper: Any, stage: Stage, shading: Shading) -> vtkVolume:
+def _volume(mapper: vtkVolumeMapper, stage: Stage, shading: Shading) -> vtkVolume:
     look = vtkVolumeProperty()
     colour, opacity = stage.tf.to_vtk()
     look.SetColor(colour)
@@ -360,7 +364,7 @@ def _volume(mapper: Any, stage: Stage, shading: Shading) -> vtkVolume:
     return volume
 
 
-def _renderer(window: Any, volume: vtkVolume) -> vtkRenderer:
+def _renderer(window: vtkRenderWindow, volume: vtkVolume) -> vtkRenderer:
     renderer = vtkRenderer()
     renderer.AddVolume(volume)
     light = vtkLight()

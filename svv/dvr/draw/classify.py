@@ -11,7 +11,6 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -257,7 +256,7 @@ def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[in
     return [0, *np.searchsorted(known, middles).tolist()]
 
 
-def frequencies(image: NDArray[Any], known: Array, whole: int = 0) -> Array:
+def frequencies(image: NDArray[np.number], known: Array, whole: int = 0) -> Array:
     """Return how often each known value is the nearest to a voxel's, as a fraction of the voxels that are counted. (K,)
 
     ``whole`` is the number of voxels of the volume of which the image is a part.

@@ -7,11 +7,11 @@ volume is therefore placed on the stage without either, and cameras are transfor
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkRenderingCore import vtkRenderer
 
 from svv.core.differences import above
 from svv.core.geometry.cameras import Camera
@@ -64,15 +64,15 @@ class Stage:
         spacing = np.array(self.image.GetSpacing())
         return float(min(np.cbrt(spacing.prod()), 2.0 * spacing.min()))
 
-    def staged(self, values: Any) -> Any:
+    def staged(self, values: ArrayLike) -> Array:
         """Return values of the volume as they are in ``image``, in float64."""
         return self.gain * above(np.asarray(values), self.origin)
 
-    def of_volume(self, staged: Any) -> Any:
+    def of_volume(self, staged: ArrayLike) -> Array:
         """Return values in ``image`` as they are in the volume."""
         return self.origin + np.asarray(staged, np.float64) / self.gain
 
-    def set_clipping_planes(self, renderer: Any) -> None:
+    def set_clipping_planes(self, renderer: vtkRenderer) -> None:
         """Place a VTK camera's clipping planes around the volume; rays are sampled in whole steps from the near one."""
         renderer.ResetCameraClippingRange()
 
@@ -105,7 +105,7 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
 
 
 def place_part(
-    values: NDArray[Any],
+    values: NDArray[np.number],
     at: NDArray[np.intp],
     seen: tuple[NDArray[np.intp], NDArray[np.intp]],
     whole: vtkImageData,
@@ -149,7 +149,7 @@ def place_part(
 
 
 def visible_cells(
-    values: NDArray[Any], tf: TransferFunction, span: tuple[float, float] | None = None
+    values: NDArray[np.number], tf: TransferFunction, span: tuple[float, float] | None = None
 ) -> NDArray[np.bool_]:
     """Return which cells can show something (z, y, x; one fewer than voxels along each axis).
 
@@ -181,7 +181,9 @@ def visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[
     return first, last
 
 
-def _small_type(values: NDArray[Any], span: tuple[float, float] | None = None) -> tuple[NDArray[Any], float, float]:
+def _small_type(
+    values: NDArray[np.number], span: tuple[float, float] | None = None
+) -> tuple[NDArray[np.number], float, float]:
     """Return the values in a type that both mappers accept, and the gain and origin of the mapping.
 
     8-bit and 16-bit values stay unchanged. Wider types are mapped to float32 in [0, 1], because the mappers overflow

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
@@ -28,10 +27,10 @@ class Glance:
         shading: Its shading.
 
     Raises:
-        BadInput: Any reason of :func:`svv.dvr.draw.views.render_views`.
+        BadInput: As :func:`svv.dvr.draw.views.render_views`.
     """
 
-    def __init__(self, volume: Any, tf: TransferFunction, shading: Shading) -> None:
+    def __init__(self, volume: vtkImageData, tf: TransferFunction, shading: Shading) -> None:
         opened = Opened.of(volume, "auto", None)
         stage = set_stage(opened.image, tf.fitted(*opened.range, rescale=False))
         self.rig = rig_of(ViewOptions(), stage, opened.whole)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -254,7 +254,7 @@ def memory_allowed(gigabytes: float | None) -> int:
 def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
     """Return an image in memory as a volume for our own ray caster; its values are shared, not copied."""
     level = level_of_image(image)
-    values: NDArray[Any] = to_array(image)
+    values: NDArray[np.number] = to_array(image)
     source = ArraySource(values, level.axes, level.origin)
     return LargeVolume(source, memory, overview=image)
 

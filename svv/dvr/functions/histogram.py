@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
@@ -54,7 +52,9 @@ def default_transfer_function(image: vtkImageData) -> TransferFunction:
     return TransferFunction(tuple(colours), tuple(opacities), None, "two ranges of the histogram")
 
 
-def _histogram(values: NDArray[Any], low: float, high: float, blank: NDArray[np.bool_] | None) -> NDArray[np.int64]:
+def _histogram(
+    values: NDArray[np.number], low: float, high: float, blank: NDArray[np.bool_] | None
+) -> NDArray[np.int64]:
     """Count the values that are not blanked in equal bins. (BINS,)
 
     NumPy would do so in the type of the values, which may be too coarse.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
-from svv.core.json_values import number_in
+from svv.core.json_values import Json, number_in
 from svv.dvr.functions.scales import Points
 from svv.errors import BadInput
 
@@ -17,6 +17,25 @@ SAMPLES = 256
 
 OUTSIDE = (("Below", 0), ("Above", -1))
 """Words in the names of the properties for colours beyond the points, and the index of the point they follow."""
+
+
+class ColourFields(TypedDict):
+    """Fields of :class:`svv.dvr.functions.transfer_functions.TransferFunction` about colours."""
+
+    colours: Points
+    space: str
+    hsv_wrap: bool
+    log_scale: bool
+
+
+class Fields(ColourFields):
+    """All of its fields."""
+
+    opacities: Points
+    unit_distance: float | None
+    name: str
+    log_opacity: bool
+    placed: bool
 
 
 def preset_in(data: object, name: str) -> Mapping[str, Any]:
@@ -37,7 +56,7 @@ def preset_in(data: object, name: str) -> Mapping[str, Any]:
     return data
 
 
-def name_and_unit(preset: Mapping[str, Any], name: str) -> tuple[str, float | None]:
+def name_and_unit(preset: Json, name: str) -> tuple[str, float | None]:
     """Return the name and the opacity unit distance of a preset; ``name`` and None if it has none."""
     name, unit = str(preset.get("Name", name)), preset.get("ScalarOpacityUnitDistance")
     if unit is not None:
@@ -45,7 +64,7 @@ def name_and_unit(preset: Mapping[str, Any], name: str) -> tuple[str, float | No
     return name, unit
 
 
-def fields_of_preset(preset: Mapping[str, Any], name: str) -> dict[str, Any]:
+def fields_of_preset(preset: Json, name: str) -> Fields:
     """Return the fields of the function that a preset with ``RGBPoints`` describes.
 
     Raises:
@@ -76,7 +95,7 @@ def fields_of_preset(preset: Mapping[str, Any], name: str) -> dict[str, Any]:
     }
 
 
-def fields_of_colours(colour: vtkColorTransferFunction, spaces: Sequence[str]) -> dict[str, Any]:
+def fields_of_colours(colour: vtkColorTransferFunction, spaces: Sequence[str]) -> ColourFields:
     """Return the fields about colours of a function of VTK's; ``spaces`` are the names of VTK's colour spaces."""
     plain = vtkColorTransferFunction()  # ParaView's own class looks up discrete colours, which volumes do not show
     plain.AllowDuplicateScalarsOn()

@@ -223,9 +223,9 @@ class TransferFunction:
             opacity.AddPoint(*point)
         return colour, opacity
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return a ParaView preset (JSON), with the unit distance under ParaView's property name."""
-        preset: dict[str, Any] = {
+        preset: dict[str, object] = {
             "Name": self.name,
             "ColorSpace": self.space,
             "RGBPoints": [x for point in self.colours for x in point],

@@ -10,11 +10,14 @@ others are in :meth:`Crew.serve` until the statement ends.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkRenderingCore import vtkRenderer
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.box import Box
@@ -32,6 +35,7 @@ from svv.errors import BadInput
 from svv.io.files.keyed_results import digest
 
 Array = NDArray[np.float64]
+Result = TypeVar("Result")
 
 CLIPPED = 0.01
 """Part of a voxel that VTK's CPU ray caster keeps from the planes at which it clips rays (ClipRayAgainstVolume)."""
@@ -59,7 +63,7 @@ class PieceStage(Stage):
     around: tuple[float, ...]
     """Bounds of the whole volume's visible part on the stage, as VTK has them."""
 
-    def set_clipping_planes(self, renderer: Any) -> None:
+    def set_clipping_planes(self, renderer: vtkRenderer) -> None:
         """Place the near plane before the whole volume, as on the other ranks, and the far plane behind this piece.
 
         If the farthest corner lies between ``FAR`` and 1 in the clipping range, VTK's CPU ray caster casts all rays.
@@ -129,21 +133,12 @@ class Crew:
         cells: Whether that of the cells is meant, if points have one of this name, too.
     """
 
-    def __init__(self, ranks: Ranks, data: Any, array: str | None, cells: bool = False) -> None:
+    def __init__(self, ranks: Ranks, data: vtkImageData | None, array: str | None, cells: bool = False) -> None:
         self.ranks, self._data, self._array, self._cells = ranks, data, array, cells
         self._piece: Piece | None = None
         self._stage: PieceStage | None = None
         self._mapper: PieceMapper | None = None
         self._boxes = np.zeros((0, 2, 3))
-        self._orders = {
-            "take": self._take,
-            "digest": self._digest,
-            "stage": self._put_on_stage,
-            "open": self._open,
-            "step": self._set_step,
-            "render": self._render,
-            "classify": self._classify,
-        }
 
     # --- for the leader -----------------------------------------------------------------------------------------------
 
@@ -152,7 +147,7 @@ class Crew:
         """The leader's piece, which also describes the whole volume.
 
         Raises:
-            BadInput: Any reason of :func:`svv.dvr.parallel.pieces.take_piece`.
+            BadInput: As :func:`svv.dvr.parallel.pieces.take_piece`.
         """
         self._need_piece()
         assert self._piece is not None
@@ -160,12 +155,12 @@ class Crew:
 
     def _need_piece(self) -> None:
         if self._piece is None:
-            self._do("take")
+            self._do(self._take)
 
     def digest(self) -> str:
         """Return a hash of the volume's values and of their division."""
         self._need_piece()
-        return str(self._do("digest"))
+        return self._do(self._digest)
 
     def put_on_stage(self, tf: TransferFunction) -> PieceStage:
         """Set the stage on all ranks, see :func:`svv.dvr.draw.frame.set_stage`.
@@ -174,27 +169,26 @@ class Crew:
             BadInput: No cell contains a value with an opacity above 0.
         """
         self._need_piece()
-        stage = self._do("stage", tf)
-        assert isinstance(stage, PieceStage)
-        return stage
+        return self._do(self._put_on_stage, tf)
 
     def open(self, shading: Shading, step: float) -> None:
         """Open the ray casters; the step is in stage units."""
-        self._do("open", shading, step)
+        self._do(self._open, shading, step)
 
     def set_step(self, step: float) -> None:
         """Set the sample distance, stage units."""
-        self._do("step", step)
+        self._do(self._set_step, step)
 
     def render(self, camera: Camera) -> Pixels:
         """Render a view of the whole volume with straight alpha. (height, width, 4)"""
-        pixels: Pixels = self._do("render", camera)
+        pixels = self._do(self._render, camera)
+        assert pixels is not None  # None on the other ranks
         return pixels
 
     def classify(self, stage: Stage) -> ClassifiedVolume:
         """Classify the volume (:func:`svv.dvr.draw.classify.classified`): a coarse grid is sent, if any."""
-        volume = self._do("classify")
-        assert isinstance(volume, ClassifiedVolume)
+        volume = self._do(self._classify)
+        assert volume is not None  # None on the other ranks
         return volume
 
     def __enter__(self) -> Crew:
@@ -204,9 +198,10 @@ class Crew:
         """Let the other ranks return from :meth:`serve`, even after an error."""
         self.ranks.order(END)
 
-    def _do(self, name: str, *arguments: Any) -> Any:
-        self.ranks.order(name, *arguments)
-        return self._orders[name](*arguments)  # type: ignore[operator]
+    def _do(self, work: Callable[..., Result], *arguments: object) -> Result:
+        """Order all ranks to call this method with these arguments, and do so here."""
+        self.ranks.order(work.__name__, *arguments)
+        return work(*arguments)
 
     # --- for the others -----------------------------------------------------------------------------------------------
 
@@ -217,7 +212,7 @@ class Crew:
             if name == END:
                 return
             try:
-                self._orders[name](*arguments)  # type: ignore[operator]
+                getattr(self, name)(*arguments)
             except BadInput:
                 continue  # all ranks raise it, and the leader reports it
 

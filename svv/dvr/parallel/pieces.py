@@ -7,7 +7,6 @@ seams follow. All that depends on the whole volume (its grid, range and visible 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,7 @@ class Piece:
     Its own cells lie between the voxels ``own[0]`` and ``own[1]``; together, the ranks' own cells are the volume.
     """
 
-    values: NDArray[Any]
+    values: NDArray[np.number]
     """Voxels of the piece, with those of the neighbours around it; empty if the rank has none. (z, y, x)"""
     at: Indices
     """Index (x, y, z) of the first of them. (3,)"""

@@ -10,11 +10,12 @@ import time
 import traceback
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkCommonExecutionModel import vtkExtentTranslator
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
@@ -24,6 +25,7 @@ if find_spec("vtkmodules.vtkParallelMPI") is not None:  # VTK with MPI
     import vtkmodules.vtkParallelMPI  # noqa: F401  (lets Python know the class of the controller)
 
 Result = TypeVar("Result")
+Number = TypeVar("Number", bound=np.number)
 
 ORDER, BLOCK = 20801, 20802
 """Tags of the messages."""
@@ -57,7 +59,7 @@ class Ranks:
         vtkExtentTranslator().PieceToExtentThreadSafe(self.number, self.count, 0, extent, part, mode, 0)
         return part
 
-    def gathered(self, values: NDArray[Any], goal: int) -> NDArray[Any] | None:
+    def gathered(self, values: NDArray[Number], goal: int) -> NDArray[Number] | None:
         """Return the arrays of all ranks (count, ...) on one rank, and None on the others; all have the same shape."""
         mine = _to_vtk(values)
         everyones = mine.NewInstance()
@@ -67,7 +69,7 @@ class Ranks:
             return None
         return vtk_to_numpy(everyones).reshape(self.count, *values.shape)
 
-    def everyones(self, values: NDArray[Any]) -> NDArray[Any]:
+    def everyones(self, values: NDArray[Number]) -> NDArray[Number]:
         """Return the arrays of all ranks, which have the same shape. (count, ...)"""
         mine = _to_vtk(values)
         everyones = mine.NewInstance()
@@ -117,13 +119,13 @@ class Ranks:
         values: NDArray[np.float32] = vtk_to_numpy(array)
         return values
 
-    def order(self, name: str, *arguments: Any) -> None:
+    def order(self, name: str, *arguments: object) -> None:
         """Send an order to all other ranks; only the leader does."""
         content = _to_vtk(np.frombuffer(pickle.dumps((name, arguments)), np.uint8))
         for number in range(1, self.count):
             self.controller.Send(content, number, ORDER)
 
-    def next_order(self) -> tuple[str, tuple[Any, ...]]:
+    def next_order(self) -> tuple[str, tuple[object, ...]]:
         """Wait for the leader's next order; return its name and its arguments."""
         look = getattr(self.controller, "Iprobe", None)  # missing if Python met the controller before its class
         there, sender = [0], [0]
@@ -143,5 +145,5 @@ def ranks_here() -> Ranks | None:
     return Ranks(controller) if controller is not None and controller.GetNumberOfProcesses() > 1 else None
 
 
-def _to_vtk(values: NDArray[Any]) -> Any:
+def _to_vtk(values: NDArray[np.number]) -> vtkDataArray:
     return numpy_to_vtk(np.ascontiguousarray(values).ravel(), deep=True)

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
 
 from svv.bricks.source import Level
-from svv.dvr.draw.appearance import GHOSTS, Appearance, blanked, put, without_duplicates
+from svv.dvr.draw.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -40,7 +39,7 @@ def as_volume(
     corners would blur thin features); the bounds shrink by half a cell on each side.
 
     Args:
-        image: Any image; it is not changed.
+        image: An image; it is not changed.
         array: Name of the array; by default the active scalars, or the first array with one component.
         name: Name of the image in messages.
         cells: Whether the array of the cells is meant, if both points and cells have one of this name.
@@ -75,7 +74,7 @@ def as_volume(
 
 
 def from_array(
-    values: NDArray[Any],
+    values: NDArray[np.number],
     spacing: Triple = (1.0, 1.0, 1.0),
     origin: Triple = (0.0, 0.0, 0.0),
     name: str = "scalars",
@@ -101,12 +100,12 @@ def from_array(
     return image
 
 
-def to_array(image: vtkImageData) -> NDArray[Any]:
+def to_array(image: vtkImageData) -> NDArray[np.number]:
     """Return the scalars as an array (nz, ny, nx) that shares the image's memory."""
     return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
 
 
-def check_precision(values: NDArray[Any]) -> None:
+def check_precision(values: NDArray[np.number]) -> None:
     """Reject 64-bit integers that double precision, in which transfer functions are, cannot tell apart.
 
     Raises:
@@ -144,9 +143,7 @@ def own_unit_distance(image: vtkImageData) -> float | None:
 
 def put_own_unit_distance(image: vtkImageData, distance: float) -> None:
     """Let an image carry what :func:`own_unit_distance` returns."""
-    array = numpy_to_vtk(np.array([distance]), deep=True)
-    array.SetName(OWN_UNIT)
-    image.GetFieldData().AddArray(array)
+    image.GetFieldData().AddArray(named(OWN_UNIT, np.array([distance])))
 
 
 def level_of_image(image: vtkImageData) -> Level:
@@ -191,7 +188,7 @@ def _names(*attributes: vtkDataSetAttributes) -> str:
     return ", ".join(names) if names else "none"
 
 
-def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
+def _plain(scalars: vtkDataArray, name: str) -> NDArray[np.number]:
     components = scalars.GetNumberOfComponents()
     if components != 1:
         raise BadInput(
@@ -210,7 +207,7 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
     return values
 
 
-def _native(values: NDArray[Any], name: str) -> NDArray[Any]:
+def _native(values: NDArray[np.number], name: str) -> NDArray[np.number]:
     """Return the values in a type that VTK knows: native byte order, no half floats, no booleans."""
     if values.dtype.kind not in "buif":
         raise BadInput(f"{name} contains values of type {values.dtype}; a volume needs integers or real numbers.")
@@ -218,11 +215,9 @@ def _native(values: NDArray[Any], name: str) -> NDArray[Any]:
     return np.ascontiguousarray(values, dtype=np.dtype(kind))
 
 
-def put_scalars(image: vtkImageData, values: NDArray[Any], name: str) -> None:
+def put_scalars(image: vtkImageData, values: NDArray[np.number], name: str) -> None:
     """Make a flat array the image's point scalars."""
-    scalars = numpy_to_vtk(values, deep=True)
-    scalars.SetName(name)
-    image.GetPointData().SetScalars(scalars)
+    image.GetPointData().SetScalars(named(name, values))
 
 
 def _check_geometry(matrix: NDArray[np.float64], name: str) -> None:

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkCommonDataModel import (
     VTK_VOXEL,
     vtkCompositeDataSet,
@@ -30,7 +30,7 @@ from vtkmodules.vtkFiltersCore import vtkProbeFilter, vtkThreshold
 from vtkmodules.vtkFiltersExtraction import vtkExtractCellsByType
 from vtkmodules.vtkFiltersHyperTree import vtkHyperTreeGridToUnstructuredGrid
 
-from svv.dvr.draw.appearance import GHOSTS
+from svv.dvr.draw.appearance import GHOSTS, named
 from svv.dvr.read.grids import check_precision, pick_scalars, put_own_unit_distance, put_scalars
 from svv.errors import BadInput
 from svv.io.files.memory import memory_there
@@ -90,9 +90,7 @@ def resampled(
     put_scalars(image, values.ravel(), chosen)
     if not known.all():
         flags = np.where(known, 0, vtkDataSetAttributes.HIDDENPOINT).astype(np.uint8).ravel()
-        ghosts = numpy_to_vtk(flags, deep=True)
-        ghosts.SetName(GHOSTS)
-        image.GetPointData().AddArray(ghosts)
+        image.GetPointData().AddArray(named(GHOSTS, flags))
     sides = np.array(image.GetSpacing()) * (np.array(image.GetDimensions()) - 1)
     count = sum(part.GetNumberOfCells() for part in parts)
     put_own_unit_distance(image, float(np.linalg.norm(sides) / np.cbrt(count)))
@@ -123,7 +121,9 @@ def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
             iterator.GoToNextItem()
 
 
-def _arrays_of(data: vtkDataObject, array: str | None, cells: bool, name: str) -> list[tuple[vtkDataSet, Any, bool]]:
+def _arrays_of(
+    data: vtkDataObject, array: str | None, cells: bool, name: str
+) -> list[tuple[vtkDataSet, vtkDataArray, bool]]:
     """Return the grids of a mesh that fill space and have an array, with it, and whether it is on cells.
 
     Raises:
@@ -199,8 +199,7 @@ def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
     values = vtk_to_numpy(array)
     check_precision(values)
     if not on_cells and values.dtype.kind in "iu":
-        array = numpy_to_vtk(values.astype(np.float64), deep=True)
-        array.SetName(name)
+        array = named(name, values.astype(np.float64))
     data.SetScalars(array)
     hidden = _hidden_cells(block)
     return part if hidden is None else _without(part, hidden, name)
@@ -208,8 +207,7 @@ def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
 
 def _without(part: vtkDataSet, hidden: NDArray[np.bool_], name: str) -> vtkDataSet:
     """Return a grid without its hidden cells, which VTK's probe does not know."""
-    flags = numpy_to_vtk(hidden.astype(np.uint8), deep=True)
-    flags.SetName("StyleRF Hidden")
+    flags = named("StyleRF Hidden", hidden.astype(np.uint8))
     part.GetCellData().AddArray(flags)
     left = vtkThreshold()
     left.SetInputData(part)
@@ -241,7 +239,7 @@ def _hidden_cells(block: vtkDataSet) -> NDArray[np.bool_] | None:
 
 def _sampled(
     parts: list[vtkDataSet], array: str, on_cells: bool, along: int | None, name: str
-) -> tuple[vtkImageData, NDArray[Any], NDArray[np.bool_]]:
+) -> tuple[vtkImageData, NDArray[np.number], NDArray[np.bool_]]:
     """Return an image over grids, its values, and which of its points lie in a cell. (Z, Y, X) both
 
     By default, the image has as many points as the mesh has values: if the mesh is a box, that leaves its values as
@@ -325,7 +323,7 @@ def _image_over(
 
 def _values_at(
     image: vtkImageData, parts: list[vtkDataSet], name: str
-) -> tuple[NDArray[np.floating[Any]], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
     """Return the values at the points of an image, and which of them lie in a cell. (Z, Y, X) both"""
     shape = image.GetDimensions()[::-1]
     arrays = [part.GetPointData().GetScalars() or part.GetCellData().GetScalars() for part in parts]
@@ -356,8 +354,8 @@ def _values_at(
 
 
 def _with_edges(
-    image: vtkImageData, values: NDArray[Any], known: NDArray[np.bool_], parts: list[vtkDataSet], name: str
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    image: vtkImageData, values: NDArray[np.number], known: NDArray[np.bool_], parts: list[vtkDataSet], name: str
+) -> tuple[NDArray[np.number], NDArray[np.bool_]]:
     """Return values that reach beyond the edges of a mesh, and at which points to show the image. (Z, Y, X) both
 
     A cell of the image is drawn if none of its corners is blanked. Those are drawn here whose centres lie in the mesh,

@@ -8,14 +8,13 @@ from __future__ import annotations
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
 
 from svv.dvr.read.vtk_readers import vtk_messages
 
 
-def reader_of(path: Path) -> Any | None:
+def reader_of(path: Path) -> vtkAlgorithm | None:
     """Return the VTK reader that PyVista chooses for a file.
 
     Returns:

@@ -14,16 +14,18 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import create_vtk_array, get_vtk_array_type, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv.core.json_values import Json
 from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.read.grids import own_unit_distance, put_own_unit_distance, to_array
 from svv.errors import BadInput
@@ -57,7 +59,7 @@ class Apart:
         """ID of the process that started it: one that was forked from that must not read from its pipe."""
         self._lock = threading.Lock()
 
-    def read(self, path: Path, options: Mapping[str, Any]) -> vtkImageData:
+    def read(self, path: Path, options: Json) -> vtkImageData:
         """Read a volume as :func:`svv.dvr.read.volumes.read_here` does.
 
         Raises:
@@ -67,7 +69,7 @@ class Apart:
             if self._owner != os.getpid():
                 self._process = None
             process = self._process = self._process or self._started()
-            assert process.stdin is not None and process.stdout is not None
+            assert process.stdin is not None and isinstance(process.stdout, BufferedReader)
             try:
                 process.stdin.write(json.dumps({"path": str(path), "folder": os.getcwd(), **options}).encode() + b"\n")
                 process.stdin.flush()
@@ -132,12 +134,12 @@ def serve(read: Callable[..., vtkImageData]) -> None:
         del image, values, content
 
 
-def _send(out: BinaryIO, told: Mapping[str, Any]) -> None:
+def _send(out: BinaryIO, told: Json) -> None:
     out.write(json.dumps(told).encode() + b"\n")
     out.flush()
 
 
-def _received(stream: Any) -> vtkImageData:
+def _received(stream: BufferedReader) -> vtkImageData:
     line = stream.readline()
     if not line.endswith(b"\n"):
         raise EOFError
@@ -163,7 +165,7 @@ def _received(stream: Any) -> vtkImageData:
     return image
 
 
-def _fill(values: NDArray[Any], stream: Any) -> None:
+def _fill(values: NDArray[np.number | np.bool_], stream: BufferedReader) -> None:
     """Fill an array with what comes through the pipe."""
     left = values.data.cast("B")
     while len(left):

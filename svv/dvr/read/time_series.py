@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
@@ -16,7 +14,7 @@ from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
 from svv.errors import BadInput
 
-ANY: list[dict[str, Any]] = [{"centre": 0.5, "width": 1.0, "opacity": 0.5, "colour": (1.0, 1.0, 1.0)}]
+ANY = TransferFunction.from_bumps([{"centre": 0.5, "width": 1.0, "opacity": 0.5, "colour": (1.0, 1.0, 1.0)}])
 """A transfer function for a stage of which only the values are used."""
 
 
@@ -40,7 +38,7 @@ def values_over(image: vtkImageData, box: Box, cells: int, interval: tuple[float
         interval: Values that count as 0 and 1; those beyond count as the nearer one.
     """
     first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
-    stage = place_part(to_array(image), first, (first, last), image, TransferFunction.from_bumps(ANY))
+    stage = place_part(to_array(image), first, (first, last), image, ANY)
     own = resampled(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
     hide(stage, box, cells, own)
     low, high = stage.staged(interval)

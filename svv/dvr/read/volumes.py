@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from numpy.typing import DTypeLike
 from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
 from vtkmodules.vtkIOImage import vtkSLCReader
 from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
@@ -145,7 +145,7 @@ def image_of(source: Source, file: Path) -> vtkImageData:
     return image
 
 
-_READERS: dict[str, Callable[[], Any]] = {
+_READERS: dict[str, Callable[[], vtkAlgorithm]] = {
     ".vti": vtkXMLImageDataReader, ".vtk": vtkGenericDataObjectReader, ".slc": vtkSLCReader,
 }  # fmt: skip
 """VTK's readers, by the ending."""

@@ -7,19 +7,19 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 from vtkmodules.vtkCommonDataModel import (
     vtkCompositeDataSet,
+    vtkDataObject,
     vtkDataSet,
     vtkHyperTreeGrid,
     vtkImageData,
     vtkRectilinearGrid,
 )
-from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm, vtkStreamingDemandDrivenPipeline
 
 from svv.bricks.formats.stored import damaged, too_large
 from svv.errors import BadInput
@@ -48,7 +48,7 @@ def vtk_messages() -> Iterator[Callable[[], str]]:
         vtkOutputWindow.SetInstance(before)
 
 
-def run(reader: Any, path: Path) -> Any:
+def run(reader: vtkAlgorithm, path: Path) -> vtkDataObject:
     """Run a VTK reader on a file or a folder.
 
     Returns:
@@ -93,7 +93,7 @@ def _evenly_spaced(grid: vtkRectilinearGrid) -> vtkImageData | vtkRectilinearGri
     return image
 
 
-def check_size(reader: Any, file: Path) -> None:
+def check_size(reader: vtkAlgorithm, file: Path) -> None:
     """Reject a header that asks for more memory than there is, for which VTK would end the process."""
     reader.UpdateInformation()
     about = reader.GetOutputInformation(0)

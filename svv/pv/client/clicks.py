@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
-from vtkmodules.vtkCommonCore import vtkWeakReference
+from vtkmodules.vtkCommonCore import vtkOutputWindow
+from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
 
-from svv.pv.client.observers import Watched
+from svv.pv.client.observers import WeakReference, python_proxy
+from svv.pv.paraview_types import Proxy, View
 
 CROSS, ARROW = 10, 0
 """VTK_CURSOR_CROSSHAIR and VTK_CURSOR_DEFAULT, which not every version of VTK exposes to Python."""
@@ -22,33 +23,19 @@ STILL = 3
 FIRST = 2.0
 """Priority of the observers: before those that pass the mouse on to another view (:mod:`svv.pv.client.mouse`)."""
 
-Act = Callable[[Any, Any, Sequence[int]], None]
+Act = Callable[[Proxy, View, Sequence[int]], None]
 """What a click does, given the filter's proxy, the view, and the pixel from the view's lower left."""
-
-_watched: Watched[list[Callable[[Any, str, str], None]]] = Watched()
-"""What is called for each filter whose buttons are being watched."""
 
 _clicks: list[Clicks] = []
 """The active handler, at most one; without this reference Python would collect it, because VTK holds none."""
 
 
-def watch_buttons(filter: Any, pressed: Callable[[Any, str, str], None]) -> None:
-    """Call a function with proxy, event and name when a button of a filter's panel is pressed, from now on."""
-    proxy = filter.SMProxy
-    known = _watched.get(proxy) or []
-    if pressed not in known:
-        _watched.put(proxy, [*known, pressed])
-        pressed.CallDataType = "string0"  # type: ignore[attr-defined]
-        proxy.AddObserver("UpdatePropertyEvent", pressed)
-
-
 class Clicks:
     """Click handler of some views for one button of a filter's panel."""
 
-    def __init__(self, filter: Any, button: str, views: Sequence[Any], act: Act) -> None:
+    def __init__(self, filter: Proxy, button: str, views: Sequence[View], act: Act) -> None:
         self.button, self._act = button, act
-        self.filter = vtkWeakReference()  # does not keep a deleted filter alive
-        self.filter.Set(filter.SMProxy)
+        self.filter = WeakReference(filter.SMProxy)
         self._down: tuple[int, int] | None = None
         self._views = [view for view in views if view.GetInteractor() is not None]
         self._tags = []
@@ -58,16 +45,16 @@ class Clicks:
                 self._tags.append((interactor, interactor.AddObserver(event, do, FIRST)))
             view.GetRenderWindow().SetCurrentCursor(CROSS)
 
-    def _press(self, interactor: Any, event: str) -> None:
+    def _press(self, interactor: vtkRenderWindowInteractor, event: str) -> None:
         self._down = interactor.GetEventPosition()
 
-    def _release(self, interactor: Any, event: str) -> None:
+    def _release(self, interactor: vtkRenderWindowInteractor, event: str) -> None:
         at, proxy = interactor.GetEventPosition(), self.filter.Get()
         if proxy is None:
             self.stop()
         elif self._down is not None and math.dist(at, self._down) <= STILL:
             (view,) = (v for v in self._views if v.GetInteractor() == interactor)
-            self._act(_python(proxy), view, at)
+            self._act(python_proxy(proxy), view, at)
 
     def stop(self) -> None:
         """Stop handling clicks."""
@@ -78,22 +65,28 @@ class Clicks:
         self._tags, self._views = [], []
 
 
-def stopped(filter: Any, button: str) -> bool:
-    """Stop the active handler, if any; return whether it was the one of this button of this filter."""
+def press(filter: Proxy, button: str, views: Sequence[View], act: Act, no_view: str) -> None:
+    """Let clicks into some views act for a button, until another one is pressed or the same one again.
+
+    Args:
+        filter: The filter with the button.
+        button: The button that was pressed.
+        views: The views.
+        act: What a click does.
+        no_view: Warning if there are none.
+    """
     again = False
     while _clicks:
         old = _clicks.pop()
         again = old.button == button and old.filter.Get() is filter.SMProxy
         old.stop()
-    return again
+    if views and not again:
+        _clicks.append(Clicks(filter, button, views, act))
+    elif not again:
+        vtkOutputWindow.GetInstance().DisplayWarningText(no_view)
 
 
-def start(filter: Any, button: str, views: Sequence[Any], act: Act) -> None:
-    """Let clicks into some views act for a button, until another one is pressed or the same one again."""
-    _clicks.append(Clicks(filter, button, views, act))
-
-
-def place_under(view: Any, at: Sequence[int]) -> tuple[float, float]:
+def place_under(view: View, at: Sequence[int]) -> tuple[float, float]:
     """Return the point in an image's plane that is under a pixel of its view."""
     renderer = view.SMProxy.GetRenderer()
     ends = []
@@ -122,9 +115,3 @@ def pixel_at(place: Sequence[float], sizes: Sequence[int]) -> tuple[int, int] | 
     if not (0 <= column < width and 0 <= row < height):
         return None
     return math.floor(column * own_width / width), math.floor(row * own_height / height)
-
-
-def _python(proxy: Any) -> Any:
-    from paraview import servermanager
-
-    return servermanager._getPyProxy(proxy)

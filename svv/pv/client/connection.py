@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import select
 import sys
-from typing import Any
 
 import vtkmodules.vtkCommonSystem
 import vtkmodules.vtkParallelCore  # noqa: F401  (these let Python know the classes of a connection's parts)
+
+from svv.pv.paraview_types import Session, SMProxy
 
 GONE = select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0) if hasattr(select, "poll") else 0
 """Events of a socket whose other end has been closed."""
@@ -26,7 +27,7 @@ def client_gone() -> bool:
     return session is not None and session.IsA("vtkPVSessionServer") and _is_gone(session, vtkPVSession.CLIENT)
 
 
-def server_gone(proxy: Any) -> bool:
+def server_gone(proxy: SMProxy) -> bool:
     """Return whether the server that has a proxy's object has gone.
 
     Args:
@@ -37,9 +38,9 @@ def server_gone(proxy: Any) -> bool:
     return _is_gone(proxy.GetSession(), vtkPVSession.DATA_SERVER_ROOT)
 
 
-def _is_gone(session: Any, whom: Any) -> bool:
+def _is_gone(session: Session, whom: int) -> bool:
     controller = session.GetController(whom)
-    communicator: Any = None if controller is None else controller.GetCommunicator()
+    communicator = None if controller is None else controller.GetCommunicator()
     socket = communicator.GetSocket() if hasattr(communicator, "GetSocket") else None
     if socket is None or not GONE or sys.platform == "win32":
         return False

@@ -6,23 +6,19 @@ to a timer in the window, to the next rendering in a script.
 
 from __future__ import annotations
 
-from typing import Any
-
-from vtkmodules.vtkCommonCore import VTK_INT, vtkWeakReference
+from vtkmodules.vtkCommonCore import VTK_INT
 
 from svv.pv.client.linked_camera import busy, follow, follower_of, followers, placed, stop_following, view_to_follow
-from svv.pv.client.observers import Watched
+from svv.pv.client.observers import WeakReference, python_proxy, with_data
 from svv.pv.client.timers import Timer, window
+from svv.pv.paraview_types import SMProxy, SMViewProxy
 
 PROPERTY = "FollowCamera"
 
 PAUSE = 50
 """Interval of the window's timer, in milliseconds."""
 
-_watched: Watched[None] = Watched()
-"""The observed filters and views."""
-
-_waiting: list[Any] = []
+_waiting: list[WeakReference[SMProxy]] = []
 """Weak references to the filters with a new image or a newly set property."""
 
 _beginning: list[bool] = []
@@ -32,45 +28,17 @@ _timers: list[Timer] = []
 """The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
 
 
-def watch_camera(filter: Any) -> None:
-    """Make a filter's property Follow Camera work, from now on.
-
-    Args:
-        filter: Proxy of StyleRF Render or StyleRF Stylized View.
-    """
-    if _new(filter.SMProxy):
-        filter.SMProxy.AddObserver("UpdatePropertyEvent", _pushed)
-        filter.SMProxy.AddObserver("UpdateDataEvent", _updated)
-
-
-def watch_view(view: Any) -> None:
-    """Process the waiting filters whenever a view has been drawn.
-
-    Args:
-        view: Proxy of a 3D view.
-    """
-    if _new(view.SMProxy):
-        view.SMProxy.AddObserver("EndEvent", _drawn)
-
-
-def _new(proxy: Any) -> bool:
-    """Return whether a proxy was not observed yet, and mark it as observed."""
-    new = proxy not in _watched
-    if new:
-        _watched.put(proxy, None)
-    return new
-
-
-def _wait_for(proxy: Any) -> None:
+def _wait_for(proxy: SMProxy) -> None:
     if all(known.Get() is not proxy for known in _waiting):
-        _waiting.append(vtkWeakReference())
-        _waiting[-1].Set(proxy)
+        _waiting.append(WeakReference(proxy))
 
 
-def _pushed(proxy: Any, event: str, name: str) -> None:
+@with_data("string0")
+def property_set(proxy: SMProxy, event: str, name: str) -> None:
+    """Start or stop following if the property has been set; an observer of the image filters."""
     if name != PROPERTY:
         return
-    filter = _python(proxy)
+    filter = python_proxy(proxy)
     if not filter.FollowCamera:
         stop_following(filter)
         filter.Moving = 0
@@ -80,18 +48,18 @@ def _pushed(proxy: Any, event: str, name: str) -> None:
             _begin()
 
 
-_pushed.CallDataType = "string0"  # type: ignore[attr-defined]
-
-
-def _updated(proxy: Any, event: str) -> None:
-    filter = _python(proxy)
+def image_updated(proxy: SMProxy, event: str) -> None:
+    """Remember that a filter has a new image; an observer of the image filters."""
+    filter = python_proxy(proxy)
     follower = follower_of(filter)
     if filter.FollowCamera and not (follower is not None and follower.drawing):
         _wait_for(proxy)
         _soon()
 
 
-def _drawn(proxy: Any, event: str, interactive: int) -> None:
+@with_data(VTK_INT)
+def view_drawn(proxy: SMViewProxy, event: str, interactive: int) -> None:
+    """Process the waiting filters; an observer of the 3D views."""
     for follower in followers():
         # Cameras are moved by buttons, links and scripts, too; while the mouse moves one, the follower hears of it.
         late = follower.behind or (not interactive and follower.strayed(proxy))
@@ -99,9 +67,6 @@ def _drawn(proxy: Any, event: str, interactive: int) -> None:
             _wait_for(follower.filter.SMProxy)
     if _waiting and not _soon():
         _begin()
-
-
-_drawn.CallDataType = VTK_INT  # type: ignore[attr-defined]
 
 
 def _soon() -> bool:
@@ -137,9 +102,9 @@ def _begin() -> None:
         _waiting.clear()
 
 
-def _follow(waiting: list[Any]) -> None:
+def _follow(waiting: list[SMProxy]) -> None:
     for proxy in waiting:
-        filter = None if proxy is None else _python(proxy)
+        filter = python_proxy(proxy)
         if filter is None or not filter.FollowCamera or not filter.GetDataInformation().GetNumberOfPoints():
             continue
         follower = follower_of(filter)
@@ -147,9 +112,3 @@ def _follow(waiting: list[Any]) -> None:
             follower.update(False)
         elif not placed(filter) and view_to_follow(filter) is not None:  # a picture needs no view of its own
             follow(filter)
-
-
-def _python(proxy: Any) -> Any:
-    from paraview import servermanager
-
-    return servermanager._getPyProxy(proxy)

@@ -7,21 +7,21 @@ starts and stops it according to a filter's property *Follow Camera*.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
-
-from vtkmodules.vtkCommonCore import vtkWeakReference
+from collections.abc import Callable, Container, Iterator, Sequence
 
 from svv.core.frame_rate import Pace
 from svv.errors import BadInput
 from svv.pv.client.mouse import ForwardedMouse
-from svv.pv.client.observers import Watched
+from svv.pv.client.observers import Watched, WeakReference, python_proxy
+from svv.pv.paraview_types import Display, Proxy, SMProxy, View
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView")
 """Filters that render an image from a camera."""
 
 PLACED = "StyleRFPlaceInView"
 """The filter that places such an image in the 3D view (:mod:`svv.pv.client.placing`)."""
+
+NO_IMAGE = "There is no StyleRF image to follow the camera: add StyleRF Render or StyleRF Stylized View first."
 
 LARGEST = 800
 """Longer side of the sharp image, in pixels."""
@@ -43,14 +43,14 @@ class CameraFollower:
         target: View that shows the filter's image.
     """
 
-    def __init__(self, view: Any, filter: Any, target: Any) -> None:
-        self._proxies = [_weak(proxy.SMProxy) for proxy in (view, filter, target)]
+    def __init__(self, view: View, filter: Proxy, target: View) -> None:
+        self._proxies = WeakReference(view.SMProxy), WeakReference(filter.SMProxy), WeakReference(target.SMProxy)
         self._last: object = None
         self._mouse = ForwardedMouse(target, view)
         self._wanted: bool | None = None
         self.drawing = False
         interactor = view.GetInteractor()
-        self._interactor = _weak(interactor)
+        self._interactor = WeakReference(interactor)
         # VTK holds no references to observers, so without these Python would collect them.
         self._do = {
             "InteractionEvent": lambda *_: self.update(True),
@@ -59,26 +59,26 @@ class CameraFollower:
         self._tags = [] if interactor is None else [interactor.AddObserver(*pair) for pair in self._do.items()]
 
     @property
-    def view(self) -> Any:
+    def view(self) -> View:
         """View whose camera is followed; None if it was deleted."""
-        return _python(self._proxies[0].Get())
+        return python_proxy(self._proxies[0].Get())
 
     @property
-    def filter(self) -> Any:
+    def filter(self) -> Proxy:
         """Filter that renders the image; None if it was deleted."""
-        return _python(self._proxies[1].Get())
+        return python_proxy(self._proxies[1].Get())
 
     @property
-    def target(self) -> Any:
+    def target(self) -> View:
         """View that shows the image; None if it was deleted."""
-        return _python(self._proxies[2].Get())
+        return python_proxy(self._proxies[2].Get())
 
     @property
     def behind(self) -> bool:
         """Whether the camera moved while ParaView was busy, so that the image is out of date."""
         return self._wanted is not None
 
-    def strayed(self, view: Any) -> bool:
+    def strayed(self, view: SMProxy) -> bool:
         """Whether this is the followed view, given as a proxy, and its camera is not that of the image."""
         return self._proxies[0].Get() is view and self._last != through(self.view, self.filter, False)
 
@@ -132,39 +132,27 @@ def busy() -> bool:
     return connection is not None and bool(connection.Session.GetProgressHandler().GetEnableProgress())
 
 
-def may_be_late(proxy: Any) -> None:
+def may_be_late(proxy: SMProxy) -> None:
     """Let the next image of a filter with Live come later than the update that asks for it."""
     if proxy.GetProperty("Late") is not None:
         proxy.GetProperty("Late").SetElement(0, 1)
         proxy.UpdateProperty("Late", 1)  # every time, though it has the same value
 
 
-def _weak(thing: Any) -> Any:
-    reference = vtkWeakReference()
-    reference.Set(thing)
-    return reference
-
-
-def _python(proxy: Any) -> Any:
-    from paraview import servermanager
-
-    return None if proxy is None else servermanager._getPyProxy(proxy)
-
-
-def camera_numbers(view: Any) -> list[float]:
+def camera_numbers(view: View) -> list[float]:
     """Return position, focal point, view up and angle of view of a view's live camera."""
     # The view's properties are updated only when the mouse button is released.
     camera = view.GetActiveCamera()
     return [*camera.GetPosition(), *camera.GetFocalPoint(), *camera.GetViewUp(), camera.GetViewAngle()]
 
 
-def parallel_scale_of(view: Any) -> float:
+def parallel_scale_of(view: View) -> float:
     """Return half of the height that a view's live camera sees if it is orthographic, in world units; otherwise 0."""
     camera = view.GetActiveCamera()
     return camera.GetParallelScale() if camera.GetParallelProjection() else 0.0
 
 
-def pace_of(filter: Any) -> Pace:
+def pace_of(filter: Proxy) -> Pace:
     """Return how large a filter's image is while the mouse moves."""
     pace = _paces.get(filter.SMProxy)
     if pace is None:
@@ -173,7 +161,7 @@ def pace_of(filter: Any) -> Pace:
     return pace
 
 
-def timed(filter: Any, update: Callable[[], object]) -> None:
+def timed(filter: Proxy, update: Callable[[], object]) -> None:
     """Update a filter's image, and learn from the time that this takes how large it may be while the mouse moves."""
     began = time.perf_counter()
     update()
@@ -181,7 +169,7 @@ def timed(filter: Any, update: Callable[[], object]) -> None:
         pace_of(filter).took(time.perf_counter() - began)
 
 
-def through(view: Any, filter: Any, moving: bool) -> tuple[list[float], float, list[int], int]:
+def through(view: View, filter: Proxy, moving: bool) -> tuple[list[float], float, list[int], int]:
     """Return camera, parallel scale and size of an image that follows a view, and whether it is made in a hurry.
 
     The longer side is :data:`LARGEST`, or that of the view if this is smaller and the image is placed in a 3D view.
@@ -199,7 +187,7 @@ def through(view: Any, filter: Any, moving: bool) -> tuple[list[float], float, l
     return camera_numbers(view), parallel_scale_of(view), size, int(moving)
 
 
-def look_through(filter: Any, view: Any, moving: bool) -> bool:
+def look_through(filter: Proxy, view: View, moving: bool) -> bool:
     """Give an image a view's camera, and the size of :func:`through`; return whether anything changed."""
     wanted = through(view, filter, moving)
     if (list(filter.Camera), filter.ParallelScale, list(filter.ImageSize), int(filter.Moving)) == wanted:
@@ -208,7 +196,7 @@ def look_through(filter: Any, view: Any, moving: bool) -> bool:
     return True
 
 
-def placed(filter: Any) -> bool:
+def placed(filter: Proxy) -> bool:
     """Return whether a StyleRF Place In View takes the image of a filter."""
     from paraview import simple
 
@@ -218,7 +206,7 @@ def placed(filter: Any) -> bool:
     )
 
 
-def show_image(filter: Any, view: Any) -> Any:
+def show_image(filter: Proxy, view: View) -> Display:
     """Show an image filter's colours directly, in 2D; return the representation."""
     from paraview import simple
 
@@ -232,7 +220,7 @@ def show_image(filter: Any, view: Any) -> Any:
     return display
 
 
-def fit(view: Any, width: int, height: int) -> None:
+def fit(view: View, width: int, height: int) -> None:
     """Move a view's camera so that an image of this many pixels fills the view."""
     camera = view.GetActiveCamera()
     camera.SetParallelProjection(1)
@@ -244,7 +232,7 @@ def fit(view: Any, width: int, height: int) -> None:
     camera.SetParallelScale(0.5 * max(height, width * shown[1] / shown[0]))
 
 
-def follow(filter: Any = None, view: Any = None) -> CameraFollower:
+def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollower:
     """Let an image follow a camera, and set its filter's property Follow Camera.
 
     The image has a separate view: the one that already shows it, or a new one to the right of the followed view.
@@ -258,7 +246,7 @@ def follow(filter: Any = None, view: Any = None) -> CameraFollower:
     """
     from paraview import simple
 
-    filter = filter or _image_filter([simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))])
+    filter = filter or newest(IMAGES, NO_IMAGE)
     view = view or view_to_follow(filter)
     if view is None or view.GetXMLName() != "RenderView":
         raise BadInput("There is no 3D view to follow: show the volume in one first.")
@@ -291,12 +279,12 @@ def followers() -> list[CameraFollower]:
     return [follower for follower in _followers if follower.alive]
 
 
-def follower_of(filter: Any) -> CameraFollower | None:
+def follower_of(filter: Proxy) -> CameraFollower | None:
     """Return a filter's follower, or None if its image follows no camera."""
     return next((f for f in followers() if f.filter == filter), None)
 
 
-def stop_following(filter: Any = None) -> None:
+def stop_following(filter: Proxy | None = None) -> None:
     """Stop a filter's image, or every image, from following."""
     ended = [f for f in _followers if filter is None or not f.alive or f.filter == filter]
     _followers[:] = [f for f in _followers if f not in ended]
@@ -306,7 +294,7 @@ def stop_following(filter: Any = None) -> None:
             follower.filter.FollowCamera = 0
 
 
-def view_to_follow(filter: Any) -> Any:
+def view_to_follow(filter: Proxy) -> View | None:
     """Return the 3D view that shows the volume of a filter's image, or the active one; None if there is no 3D view."""
     from paraview import simple
 
@@ -319,13 +307,13 @@ def view_to_follow(filter: Any) -> Any:
     return next(iter([*showing, *without, *views]), None)
 
 
-def shows(view: Any, sources: Sequence[Any]) -> bool:
+def shows(view: View, sources: Sequence[Proxy]) -> bool:
     """Return whether a view shows any of these sources."""
     given = [getattr(display, "Input", None) for display in view.Representations if display.Visibility]
     return any(one is not None and one.SMProxy == source.SMProxy for one in given for source in sources)
 
 
-def upstream(filter: Any) -> Iterator[Any]:
+def upstream(filter: Proxy) -> Iterator[Proxy]:
     """Yield the filters and sources upstream of a filter."""
     given = getattr(filter, "Input", None)
     if given is not None:
@@ -334,8 +322,16 @@ def upstream(filter: Any) -> Iterator[Any]:
             yield from upstream(one)
 
 
-def _image_filter(candidates: Sequence[Any]) -> Any:
-    for source in candidates:
-        if source is not None and source.SMProxy.GetXMLName() in IMAGES:
-            return source
-    raise BadInput("There is no StyleRF image to follow the camera: add StyleRF Render or StyleRF Stylized View first.")
+def newest(kinds: Container[str], missing: str) -> Proxy:
+    """Return the active filter if it is of one of these kinds, otherwise the last one that is.
+
+    Raises:
+        BadInput: There is none; ``missing`` is the sentence.
+    """
+    from paraview import simple
+
+    for source in [simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))]:
+        if source is not None and source.SMProxy.GetXMLName() in kinds:
+            found: Proxy = source
+            return found
+    raise BadInput(missing)

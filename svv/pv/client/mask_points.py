@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
-from vtkmodules.vtkCommonCore import vtkOutputWindow
-
-from svv.pv.client.clicks import pixel_at, place_under, start, stopped, watch_buttons
+from svv.pv.client.clicks import Act, pixel_at, place_under, press
+from svv.pv.client.observers import python_proxy, with_data
+from svv.pv.paraview_types import Display, Property, Proxy, SMProxy, View
 
 KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": ""}
 """Button -> the points of the Shown Mask's region to which clicks add; '' if they remove a point."""
@@ -19,45 +18,34 @@ KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": "
 MASK = 1
 """The output port that shows the picture."""
 
-
-def watch_points(filter: Any) -> None:
-    """Make a filter's buttons work, from now on.
-
-    Args:
-        filter: Proxy of StyleRF Stylize.
-    """
-    watch_buttons(filter, _pressed)
+NO_VIEW = (
+    "StyleRFStylize: No view shows the picture: switch Preview Only on, press Apply, and show the second output, "
+    "Mask.\n"
+)
 
 
-def _pressed(proxy: Any, event: str, name: str) -> None:
-    """Start handling clicks for a button; if it is pressed again, stop."""
+@with_data("string0")
+def pressed(proxy: SMProxy, event: str, name: str) -> None:
+    """Start handling clicks for a button; if it is pressed again, stop. An observer of StyleRF Stylize."""
     if name not in KINDS:
         return
-    paint = _python(proxy)
-    if stopped(paint, name):
-        return
-    views = views_of_mask(paint)
-    if not views:
-        vtkOutputWindow.GetInstance().DisplayWarningText(
-            "StyleRFStylize: No view shows the picture: switch Preview Only on, press Apply, and show the second "
-            "output, Mask.\n"
-        )
-        return
-    start(paint, name, views, lambda filter, view, at: set_point(filter, place_under(view, at), name))
+    paint = python_proxy(proxy)
+    act: Act = lambda filter, view, at: set_point(filter, place_under(view, at), name)  # noqa: E731
+    press(paint, name, views_of_mask(paint), act, NO_VIEW)
 
 
-def views_of_mask(paint: Any) -> list[Any]:
+def views_of_mask(paint: Proxy) -> list[View]:
     """Return the views that show the picture of StyleRF Stylize."""
     from paraview import simple
 
-    def shows(display: Any) -> bool:
+    def shows(display: Display) -> bool:
         given = getattr(display, "Input", None)
         return given is not None and given.SMProxy == paint.SMProxy and given.Port == MASK and bool(display.Visibility)
 
     return [view for view in simple.GetRenderViews() if any(map(shows, view.Representations))]
 
 
-def set_point(paint: Any, place: Sequence[float], button: str) -> None:
+def set_point(paint: Proxy, place: Sequence[float], button: str) -> None:
     """Set or remove a point, depending on the button.
 
     Args:
@@ -83,7 +71,7 @@ def set_point(paint: Any, place: Sequence[float], button: str) -> None:
         simple.RenderAllViews()
 
 
-def _without_nearest(rows: dict[str, Any], at: tuple[int, int]) -> None:
+def _without_nearest(rows: dict[str, Property], at: tuple[int, int]) -> None:
     """Remove the point that is nearest to a pixel from the properties' texts."""
     from svv.pv.filters.style_masks import points_in
 
@@ -93,9 +81,3 @@ def _without_nearest(rows: dict[str, Any], at: tuple[int, int]) -> None:
     kind, nearest = min(known, key=lambda one: math.dist(one[1], at))
     left = [point for k, point in known if k == kind and point != nearest]
     rows[kind].SetData("; ".join(f"{x:g},{y:g}" for x, y in left))
-
-
-def _python(proxy: Any) -> Any:
-    from paraview import servermanager
-
-    return servermanager._getPyProxy(proxy)

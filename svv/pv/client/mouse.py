@@ -5,9 +5,10 @@ Client code, see :mod:`svv.pv.client.linked_camera`.
 
 from __future__ import annotations
 
-from typing import Any
+from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
 
-from vtkmodules.vtkCommonCore import vtkWeakReference
+from svv.pv.client.observers import WeakReference
+from svv.pv.paraview_types import View
 
 BUTTONS = ("Left", "Middle", "Right")
 EVENTS = (
@@ -29,8 +30,8 @@ class ForwardedMouse:
         other: View that receives the events.
     """
 
-    def __init__(self, view: Any, other: Any) -> None:
-        self._from, self._to = _weak(view.GetInteractor()), _weak(other.GetInteractor())
+    def __init__(self, view: View, other: View) -> None:
+        self._from, self._to = WeakReference(view.GetInteractor()), WeakReference(other.GetInteractor())
         self._held: set[str] = set()
         # VTK holds no references to observers, so without this one Python would collect it.
         self._do = self._pass_on
@@ -39,7 +40,7 @@ class ForwardedMouse:
         if source is not None and self._to.Get() is not None:
             self._tags = {event: source.AddObserver(event, self._do, BEFORE_OTHERS) for event in EVENTS}
 
-    def _pass_on(self, source: Any, event: str) -> None:
+    def _pass_on(self, source: vtkRenderWindowInteractor, event: str) -> None:
         to = self._to.Get()
         if to is None:
             return
@@ -51,12 +52,12 @@ class ForwardedMouse:
         source.GetCommand(self._tags[event]).SetAbortFlag(1)
         if event == "MouseMoveEvent" and not self._held:
             return
-        place = [
+        x, y = (
             round(at * theirs / max(ours, 1))
             for at, ours, theirs in zip(source.GetEventPosition(), source.GetSize(), to.GetSize(), strict=True)
-        ]
+        )
         for _ in range(2 if event.endswith("PressEvent") else 1):  # the other view has not seen the mouse come here
-            to.SetEventInformation(*place, source.GetControlKey(), source.GetShiftKey(), "\0", 0, None)
+            to.SetEventInformation(x, y, source.GetControlKey(), source.GetShiftKey(), "\0")
         to.InvokeEvent(event)
 
     def stop(self) -> None:
@@ -65,9 +66,3 @@ class ForwardedMouse:
         for tag in self._tags.values() if source is not None else ():
             source.RemoveObserver(tag)
         self._tags = {}
-
-
-def _weak(thing: Any) -> Any:
-    reference = vtkWeakReference()
-    reference.Set(thing)
-    return reference

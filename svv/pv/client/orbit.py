@@ -5,17 +5,18 @@ Client code, for the user interface and for scripts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 from svv.errors import BadInput
+from svv.pv.client.linked_camera import newest
+from svv.pv.paraview_types import Proxy
 
 SHOWN = {"StyleRFRender": "Frame", "StyleRFStylizedView": "Frame", "StyleRFViews": "ShownView",
          "StyleRFViewsReader": "ShownView"}  # fmt: skip
 """Filter -> the property that selects which of several images it shows."""
 
+NONE = "There is nothing to orbit: add StyleRF Render or StyleRF Stylized View first."
 
-def play_orbit(filter: Any = None, frames: int | None = None) -> Any:
+
+def play_orbit(filter: Proxy | None = None, frames: int | None = None) -> Proxy:
     """Animate the frames of the orbit, or the views of a set.
 
     The data stays at the time that is shown now.
@@ -33,7 +34,7 @@ def play_orbit(filter: Any = None, frames: int | None = None) -> Any:
     """
     from paraview import simple
 
-    filter = filter or _filter_in([simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))])
+    filter = filter or newest(SHOWN, NONE)
     name = SHOWN[filter.SMProxy.GetXMLName()]
     if name == "Frame":
         filter.Camera = [0.0] * 9 + [30.0]
@@ -63,10 +64,3 @@ def stop_orbit() -> None:
             simple.Delete(track)
     simple.GetTimeTrack().Enabled = 1
     scene.UpdateAnimationUsingDataTimeSteps()
-
-
-def _filter_in(candidates: Sequence[Any]) -> Any:
-    for source in candidates:
-        if source is not None and source.SMProxy.GetXMLName() in SHOWN:
-            return source
-    raise BadInput("There is nothing to orbit: add StyleRF Render or StyleRF Stylized View first.")

@@ -9,44 +9,28 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
-from vtkmodules.vtkCommonCore import vtkOutputWindow
-
-from svv.pv.client.clicks import pixel_at, place_under, start, stopped, watch_buttons
+from svv.pv.client.clicks import pixel_at, place_under, press
 from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of, upstream
+from svv.pv.client.observers import python_proxy, with_data
+from svv.pv.paraview_types import Proxy, SMProxy, View
 
 BUTTON = "ClickPart"
 IMAGE = "StyleRFRender"
 """The filter whose image of the scene can be clicked into."""
 
 
-def watch_picks(filter: Any) -> None:
-    """Make a filter's button work, from now on.
-
-    Args:
-        filter: Proxy of StyleRF Edit.
-    """
-    watch_buttons(filter, _pressed)
-
-
-def _pressed(proxy: Any, event: str, name: str) -> None:
-    """Start handling clicks; if the button is pressed again, stop."""
+@with_data("string0")
+def pressed(proxy: SMProxy, event: str, name: str) -> None:
+    """Start handling clicks; if the button is pressed again, stop. An observer of StyleRF Edit."""
     if name != BUTTON:
         return
-    from paraview import servermanager, simple
+    from paraview import simple
 
-    edit = servermanager._getPyProxy(proxy)
-    if stopped(edit, BUTTON):
-        return
-    views = simple.GetRenderViews()
-    if not views:
-        vtkOutputWindow.GetInstance().DisplayWarningText("StyleRFEdit: There is no view to click into.\n")
-        return
-    start(edit, BUTTON, views, pick)
+    press(python_proxy(proxy), BUTTON, simple.GetRenderViews(), pick, "StyleRFEdit: There is no view to click into.\n")
 
 
-def pick(edit: Any, view: Any, at: Sequence[int]) -> None:
+def pick(edit: Proxy, view: View, at: Sequence[int]) -> None:
     """Split off the part of a region that is visible at a pixel of a view, and show the result.
 
     Args:
@@ -71,7 +55,7 @@ def pick(edit: Any, view: Any, at: Sequence[int]) -> None:
     simple.RenderAllViews()
 
 
-def seen_at(edit: Any, view: Any, at: Sequence[int]) -> dict[str, Any] | None:
+def seen_at(edit: Proxy, view: View, at: Sequence[int]) -> dict[str, object] | None:
     """Return the camera and the pixel that a click means, as values of StyleRF Render; None beside an image.
 
     In a view that shows an image of the filter's scene, the camera is that of the image, otherwise the view's own.
@@ -93,15 +77,13 @@ def seen_at(edit: Any, view: Any, at: Sequence[int]) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _image_in(view: Any, edit: Any) -> Any:
+def _image_in(view: View, edit: Proxy) -> Proxy | None:
     """Return the filter whose image of the edited scene a view shows; None if it shows none."""
-    from paraview import servermanager
-
     for display in view.Representations:
         given = getattr(display, "Input", None)
         if given is None or not display.Visibility or given.SMProxy.GetXMLName() != IMAGE:
             continue
-        image = servermanager._getPyProxy(given.SMProxy)
+        image = python_proxy(given.SMProxy)
         if any(source.SMProxy == edit.SMProxy for source in upstream(image)):
             return image
     return None

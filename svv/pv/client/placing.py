@@ -9,18 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
-from svv.pv.client.before_render import before_drawing
 from svv.pv.client.linked_camera import IMAGES, PLACED, busy, look_through, timed
+from svv.pv.client.observers import python_proxy, with_data
+from svv.pv.paraview_types import Display, Proxy, SMViewProxy, View
 
 DISPLAY = "GeometryRepresentation"
 """XML name of the representation with which ParaView shows a surface in a 3D view."""
 
 
-def as_placed(display: Any) -> bool:
+def as_placed(display: Display) -> bool:
     """Show a picture in its own colours, unlit, and let its image follow; return False if it is something else."""
     if display.Input.SMProxy.GetXMLName() != PLACED:
         return False
@@ -34,12 +34,7 @@ def as_placed(display: Any) -> bool:
     return True
 
 
-def watch_pictures(view: Any) -> None:
-    """Render the images of a 3D view's pictures for its camera before it is drawn, from now on."""
-    before_drawing(view, _before_drawing)
-
-
-def pictures_in(view: Any) -> Iterator[tuple[Any, Any]]:
+def pictures_in(view: View) -> Iterator[tuple[Proxy, Proxy]]:
     """Yield the pictures that a view shows, with the filters of their images."""
     for display in view.Representations:
         given = getattr(display, "Input", None)
@@ -49,19 +44,17 @@ def pictures_in(view: Any) -> Iterator[tuple[Any, Any]]:
                 yield given, image
 
 
-def _image_of(display: Any) -> Any:
+def _image_of(display: Display) -> Proxy | None:
     """Return the filter whose image a picture shows; None if it is no image of a scene."""
-    from paraview import servermanager
-
     given = display.Input.Input
     known = given is not None and given.SMProxy.GetXMLName() in IMAGES
-    return servermanager._getPyProxy(given.SMProxy) if known else None
+    return python_proxy(given.SMProxy) if known else None
 
 
-def _before_drawing(proxy: Any, event: str, interactive: int) -> None:
-    from paraview import servermanager
-
-    view = servermanager._getPyProxy(proxy)
+@with_data(VTK_INT)
+def render_pictures(proxy: SMViewProxy, event: str, interactive: int) -> None:
+    """Render the images of a 3D view's pictures for its camera before it is drawn; an observer of the views."""
+    view = python_proxy(proxy)
     turned = False
     for picture, image in list(pictures_in(view)):
         if image.FollowCamera and not busy() and look_through(image, view, bool(interactive)):
@@ -69,6 +62,3 @@ def _before_drawing(proxy: Any, event: str, interactive: int) -> None:
             turned = True
     if turned and interactive:
         proxy.Update()  # ParaView updates views before still images only
-
-
-_before_drawing.CallDataType = VTK_INT  # type: ignore[attr-defined]

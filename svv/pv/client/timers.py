@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
-from vtkmodules.vtkCommonCore import vtkWeakReference
+from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
+
+from svv.pv.client.observers import WeakReference
 
 
 class Timer:
@@ -17,9 +18,8 @@ class Timer:
         do: Called then.
     """
 
-    def __init__(self, interactor: Any, pause: int, do: Callable[[], None]) -> None:
-        self._interactor = vtkWeakReference()
-        self._interactor.Set(interactor)
+    def __init__(self, interactor: vtkRenderWindowInteractor, pause: int, do: Callable[[], None]) -> None:
+        self._interactor = WeakReference(interactor)
         self._do, self._observer = do, self._tick
         self._tag = interactor.AddObserver("TimerEvent", self._observer)
         self._id = interactor.CreateOneShotTimer(pause)
@@ -29,14 +29,14 @@ class Timer:
         """Whether the window still exists."""
         return self._interactor.Get() is not None
 
-    def _tick(self, *_: Any) -> None:
-        interactor: Any = self._interactor.Get()
+    def _tick(self, *_: object) -> None:
+        interactor = self._interactor.Get()
         interactor.RemoveObserver(self._tag)
         interactor.DestroyTimer(self._id)
         self._do()
 
 
-def window() -> Any:
+def window() -> vtkRenderWindowInteractor | None:
     """Return the interactor of one of the window's views; None if there is no window (in a script), or no view."""
     from paraview import simple
 

@@ -13,17 +13,15 @@ from typing import Any
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
-from svv.pv.client import linked_camera, placing
-from svv.pv.client.follow_property import watch_camera, watch_view
-from svv.pv.client.mask_points import watch_points
-from svv.pv.client.observers import Watched
-from svv.pv.client.part_picking import watch_picks
+from svv.pv.client import follow_property, linked_camera, mask_points, part_picking, placing
+from svv.pv.client.observers import observe, python_proxy
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
-from svv.pv.display.volume_display import as_volume, watch_volumes
+from svv.pv.display.volume_display import as_volume, set_looks
 from svv.pv.live.sharpening import BESIDE, watch_learning
-from svv.pv.panel.cached_names import KEEPING, watch_kept
+from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
+from svv.pv.paraview_types import Display, Observer, Proxy, SMProxyManager, SMSessionProxyManager, View
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -31,11 +29,21 @@ CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 """Filters with buttons that set their panel (:mod:`svv.pv.panel.undo`)."""
 
-PICKS = "StyleRFEdit"
-"""The filter whose parts can be chosen in views (:mod:`svv.pv.client.part_picking`)."""
+OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
+    (KEEPING, "UpdateDataEvent", take_names),
+    (("StyleRFEdit",), "UpdatePropertyEvent", part_picking.pressed),
+    (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
+    (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
+    (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),
+)
+"""What makes buttons and properties of filters work: the filters, an event, and what is called then."""
 
-POINTS = "StyleRFStylize"
-"""The filter whose points can be set in a view (:mod:`svv.pv.client.mask_points`)."""
+OF_VIEWS = (
+    ("EndEvent", follow_property.view_drawn),
+    ("StartEvent", set_looks),
+    ("StartEvent", placing.render_pictures),
+)
+"""What is called when a 3D view is drawn, by event."""
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader", "StyleRFStylize")
 """Filters and readers whose output is an image of colours."""
@@ -54,11 +62,8 @@ UNKNOWN = (
 SEEN = "StyleRF.seen"
 """Annotation of a representation that has been set up once; afterwards it is left to the user."""
 
-_observed: Watched[None] = Watched()
-"""The observed sessions."""
 
-
-def volume_display(source: Any, view: Any = None) -> Any:
+def volume_display(source: Proxy, view: View | None = None) -> Display:
     """Return the representation that shows a source as a volume.
 
     Args:
@@ -84,7 +89,7 @@ def volume_display(source: Any, view: Any = None) -> Any:
     )
 
 
-def shown_as(display: Any) -> dict[str, Any]:
+def shown_as(display: Display) -> dict[str, object]:
     """Return how a representation shows a volume, as values for the filters' properties, by property name.
 
     Args:
@@ -118,14 +123,14 @@ def shown_as(display: Any) -> dict[str, Any]:
     }
 
 
-def _views_of(display: Any) -> list[Any]:
+def _views_of(display: Display) -> list[View]:
     """Return the 3D views with a representation."""
     from paraview import simple
 
     return [view for view in simple.GetRenderViews() if display in view.Representations]
 
 
-def capture(filter: Any, view: Any = None) -> None:
+def capture(filter: Proxy, view: View | None = None) -> None:
     """Copy how the display of a filter's input shows it to the filter's panel: transfer function, shading, place ...
 
     Args:
@@ -158,17 +163,16 @@ def watch_new_filters() -> None:
     _watch_session(manager.GetActiveSessionProxyManager())
 
 
-def _session_changed(manager: Any, *_: Any) -> None:
+def _session_changed(manager: SMProxyManager, *_: object) -> None:
     _watch_session(manager.GetActiveSessionProxyManager())
 
 
-def _watch_session(session: Any) -> None:
-    if session is not None and session not in _observed:
-        _observed.put(session, None)
-        session.AddObserver("RegisterEvent", _registered)
+def _watch_session(session: SMSessionProxyManager | None) -> None:
+    if session is not None:
+        observe(session, "RegisterEvent", _registered)
 
 
-def _registered(session: Any, *_: Any) -> None:
+def _registered(session: SMSessionProxyManager, *_: object) -> None:
     for name in CAPTURED:
         # The event does not identify the proxy, but a new one has no transfer function yet.
         for filter in _proxies(session, name):
@@ -177,23 +181,15 @@ def _registered(session: Any, *_: Any) -> None:
     for name in BUTTONS:
         for filter in _proxies(session, name):
             watch(filter)
-    for name in KEEPING:
-        for filter in _proxies(session, name):
-            watch_kept(filter)
-    for filter in _proxies(session, PICKS):
-        watch_picks(filter)
-    for filter in _proxies(session, POINTS):
-        watch_points(filter)
-    for name in linked_camera.IMAGES:
-        for filter in _proxies(session, name):
-            watch_camera(filter)
+    for names, event, do in OBSERVERS:
+        for filter in (filter for name in names for filter in _proxies(session, name)):
+            observe(filter.SMProxy, event, do)
     for name in BESIDE:
         for filter in _proxies(session, name):
             watch_learning(filter, loading=bool(session.GetInLoadXMLState()))
     for view in _proxies(session, "RenderView", "views"):
-        watch_view(view)
-        watch_volumes(view)
-        placing.watch_pictures(view)
+        for event, do in OF_VIEWS:
+            observe(view.SMProxy, event, do)
     loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
     for display in _new_displays(session, placing.DISPLAY):
         if not loading:
@@ -205,7 +201,7 @@ def _registered(session: Any, *_: Any) -> None:
             as_it_is(display)
 
 
-def _capture_if_shown(filter: Any) -> None:
+def _capture_if_shown(filter: Proxy) -> None:
     """Capture the display of a new filter's input; whatever goes wrong must not keep others from being set up."""
     try:
         capture(filter)
@@ -215,7 +211,7 @@ def _capture_if_shown(filter: Any) -> None:
         filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
 
 
-def _new_displays(session: Any, kind: str) -> Iterator[Any]:
+def _new_displays(session: SMSessionProxyManager, kind: str) -> Iterator[Display]:
     """Yield the representations of a kind that have not been seen before."""
     for display in _proxies(session, kind, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
@@ -223,16 +219,14 @@ def _new_displays(session: Any, kind: str) -> Iterator[Any]:
             yield display
 
 
-def as_it_is(display: Any) -> None:
+def as_it_is(display: Display) -> None:
     """Show an image's colours directly, not through a colour map."""
     display.Representation = "Slice"
     display.ColorArrayName = ["POINTS", "RGBA"]
     display.MapScalars = 0
 
 
-def _proxies(session: Any, kind: str, group: str = "sources") -> list[Any]:
-    from paraview import servermanager
-
+def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") -> list[Any]:
     iterator = vtkSMProxyIterator()
     iterator.SetSessionProxyManager(session)
     iterator.SetModeToOneGroup()
@@ -240,6 +234,6 @@ def _proxies(session: Any, kind: str, group: str = "sources") -> list[Any]:
     found = []
     while not iterator.IsAtEnd():
         if iterator.GetProxy().GetXMLName() == kind:
-            found.append(servermanager._getPyProxy(iterator.GetProxy()))
+            found.append(python_proxy(iterator.GetProxy()))
         iterator.Next()
     return found

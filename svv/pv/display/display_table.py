@@ -7,7 +7,9 @@ in ParaView's pictures that the properties under ``NO_EFFECT`` have none.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from svv.pv.paraview_types import Display, Proxy, View
 
 REPRODUCED, NO_EFFECT, REFUSED = "reproduced", "no effect on a volume", "refused"
 
@@ -19,11 +21,11 @@ class Row(NamedTuple):
     """One of ``REPRODUCED``, ``NO_EFFECT`` and ``REFUSED``."""
     why: str
     """If it is refused, a sentence for the user that names it and says what to do; otherwise how, or why not."""
-    refuses: Callable[[Any], bool] = bool
+    refuses: Callable[[object], bool] = bool
     """Whether a value of it is refused."""
 
 
-def _other_than(*values: Any) -> Callable[[Any], bool]:
+def _other_than(*values: object) -> Callable[[object], bool]:
     return lambda value: value not in values
 
 
@@ -103,7 +105,9 @@ REPRESENTATION: Mapping[str, Row] = {
         "The volume is shown with Multi Components Mapping, and StyleRF draws one number per voxel: turn it off in the "
         "display's properties, and choose an array with one component.",
     ),
-    "VolumetricScatteringBlending": Row(REFUSED, NOT_SHADED, lambda value: float(value) > 0.0),
+    "VolumetricScatteringBlending": Row(
+        REFUSED, NOT_SHADED, lambda value: isinstance(value, float | int) and value > 0.0
+    ),
     "GlobalIlluminationReach": WITH,
     "VolumeAnisotropy": WITH,
     "CoordinateSystem": Row(
@@ -192,7 +196,7 @@ def crops_as_known() -> bool:
     return (vtkSMProxyManager.GetVersionMajor(), vtkSMProxyManager.GetVersionMinor()) != (5, 12)
 
 
-def refused_by(display: Any) -> str:
+def refused_by(display: Display) -> str:
     """Return the sentence that says why a display cannot be reproduced; empty if it can.
 
     Args:
@@ -209,7 +213,7 @@ def refused_by(display: Any) -> str:
     return ""
 
 
-def light_of(view: Any) -> str:
+def light_of(view: View) -> str:
     """Return what the light of a view means for a shaded volume: empty, ``LIGHT_KIT`` or the refusal ``LIGHTS``."""
     added = [light for light in view.AdditionalLights if light.Enable]
     if view.UseLight:
@@ -225,12 +229,12 @@ RENAMED = {"Position": "Translation"}
 """Names of properties since ParaView 5.13, which refuses the old ones."""
 
 
-def name_in(proxy: Any, name: str) -> str | None:
+def name_in(proxy: Proxy, name: str) -> str | None:
     """Return the name of a property in this version of ParaView; None if the proxy does not have it."""
     names = (name, RENAMED.get(name, name))
     return next((own for own in names if proxy.SMProxy.GetProperty(own) is not None), None)
 
 
-def value_of(proxy: Any, name: str) -> Any:
+def value_of(proxy: Proxy, name: str) -> object:
     """Return a property's value as numbers or text, not as an object that goes on changing with the property."""
     return proxy.GetProperty(name).GetData()

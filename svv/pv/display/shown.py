@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +21,11 @@ from svv.dvr.read.grids import (
     to_array,
 )
 from svv.errors import BadInput
+from svv.pv.vtk_types import Values
 
 Array = NDArray[np.float64]
 
-PLAIN: dict[str, Any] = {
+PLAIN: Values = {
     "InterpolationType": "Linear",
     "UseCropping": False,
     "CroppingOrigin": (0.0, 0.0, 0.0),
@@ -55,7 +54,7 @@ DIVIDED = (
 )
 
 
-def chosen_of(values: Mapping[str, Any]) -> dict[str, Any]:
+def chosen_of(values: Values) -> Values:
     """Return those of a panel's values with which a display changes a volume."""
     given = {name: values.get(name, plain) for name, plain in PLAIN.items()}
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
@@ -68,7 +67,7 @@ CUBIC = ("InterpolationType", "Cubic")
 """ParaView's default, at which VTK's ray casters interpolate linearly."""
 
 
-def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The input") -> vtkImageData:
+def volume_shown(data: vtkImageData, values: Values, name: str = "The input") -> vtkImageData:
     """Return the volume that a display shows (:func:`svv.dvr.read.grids.as_volume`), in its place in the world.
 
     Args:
@@ -77,7 +76,7 @@ def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The
         name: Name of the input in messages.
 
     Raises:
-        BadInput: Any reason of :func:`svv.dvr.read.grids.as_volume`, or the display shears the volume.
+        BadInput: The reasons of :func:`svv.dvr.read.grids.as_volume`, or the display shears the volume.
     """
     data, chosen = without_duplicates(data), (values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
     image, (_, on_cells) = as_volume(data, *chosen), pick_scalars(data, *chosen)
@@ -100,12 +99,12 @@ def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The
     return image
 
 
-def scale_of(values: Mapping[str, Any]) -> float:
+def scale_of(values: Values) -> float:
     """Return how much longer the volume is in the world than in its data, the mean of its axes."""
     return float(np.cbrt(np.abs(np.prod(values.get("Scale", PLAIN["Scale"])))))
 
 
-def matrix_of(given: Mapping[str, Any]) -> Array:
+def matrix_of(given: Values) -> Array:
     """Return the matrix from the data to the world of a display with these properties. (4, 4)"""
     prop = vtkVolume()
     prop.SetPosition(*given["Position"])
@@ -131,7 +130,7 @@ def _with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImag
     return wider, np.array([np.maximum(whole[0], crop[0] + 1.0), np.minimum(whole[1], crop[1] + 1.0)])
 
 
-def _crop(data: vtkImageData, image: vtkImageData, given: Mapping[str, Any], on_cells: bool) -> Array:
+def _crop(data: vtkImageData, image: vtkImageData, given: Values, on_cells: bool) -> Array:
     """Return the corners of the part of its data that a display shows, as indices of the image's voxels. (2, 3)"""
     place = index_to_world(image)
     if np.abs(place[:3, :3] - np.diag(np.diag(place[:3, :3]))).max() > 1e-6 * np.abs(place[:3, :3]).max():

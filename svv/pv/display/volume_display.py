@@ -7,12 +7,10 @@ time, so that what the user changes stays.
 
 from __future__ import annotations
 
-from typing import Any
-
 from svv.core.volumes.opacity_code import most_with, opacity_points
-from svv.pv.client.before_render import before_drawing
-from svv.pv.client.observers import Watched
+from svv.pv.client.observers import Watched, python_proxy
 from svv.pv.filters.vtk_data import BAKED, OPACITY, UNIT_DISTANCE
+from svv.pv.paraview_types import Display, Proxy, PVDataRepresentation, SMProxy, SMViewProxy
 
 SET = "StyleRF.look"
 """Annotation of a display: the look that it was last given."""
@@ -24,7 +22,7 @@ _told: Watched[float] = Watched()
 """The unit distance that each display was given on its server."""
 
 
-def look_of(source: Any) -> tuple[float, float] | None:
+def look_of(source: Proxy) -> tuple[float, float] | None:
     """Return a baked volume's opacity unit distance, world units, and largest opacity; None for anything else.
 
     Args:
@@ -37,7 +35,7 @@ def look_of(source: Any) -> tuple[float, float] | None:
     return float(unit.GetComponentRange(0)[0]), float(function.GetComponentRange(1)[1])
 
 
-def as_volume(display: Any) -> bool:
+def as_volume(display: Display) -> bool:
     """Show a baked volume as one, in its own colours; change nothing and return False if it is something else."""
     if look_of(display.Input) is None:
         return False
@@ -48,15 +46,9 @@ def as_volume(display: Any) -> bool:
     return True
 
 
-def watch_volumes(view: Any) -> None:
-    """Give baked volumes the look that their data ask for before a 3D view is drawn, from now on."""
-    before_drawing(view, _before_drawing)
-
-
-def _before_drawing(proxy: Any, event: str) -> None:
-    from paraview import servermanager
-
-    view = servermanager._getPyProxy(proxy)
+def set_looks(proxy: SMViewProxy, event: str) -> None:
+    """Give baked volumes the look that their data ask for before a 3D view is drawn; an observer of the views."""
+    view = python_proxy(proxy)
     for display in view.Representations:
         if getattr(display, "MapScalars", 1) or not display.Visibility or display.Representation != "Volume":
             continue
@@ -66,7 +58,7 @@ def _before_drawing(proxy: Any, event: str) -> None:
             _set(display, *look)
 
 
-def _set(display: Any, unit: float, opacity: float) -> None:
+def _set(display: Display, unit: float, opacity: float) -> None:
     from paraview import servermanager, simple
 
     said = f"{unit:.9g} {opacity:.9g}"
@@ -83,7 +75,7 @@ def _set(display: Any, unit: float, opacity: float) -> None:
         _set_on_server(display.SMProxy, display.ScalarOpacityUnitDistance)
 
 
-def set_unit_distance(display: Any, distance: float) -> None:
+def set_unit_distance(display: PVDataRepresentation, distance: float) -> None:
     """Set the opacity unit distance, world units, of the fourth component in a display's VTK object.
 
     The representation sets that of the first component, but VTK's mapper takes that of the code's.
@@ -93,7 +85,7 @@ def set_unit_distance(display: Any, distance: float) -> None:
         actor.GetProperty().SetScalarOpacityUnitDistance(3, distance)
 
 
-def _set_on_server(display: Any, distance: float) -> None:
+def _set_on_server(display: SMProxy, distance: float) -> None:
     """Set the unit distance where the server draws a display, once for each value."""
     from paraview.modules.vtkRemotingServerManager import vtkSMPropertyHelper
 

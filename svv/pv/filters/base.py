@@ -7,10 +7,10 @@ result, or nothing.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterator, MutableMapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import vtkmodules.vtkRenderingCore  # noqa: F401  (lets Python know the class of the server's transfer functions)
 from paraview.util.vtkAlgorithm import VTKPythonAlgorithmBase
@@ -24,10 +24,17 @@ from svv.measure import give_memory_back
 from svv.pv.client.connection import client_gone
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
+from svv.pv.panel.properties import label_of
 from svv.pv.results.time_steps import Steps
-from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request, Values
+
+if TYPE_CHECKING:
+    from svv.io.views.viewset import ViewSet
+    from svv.render.baking.voxels import Grid
 
 Result = TypeVar("Result")
+Kept = dict[str, tuple[object, Any]]
+"""Results by name, each with the key of what it was made from."""
 
 ORBIT = 181
 """Frames of the orbit around a scene."""
@@ -49,7 +56,7 @@ UNFINISHED = "The scene before this filter is still being learned."
 WHOLE = ("vtkTable", "vtkImageData", "vtkPolyData")
 """Types of the outputs of StyleRF filters."""
 
-_forgetters: list[Callable[[Any, str], None]] = []
+_forgetters: list[Callable[[object, str], None]] = []
 """Deletion observers, one per existing filter; if only the filters held them, Python would collect them too early."""
 
 _working: list[str] = []
@@ -62,7 +69,7 @@ class Filter(VTKPythonAlgorithmBase):
     ``values`` holds the value of every property by name.
     """
 
-    defaults: ClassVar[dict[str, Any]] = {}
+    defaults: ClassVar[Values] = {}
 
     def __init__(self, inputs: int, outputs: int, kind: str) -> None:
         super().__init__(nInputPorts=inputs, nOutputPorts=outputs, outputType=kind)
@@ -70,9 +77,9 @@ class Filter(VTKPythonAlgorithmBase):
         self._status = ""
         self.unfinished = False
         """Whether the input is made from a scene that is still being learned."""
-        self._kept: dict[str, tuple[Any, Any]] = {}
+        self._kept: Kept = {}
         self.steps: Steps[Any] = Steps()
-        self.AddObserver("DeleteEvent", _forgetter(self._kept, self.steps.results))
+        self.AddObserver("DeleteEvent", _forgetter(self._kept, self.steps))
 
     # --- the pipeline's requests --------------------------------------------------------------------------------------
 
@@ -184,7 +191,7 @@ class Filter(VTKPythonAlgorithmBase):
             _working.clear()
             give_memory_back()
 
-    def kept(self, name: str, key: Any, make: Callable[[], Result]) -> Result:
+    def kept(self, name: str, key: object, make: Callable[[], Result]) -> Result:
         """Return the result kept under a name, and call ``make`` only if the key differs from the last one's."""
         if name not in self._kept or self._kept[name][0] != key:
             self._kept[name] = (key, make())
@@ -200,6 +207,25 @@ class Filter(VTKPythonAlgorithmBase):
         for name in names:
             self._kept.pop(name, None)
         self.Modified()
+
+    def save(self, result: str, file: str, write: Callable[[Path], object]) -> None:
+        """Write something to the file that a property names, for a button, and report it.
+
+        Args:
+            result: Name under which what is written is kept; there is nothing to write as long as nothing is.
+            file: Name of the property.
+            write: Writes it; may raise BadInput and Cancelled.
+        """
+        name = self.values[file]
+        if self.last(result) is None or not name:
+            self.say(f"There is nothing to save yet: choose a file under {label_of(file)}, and press Apply.")
+            return
+        try:
+            write(Path(name))
+        except (BadInput, Cancelled) as error:
+            self.say(str(error) or "Stopped.")
+        else:
+            self._status = f"Saved as {name}."
 
     def say(self, sentence: str, error: bool = True) -> None:
         """Report a sentence to the user, in Output Messages and in the property Status."""
@@ -232,18 +258,18 @@ def sentence_on(error: Exception) -> str:
     return UNEXPECTED.format(error=f"{type(error).__name__}: {error}", place=place)
 
 
-def _forgetter(kept: MutableMapping[Any, Any], results: MutableMapping[Any, Any]) -> Callable[[Any, str], None]:
+def _forgetter(kept: Kept, steps: Steps[Any]) -> Callable[[object, str], None]:
     """Return an observer that clears a deleted filter's results; VTK may keep its Python attributes much longer.
 
     Args:
         kept: What is made again in no time.
-        results: Results of long work, whose memory is given back.
+        steps: Results of long work, whose memory is given back.
     """
 
-    def forget(_: Any, event: str) -> None:
-        large = bool(results)
+    def forget(_: object, event: str) -> None:
+        large = bool(steps.results)
         kept.clear()
-        results.clear()
+        steps.results.clear()
         _forgetters.remove(forget)
         if not _forgetters:
             forget_scenes()
@@ -284,7 +310,7 @@ class ViewsOutput(Filter):
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
         return 1
 
-    def show(self, views: Any, outputs: list[Data], key: str = "") -> None:
+    def show(self, views: ViewSet, outputs: list[Data], key: str = "") -> None:
         """Output views; show the last one if the panel asks for a later one. ``key`` is as for ``put_views``."""
         image, cameras = outputs
         put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), image, cameras, key)
@@ -306,7 +332,7 @@ class ImageOutput(Filter):
 class VolumeOutput(Filter):
     """A filter whose output is a regular grid of points that depends on the input's scene."""
 
-    def grid_for(self, data: Any) -> Any:
+    def grid_for(self, data: Data | None) -> Grid:
         """Return the grid of the output for a scene's table; raises BadInput if there is none."""
         raise NotImplementedError
 
@@ -324,7 +350,7 @@ class VolumeOutput(Filter):
         self.announce(out_info, grid)
         return 1
 
-    def announce(self, out_info: OutInfo, grid: Any) -> None:
+    def announce(self, out_info: OutInfo, grid: Grid | None) -> None:
         """Announce a grid to the pipeline, or an empty one (see :func:`set_image_information`)."""
         info = out_info.GetInformationObject(0)
         shape = (0, 0, 0) if grid is None else grid.shape

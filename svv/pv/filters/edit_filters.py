@@ -6,7 +6,8 @@ Each class is a list of properties and a few calls into :mod:`svv.pv.filters.edi
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
 
@@ -29,6 +30,9 @@ from svv.pv.panel.properties import Property, button, file, integer, panel, stat
 from svv.pv.results.cached import Keeping
 from svv.pv.vtk_types import Data, OutInfo, Request
 
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
 
 
@@ -43,26 +47,20 @@ def save_properties() -> list[Property]:
 class SceneOutput(Keeping):
     """A filter whose output is a scene, which it can also save."""
 
-    def give(self, scene: Any, table: Any) -> None:
+    def give(self, scene: Scene, table: Data) -> None:
         """Put a scene into an output table, and remember it for Save Scene."""
         self.kept("given", object(), lambda: scene)
         put_scene(scene, table)
 
     def SaveScene(self) -> None:
         """Write the scene to a file."""
-        scene, name = self.last("given"), self.values["SaveFile"]
-        if scene is None or not name:
-            self.say("There is nothing to save yet: choose a file under Save File, and press Apply.")
-            return
-        if self.unfinished:
-            self.say("The scene is still being learned: save it when it is there.")
-            return
-        try:
-            scene.save(name)
-        except BadInput as error:
-            self.say(str(error))
-        else:
-            self._status = f"Saved as {name}."
+
+        def write(file: Path) -> None:
+            if self.unfinished:
+                raise BadInput("The scene is still being learned: save it when it is there.")
+            self.last("given").save(file)
+
+        self.save("given", "SaveFile", write)
 
     def before(self, outputs: list[Data]) -> None:
         if self.last("given") is not None:

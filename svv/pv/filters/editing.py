@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from svv.core.colour.correction import Correction, Point
 from svv.core.json_values import parsed
@@ -24,12 +23,11 @@ from svv.options.editing import (
 from svv.options.making import DeviceOptions, PaletteOptions
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 from svv.pv.panel.option_panel import options_in
+from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
-
-Values = Mapping[str, Any]
 
 
 def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tuple[Scene, tuple[str, ...]]:
@@ -41,7 +39,7 @@ def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tupl
         progress: Called while regions are split.
 
     Raises:
-        BadInput: Any reason of the edits (:mod:`svv.fields.scene.edits`), words that are not understood or want a
+        BadInput: The reasons of the edits (:mod:`svv.fields.scene.edits`), words that are not understood or want a
             style, or Undo is larger than the number of edits.
     """
     if values["Undo"] > len(scene.history.past):
@@ -79,7 +77,7 @@ def edit_in(values: Values) -> SceneEdit:
     """
     rows = [f"Region{region}" for region in range(REGIONS)]
     hide = tuple(region for region, name in enumerate(rows) if values[f"{name}Hide"])
-    places: dict[str, dict[str, Any] | None] = {
+    places: dict[str, dict[str, object] | None] = {
         AS_IT_CAME: None,
         BESIDE: {"azimuth": values["LightAzimuth"], "elevation": values["LightElevation"]},
         IN_WORLD: {"direction": values["LightDirection"]},
@@ -89,7 +87,7 @@ def edit_in(values: Values) -> SceneEdit:
         {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
         options_in(LightEdit, values, light=places[values["LightFrom"]]),
         options_in(OcclusionEdit, values),
-        options_in(PaintEdit, values, **_strokes_in(values)),
+        options_in(PaintEdit, values, "", **_strokes_in(values)),
         # Width and colour have no meaning without an outline.
         outline if outline.outline is not None else OutlineEdit(),
         VisibilityEdit(
@@ -100,9 +98,9 @@ def edit_in(values: Values) -> SceneEdit:
     )
 
 
-def _strokes_in(values: Values) -> dict[str, Any]:
+def _strokes_in(values: Values) -> dict[str, object]:
     """Return the edits of strokes that are no single number; raises BadInput if the palette cannot be read."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     if values["MoveStrokeLight"]:
         found["stroke_light"] = tuple(values["StrokeLight"])
     if values["StrokePalette"].strip():
@@ -216,7 +214,7 @@ def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) ->
         progress: Called several times a second.
 
     Raises:
-        BadInput: Any reason of :func:`svv.train.correct.correct_palette`.
+        BadInput: The reasons of :func:`svv.train.correct.correct_palette`.
         Cancelled: ``progress`` raised it.
     """
     from svv.kernels.dispatch import device_named

@@ -6,10 +6,9 @@ twice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +30,15 @@ from svv.pv.panel.groups import COLOURS, IN_COLOUR, REGIONS, ROW
 from svv.pv.panel.option_panel import options_in
 from svv.pv.results.keys import digest_of_mask, key_of
 from svv.pv.results.time_steps import Moment
+from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
+    from svv.core.colour.shading import Shading
+    from svv.dvr.functions.transfer_functions import TransferFunction
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
     from svv.job.moving import Moving
     from svv.render.baking.baked_volume import BakedVolume
-
-Values = Mapping[str, Any]
 
 
 # --- views ----------------------------------------------------------------------------------------------------------
@@ -89,7 +89,7 @@ def _digest_of(image: vtkImageData, values: Values) -> str:
     return digest(*place, content, *(digest_of(one) for one in ghosts if one is not None))
 
 
-def _drawing(values: Values) -> list[Any]:
+def _drawing(values: Values) -> list[object]:
     """Return how the volume is displayed, except for the transfer function, and the options of its views."""
     drawing = [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
     display = chosen_of(values)
@@ -116,8 +116,8 @@ def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -
     return Moment(settings, look, _digest_of(image, values), asked, time_of(data), table)
 
 
-def transfer_function_of(values: Values) -> Any:
-    """Return the panel's transfer function (:class:`svv.dvr.functions.transfer_functions.TransferFunction`).
+def transfer_function_of(values: Values) -> TransferFunction:
+    """Return the panel's transfer function.
 
     Raises:
         BadInput: The panel has none, or the volume is shown in a way that is not supported.
@@ -139,8 +139,8 @@ def transfer_function_of(values: Values) -> Any:
     return TransferFunction.from_vtk(table, opacity, unit, "the transfer function")
 
 
-def shading_of(values: Values) -> Any:
-    """Return the panel's shading (:class:`svv.core.colour.shading.Shading`)."""
+def shading_of(values: Values) -> Shading:
+    """Return the panel's shading."""
     from svv.core.colour.shading import Shading
 
     return Shading(bool(values["Shade"]), *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
@@ -150,7 +150,7 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
     """Draw the training and test views that the panel asks for.
 
     Raises:
-        BadInput: Any reason of :func:`svv.dvr.draw.views.make_views`.
+        BadInput: The reasons of :func:`svv.dvr.draw.views.make_views`.
     """
     from svv.dvr.draw.views import make_views
     from svv.dvr.parallel.crew_views import make_crew_views
@@ -257,7 +257,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress, checkp
     from a ``checkpoint``.
 
     Raises:
-        BadInput: Any reason of the engine.
+        BadInput: The reasons of the engine.
         Cancelled: ``progress`` raised it.
     """
     from svv.io.files.atomic import check_writable
@@ -357,7 +357,7 @@ def as_seen_with(rgba: NDArray[np.uint8], vision: VisionName) -> NDArray[np.uint
     return np.concatenate([to_bytes(simulated(rgba[..., :3] / 255.0, vision)), rgba[..., 3:]], axis=-1)
 
 
-def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, Any]:
+def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, NDArray[np.number]]:
     """Render RGBA (uint8), depth and regions of a scene from a camera.
 
     Raises:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
+import numpy as np
+from numpy.typing import NDArray
 from paraview.util.vtkAlgorithm import smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
@@ -69,18 +68,9 @@ class StyleRFFigure(Filter):
         """Write the figure to a file."""
         from svv.pv.panel.figures import write
 
-        scene, name = self.last("scene"), self.values["FigureFile"]
-        if scene is None or not name:
-            self.say("There is nothing to save yet: choose a file under Figure File, and press Apply.")
-            return
-        try:
-            write(scene, self.values, Path(name), self.progress)
-        except (BadInput, Cancelled) as error:
-            self.say(str(error) or "Stopped.")
-        else:
-            self._status = f"Saved as {name}."
+        self.save("scene", "FigureFile", lambda file: write(self.last("scene"), self.values, file, self.progress))
 
-    def _pixels(self, data: Any) -> Any:
+    def _pixels(self, data: Data) -> NDArray[np.uint8]:
         """Return the figure as straight RGBA, drawn once for each scene and panel. (height, width, 4)"""
         from svv.pv.panel.figures import pixels_of
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
 
@@ -17,6 +16,9 @@ from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import button, choice, file, panel, status, text
 from svv.pv.vtk_types import Data, OutInfo
 from svv.render.looks.offered import LOOKS
+
+if TYPE_CHECKING:
+    from svv.render.looks.applying import Applied
 
 __all__ = ["StyleRFLook"]
 
@@ -62,7 +64,7 @@ class StyleRFLook(SceneOutput):
         look = Look.load(source)
         named = source if shipped else digest_of_file(source)
 
-        def apply() -> Any:
+        def apply() -> Applied:
             with self.training() as progress:
                 on = scene.on(device_named(options_in(DeviceOptions, values).device))
                 return look.applied(on, pairs_in(values["Pairs"]), progress, preset=values["Preset"])
@@ -76,16 +78,7 @@ class StyleRFLook(SceneOutput):
         """Write the input's look to a file."""
         from svv.render.looks.look import Look
 
-        scene, name = self.last("input"), self.values["SaveLookFile"]
-        if scene is None or not name:
-            self.say("There is nothing to save yet: choose a file under Save Look File, and press Apply.")
-            return
-        try:
-            Look.of(scene).save(Path(name))
-        except BadInput as error:
-            self.say(str(error))
-        else:
-            self._status = f"Saved as {name}."
+        self.save("input", "SaveLookFile", lambda file: Look.of(self.last("input")).save(file))
 
 
 def pairs_in(text: str) -> dict[int, int] | None:

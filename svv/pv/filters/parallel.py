@@ -7,13 +7,14 @@ rank.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.dvr.parallel.ranks import ranks_here
 from svv.errors import BadInput
 from svv.pv.filters.base import Filter
+from svv.pv.paraview_types import Proxy
 from svv.pv.vtk_types import InInfo, OutInfo, Request
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def do_next_job(data: vtkDataObject) -> None:
         _jobs.pop()(data)
 
 
-def on_all_ranks(source: Any, array: tuple[str, str], time: float, work: Callable[[vtkDataObject], Result]) -> Result:
+def on_all_ranks(source: Proxy, array: tuple[str, str], time: float, work: Callable[[vtkDataObject], Result]) -> Result:
     """Do work on the first rank while the others wait for orders, as in a filter.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
@@ -14,6 +14,10 @@ from svv.pv.filters.vtk_data import finished_scene_of, put_scene
 from svv.pv.panel.groups import takes_scene
 from svv.pv.panel.properties import file, panel, shown_view, status
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.io.views.viewset import ViewSet
 
 __all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader"]
 
@@ -63,11 +67,11 @@ class StyleRFSceneReader(Filter):
         from svv.fields.values.followed_scene import at_step, step_at
 
         scene, told = self._read(), ""
-        times, executive = self._times(scene), self.GetExecutive()
-        if times:
+        times, steps, executive = self._times(scene), scene.steps, self.GetExecutive()
+        if times and steps is not None:
             info = out_info.GetInformationObject(0)
             asked = executive.UPDATE_TIME_STEP()
-            step = step_at(scene.steps, info.Get(asked)) if info.Has(asked) else scene.steps.own
+            step = step_at(steps, info.Get(asked)) if info.Has(asked) else steps.own
             whole = scene
             scene = self.kept("step", (id(whole), step), lambda: at_step(whole, step))
             outputs[0].GetInformation().Set(vtkDataObject.DATA_TIME_STEP(), times[step])
@@ -83,7 +87,7 @@ class StyleRFSceneReader(Filter):
         except BadInput:
             return []  # RequestData reports it
 
-    def _read(self) -> Any:
+    def _read(self) -> Scene:
         from svv.fields.scene.scene import Scene
 
         name = self.values["FileName"]
@@ -91,7 +95,7 @@ class StyleRFSceneReader(Filter):
         return self.kept("scene", (name, changed), lambda: Scene.load(name))
 
     @staticmethod
-    def _times(scene: Any) -> list[float]:
+    def _times(scene: Scene) -> list[float]:
         """Return the times of a scene's steps; none if there is only one."""
         return [] if scene.steps is None or len(scene.steps) < 2 else list(scene.steps.times)
 
@@ -127,7 +131,7 @@ class StyleRFViewsReader(ViewsOutput):
         self.show(views, outputs)
         return f"{len(views)} views."
 
-    def _read(self) -> Any:
+    def _read(self) -> ViewSet:
         from svv.io.views.transforms import split_of
         from svv.io.views.viewset import ViewSet
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vtkImageData
 
 from svv.dvr.read.meshes import is_mesh, resampled
+from svv.pv.vtk_types import Values
 
-__all__ = ["forget_image", "image_of", "is_mesh", "told"]
+__all__ = ["image_of", "is_mesh", "told"]
 
-_last: dict[tuple[Any, ...], vtkImageData] = {}
+_last: dict[tuple[object, ...], vtkImageData] = {}
 """What an image was resampled from -> the last such image, which the filters on one input share."""
 
 
-def image_of(data: vtkDataObject, values: Mapping[str, Any]) -> vtkImageData:
+def image_of(data: vtkDataObject, values: Values) -> vtkImageData:
     """Return a mesh as an image, resampled as a panel's values say (:func:`svv.dvr.read.meshes.resampled`).
 
     Raises:
@@ -29,17 +27,12 @@ def image_of(data: vtkDataObject, values: Mapping[str, Any]) -> vtkImageData:
     return _last[key]
 
 
-def told(data: vtkDataObject | None, values: Mapping[str, Any]) -> str:
+def told(data: vtkDataObject | None, values: Values) -> str:
     """Return a sentence about the image that a mesh was resampled to; nothing for other data."""
     if data is None or not is_mesh(data) or data.IsA("vtkPolyData"):
         return ""
     size = " x ".join(map(str, image_of(data, values).GetDimensions()))
     return f" The input, a {data.GetClassName()}, was resampled to {size} points."
-
-
-def forget_image() -> None:
-    """Release the image."""
-    _last.clear()
 
 
 def _changed(data: vtkDataObject) -> int:

@@ -6,9 +6,8 @@ gallery.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,11 @@ from numpy.typing import NDArray
 from svv.errors import BadInput, Progress
 from svv.io.pictures.mask_file import Mask, Selection
 from svv.pv.panel.groups import AS_IT_IS, AUTOMATIC, NO_GALLERY, PICTURE, REGIONS
+from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-Values = Mapping[str, Any]
 Colours = NDArray[np.float32]
 
 NO_PICTURE = "Choose at least one picture under Style Files, or one from the gallery."
@@ -120,7 +119,9 @@ def points_in(text: str, name: str) -> list[tuple[float, float]]:
     return points
 
 
-def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uint8], NDArray[Any], tuple[int, int]]:
+def preview(
+    values: Values, progress: Progress
+) -> tuple[Colours, NDArray[np.uint8], NDArray[np.uint8], tuple[int, int]]:
     """Return the picture of the region whose mask is shown, its overlay, and the part of it that is used.
 
     Args:
@@ -152,13 +153,13 @@ def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uin
     picture = picture_of(style).astype(np.float32, copy=False)
     mask, selection = mask_for(values, region, source, picture)
     if mask is None and values["PictureParts"]:
-        taken: NDArray[Any] = parts_of(values, picture)
-        overlay = regions_overlay(picture, taken)
+        parts = parts_of(values, picture)
+        overlay, taken = regions_overlay(picture, parts), parts.astype(np.uint8)
     else:
-        taken = np.ones(picture.shape[:2], bool) if mask is None else mask
-        overlay = mask_overlay(picture, taken, selection)
+        whole = np.ones(picture.shape[:2], bool) if mask is None else mask
+        overlay, taken = mask_overlay(picture, whole, selection), whole.astype(np.uint8)
     size = source_size(source, picture.shape)
-    return picture, with_rulers(overlay, size), taken.astype(np.uint8), size
+    return picture, with_rulers(overlay, size), taken, size
 
 
 def write_masks(scene: Scene, values: Values, folder: Path, progress: Progress) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from svv.errors import BadInput, Progress, part
 from svv.io.pictures.mask_file import Mask
@@ -14,12 +14,11 @@ from svv.pv.filters.style_masks import NO_PICTURE, asks_for_part, mask_for, sour
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel.option_panel import options_in
 from svv.pv.results.keys import digest_of_scene
+from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.train.paint.ink import Style, StyleInput
-
-Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
         go_on: Whether to continue the painting that the scene shows.
 
     Raises:
-        BadInput: Any reason of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
+        BadInput: The reasons of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
         Cancelled: ``progress`` raised it.
     """
     from svv.kernels.dispatch import device_named

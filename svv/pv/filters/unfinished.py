@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
+from svv.dvr.draw.appearance import named
 from svv.errors import BadInput
 
 MARK = "StyleRF Unfinished"
@@ -18,9 +18,7 @@ class NotYetThere(BadInput):
 
 def mark_unfinished(data: vtkDataObject) -> None:
     """Mark data as made from a scene that is still being learned."""
-    mark = numpy_to_vtk(np.ones(1, np.uint8), deep=1)
-    mark.SetName(MARK)
-    data.GetFieldData().AddArray(mark)
+    data.GetFieldData().AddArray(named(MARK, np.ones(1, np.uint8)))
 
 
 def is_unfinished(data: vtkDataObject | None) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
@@ -58,12 +58,16 @@ from svv.pv.panel.properties import (
     status,
     switch,
 )
-from svv.pv.results.cached import Keeping, views_in, write_views
+from svv.pv.results.cached import Keeping, Views, views_in, write_views
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.render.baking.voxels import Grid
 
 __all__ = [
     "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",
@@ -102,17 +106,17 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 
         now, folder = moment_of(inputs[0], self.values, time_asked_for(self)), self.values["Folder"]
 
-        def make() -> Any:
+        def make() -> Views:
             with self.training() as progress:
                 train, test = draw_views(volume_of(inputs[0], self.values), self.values, part(progress, 0.0, 0.9))
             known = {"key": key_of(now), "look": now.look, "data": now.data, "time": now.time}
             return replace(train, meta=replace(train.meta, other={**train.meta.other, **known})), test
 
-        def own() -> Any:
+        def own() -> Views | None:
             found = views_in(Path(folder), key_of(now), self.progress) if folder else None
             return found and self.kept("written", (key_of(now), folder), lambda: found)
 
-        def write() -> Any:
+        def write() -> Views:
             write_views(views, Path(folder), part(self.progress, 0.9, 1.0))
             return views
 
@@ -165,14 +169,14 @@ class StyleRFTrain(DividedInput, Beside):
         now = self.settled(present)
         self.wants(now, file)
 
-        def make() -> Any:
+        def make() -> Scene:
             with self.training() as progress:
                 return train(inputs[0], self.values, progress, self.checkpoint)
 
-        def own() -> Any:
+        def own() -> Scene | Stored | None:
             return self.found_in(Path(file), now) if file else None
 
-        def get() -> Any:
+        def get() -> tuple[Scene | Stored, str]:
             found = self.found_or_made("scene", "scene", now, make, own)
             if file and own() is None:  # found in the cache, not in the user's file
                 found[0].save(file)
@@ -197,7 +201,7 @@ class StyleRFTrain(DividedInput, Beside):
         said = " ".join([said, *scene.made.get("warnings", [])])
         return said + told_of(inputs[0], self.values) + self.note + told
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
+    def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
         if not self.put_newest(outputs[0]):
             self.before(outputs)
             mark_unfinished(outputs[0])
@@ -269,7 +273,7 @@ class StyleRFVolume(VolumeOutput):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
 
-    def grid_for(self, data: Any) -> Any:
+    def grid_for(self, data: Data | None) -> Grid:
         from svv.kernels.dispatch import device_named
         from svv.render.baking.baked import grid_for
 
@@ -334,15 +338,15 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         styles = style_key(values) if values["StyleFiles"] else ""
         todo = 0.7 if styles else 0.98
 
-        def learn() -> Any:
+        def learn() -> Scene:
             with self.training() as progress:
                 return train(inputs[0], values, part(progress, 0.0, todo), self.checkpoint)
 
-        def paint() -> Any:
+        def paint() -> Scene:
             with self.training() as progress:
                 return stylize(scene, values, part(progress, todo, 0.98))
 
-        paintings: Steps[Any] = self.kept("paintings", None, Steps)
+        paintings: Steps[tuple[Scene | Stored, str]] = self.kept("paintings", None, Steps)
         look = digest(styles, now.settings)
         self.wants(now, look)
         if styles:

@@ -11,16 +11,24 @@ import hashlib
 import weakref
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints, vtkStringArray
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageData, vtkPolyData, vtkTable
+from vtkmodules.vtkCommonDataModel import (
+    vtkCellArray,
+    vtkDataObject,
+    vtkImageData,
+    vtkImplicitFunction,
+    vtkPolyData,
+    vtkTable,
+)
 
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
+from svv.dvr.draw.appearance import named
 from svv.errors import BadInput
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished
 from svv.pv.results.keys import digest_of_views
@@ -58,20 +66,20 @@ def put_scene(scene: Scene, table: vtkTable) -> None:
     """Fill a table with one row per region, and with the scene itself as field data."""
     _put_regions(scene.regions, table)
     content = scene.to_bytes()
-    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+    table.GetFieldData().AddArray(named(SCENE, np.frombuffer(content, np.uint8)))
     _keep(_digest(content), scene)
 
 
 def put_stored(stored: Stored, content: bytes, table: vtkTable) -> None:
     """Fill a table as :func:`put_scene` does, with the scene in a file, which is not read for it."""
     _put_regions(stored.regions, table)
-    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+    table.GetFieldData().AddArray(named(SCENE, np.frombuffer(content, np.uint8)))
 
 
 def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
     table.Initialize()
     colours = np.array([r.edited_colour or r.colour for r in regions], np.float64).reshape(-1, 3)
-    columns: list[tuple[str, Any]] = [
+    columns: list[tuple[str, NDArray[np.number]]] = [
         ("Region", np.arange(len(regions), dtype=np.int32)),
         ("Colour", colours),
         ("Share", np.array([r.share for r in regions], np.float64)),
@@ -81,7 +89,7 @@ def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
         ("Lighting", np.array([r.lighting for r in regions], np.float64)),
     ]
     for name, values in columns:
-        table.AddColumn(_array(name, values))
+        table.AddColumn(named(name, values))
     for heading, words in (("Name", [r.name for r in regions]), ("Style", [r.style for r in regions])):
         column = vtkStringArray()
         column.SetName(heading)
@@ -139,9 +147,9 @@ def time_of(data: vtkDataObject | None) -> float | None:
     return float(data.GetInformation().Get(key)) if data is not None and data.GetInformation().Has(key) else None
 
 
-def digest_of(array: Any) -> str:
+def digest_of(array: vtkDataArray) -> str:
     """Return a hash of an array's content; it is cached until the array is modified."""
-    place = array.__this__, array.GetMTime()
+    place = array.GetAddressAsString(""), array.GetMTime()
     if place not in _digests:
         if len(_digests) >= KNOWN:
             _digests.clear()
@@ -169,7 +177,7 @@ def _digest(content: bytes | memoryview) -> str:
 # --- images ---------------------------------------------------------------------------------------------------------
 
 
-def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
+def put_image(image: vtkImageData, arrays: dict[str, NDArray[np.number]]) -> None:
     """Fill an image with arrays whose row 0 is at the top; the first array becomes its scalars.
 
     Args:
@@ -181,18 +189,18 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
     image.SetDimensions(width, height, 1)
     for number, (name, values) in enumerate(arrays.items()):
         upside = np.ascontiguousarray(values[::-1])
-        array = _array(name, upside.reshape(width * height, -1) if values.ndim == 3 else upside.ravel())
+        array = named(name, upside.reshape(width * height, -1) if values.ndim == 3 else upside.ravel())
         _tell_ranges(array, values.reshape(width * height, -1))
         image.GetPointData().AddArray(array)
         if number == 0:
             image.GetPointData().SetActiveScalars(name)
 
 
-def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[Any]], camera: Camera) -> None:
+def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[np.number]], camera: Camera) -> None:
     """Fill an image as :func:`put_image` does, and record its camera."""
     put_image(image, arrays)
     numbers = [*camera.camera_to_world.ravel(), camera.fov_x, camera.span_x or 0.0]
-    image.GetFieldData().AddArray(_array(CAMERA, np.array(numbers)))
+    image.GetFieldData().AddArray(named(CAMERA, np.array(numbers)))
 
 
 def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.float32], Camera]:
@@ -216,11 +224,11 @@ def put_mesh(mesh: DepthMesh, data: vtkPolyData) -> None:
     """Fill a data object with a surface in its own colours, array ``RGBA`` of the points."""
     data.Initialize()
     points, cells = vtkPoints(), vtkCellArray()
-    points.SetData(_array("Points", mesh.points))
-    cells.SetData(4, _array("Vertices", mesh.quads.ravel()))
+    points.SetData(named("Points", mesh.points))
+    cells.SetData(4, named("Vertices", mesh.quads.ravel()))
     data.SetPoints(points)
     data.SetPolys(cells)
-    data.GetPointData().SetScalars(_array("RGBA", mesh.colours))
+    data.GetPointData().SetScalars(named("RGBA", mesh.colours))
 
 
 def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
@@ -229,14 +237,14 @@ def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
     image.SetDimensions(*volume.grid.shape)
     image.SetOrigin(*volume.grid.origin)
     image.SetSpacing(*(volume.grid.spacing,) * 3)
-    colours = _array(BAKED, volume.rgba.reshape(-1, 4))
+    colours = named(BAKED, volume.rgba.reshape(-1, 4))
     _store_ranges(colours, *volume.ranges)  # at 256^3, VTK would look for them for seconds
     image.GetPointData().SetScalars(colours)
     for name, values in volume.fields().items():
-        image.GetFieldData().AddArray(_array(name, values))
+        image.GetFieldData().AddArray(named(name, values))
 
 
-def evaluated(function: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def evaluated(function: vtkImplicitFunction, at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values of an implicit function of VTK at world coordinates (N, 3). (N,)"""
     values = vtkDoubleArray()
     values.SetNumberOfTuples(len(at))  # not every function does
@@ -244,7 +252,7 @@ def evaluated(function: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
     return vtk_to_numpy(values)
 
 
-def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
+def _tell_ranges(array: vtkDataArray, values: NDArray[np.number]) -> None:
     """Store the ranges of an array's components (N, C) where VTK caches them; VTK needs 0.1 s for a small image."""
     finite = values if values.dtype.kind in "iu" else np.where(np.isfinite(values), values, np.nan)
     if values.dtype.kind == "f" and (np.isinf(values).any() or np.isnan(finite).all(axis=0).any()):
@@ -254,7 +262,7 @@ def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
     _store_ranges(array, ends, (float(np.nanmin(norm)), float(np.nanmax(norm))))
 
 
-def _store_ranges(array: Any, ends: NDArray[np.float64], norms: tuple[float, float]) -> None:
+def _store_ranges(array: vtkDataArray, ends: NDArray[np.float64], norms: tuple[float, float]) -> None:
     """Store ranges, of components (C, 2) and of lengths, where VTK caches them."""
     information = array.GetInformation()
     for key in (vtkDataArray.PER_COMPONENT(), vtkDataArray.PER_FINITE_COMPONENT()):
@@ -262,7 +270,7 @@ def _store_ranges(array: Any, ends: NDArray[np.float64], norms: tuple[float, flo
         components.SetNumberOfInformationObjects(len(ends))
         for component, (low, high) in enumerate(ends.tolist()):
             components.GetInformationObject(component).Set(vtkDataArray.COMPONENT_RANGE(), (low, high), 2)
-        information.Set(key, components)
+        key.Set(information, components)
     for length in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
         information.Set(length, norms, 2)
 
@@ -368,7 +376,7 @@ def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
     data.Initialize()
     matrices = np.stack([camera.camera_to_world for camera in cameras])
     points = vtkPoints()
-    points.SetData(_array("Points", matrices[:, :3, 3]))
+    points.SetData(named("Points", matrices[:, :3, 3]))
     data.SetPoints(points)
     vertices = vtkCellArray()
     for number in range(len(cameras)):
@@ -379,10 +387,4 @@ def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
     if any(c.is_orthographic for c in cameras):
         arrays["Parallel Scale"] = np.array([0.5 * c.height / c.focal * c.is_orthographic for c in cameras])
     for name, values in arrays.items():
-        data.GetPointData().AddArray(_array(name, values))
-
-
-def _array(name: str, values: NDArray[Any]) -> Any:
-    array = numpy_to_vtk(np.ascontiguousarray(values), deep=1)
-    array.SetName(name)
-    return array
+        data.GetPointData().AddArray(named(name, values))

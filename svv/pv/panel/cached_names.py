@@ -7,31 +7,15 @@ modified.
 
 from __future__ import annotations
 
-from typing import Any
-
 from svv.pv.client.connection import server_gone
-from svv.pv.client.observers import Watched
+from svv.pv.paraview_types import SMProxy
 
 KEEPING = ("StyleRFViews", "StyleRFTrain", "StyleRFPalette", "StyleRFStylize", "StyleRFStylizedView")
 """Filters with this property."""
 
-_watched: Watched[None] = Watched()
-"""The filters that are being watched."""
 
-
-def watch_kept(filter: Any) -> None:
-    """Keep a filter's property up to date with the names that the filter reports, from now on.
-
-    Args:
-        filter: Proxy of one of :data:`KEEPING`.
-    """
-    proxy = filter.SMProxy
-    if proxy not in _watched:
-        _watched.put(proxy, None)
-        proxy.AddObserver("UpdateDataEvent", _note)
-
-
-def _note(proxy: Any, event: str) -> None:
+def take_names(proxy: SMProxy, event: str) -> None:
+    """Bring the property up to date with the names that the filter reports; an observer of these filters."""
     if server_gone(proxy):  # it ended during the work
         return
     told, carried = proxy.GetProperty("Kept"), proxy.GetProperty("KeptAs")

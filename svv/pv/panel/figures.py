@@ -9,10 +9,9 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +20,16 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.io.files.atomic import write_json
 from svv.options.figures import FigureOptions
+from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of
 from svv.pv.filters.vtk_data import camera_of
 from svv.pv.launch.programs import PYTHON
 from svv.pv.panel.option_panel import options_in
+from svv.pv.paraview_types import Proxy, View
+from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-Values = Mapping[str, Any]
 
 PIXELS = 800
 """Width and height of the camera's picture, of which a figure shows what is visible."""
@@ -114,7 +115,7 @@ def _ran(words: list[str], progress: Progress) -> str | None:
     return f"The Python at {words[0]} cannot draw the figure ({last}): install svv there with its extra 'figure'."
 
 
-def add_figure(source: Any = None, view: Any = None) -> Any:
+def add_figure(source: Proxy | None = None, view: View | None = None) -> Proxy:
     """Add StyleRF Figure to a scene, seen as the active view sees it; return its proxy, which is not applied yet.
 
     Args:
@@ -132,9 +133,6 @@ def add_figure(source: Any = None, view: Any = None) -> Any:
     figure = simple.StyleRFFigure(Input=source)
     view = view or simple.GetActiveView()
     if view is not None and view.GetXMLName() == "RenderView":
-        camera = view.GetActiveCamera()
-        angle = camera.GetViewAngle()
-        figure.Camera = [*camera.GetPosition(), *camera.GetFocalPoint(), *camera.GetViewUp(), angle]
-        figure.ParallelScale = camera.GetParallelScale() if camera.GetParallelProjection() else 0.0
+        figure.Camera, figure.ParallelScale = camera_numbers(view), parallel_scale_of(view)
     simple.SetActiveSource(figure)
     return figure

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
@@ -21,6 +20,7 @@ from svv.options.making import (
 )
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import (
+    Class,
     Property,
     button,
     capture_reports,
@@ -65,38 +65,38 @@ ADDED = 3
 """Number of colours that the panel of StyleRF Palette can add at once."""
 
 
-def menu(cls: Any) -> Any:
+def menu(cls: Class) -> Class:
     """Show the filter under Filters > StyleRF."""
     # Since 5.12 ParaView would insert a space into the name of a category without a label: "Style RF".
     return smhint.xml('<ShowInMenu category="StyleRF" menu_label="StyleRF"/>')(cls)
 
 
-def keep_input_visible(cls: Any) -> Any:
+def keep_input_visible(cls: Class) -> Class:
     """Keep the input visible when the filter is applied."""
     return smhint.xml('<Visibility replace_input="0"/>')(cls)
 
 
-def takes_volume(cls: Any) -> Any:
+def takes_volume(cls: Class) -> Class:
     """Give the filter a grid as its input, which may consist of blocks."""
     arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
     cls = smdomain.datatype(dataTypes=["vtkDataSet", "vtkHyperTreeGrid"], composite_data_supported=True)(cls)
     return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
 
 
-def takes_image(cls: Any) -> Any:
+def takes_image(cls: Class) -> Class:
     """Give the filter an image of colours as its input; volumes, which have one component, cannot be chosen."""
     arrays = '<InputArrayDomain name="input_array" attribute_type="point" number_of_components="4"/>'
     cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
     return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
 
 
-def takes_scene(cls: Any) -> Any:
+def takes_scene(cls: Class) -> Class:
     """Give the filter a scene's table as its input."""
     cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
     return smproperty.input(name="Input", port_index=0)(cls)
 
 
-def takes_scenes(cls: Any) -> Any:
+def takes_scenes(cls: Class) -> Class:
     """Give the filter the tables of several scenes as its input."""
     cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
     return smproperty.input(name="Input", port_index=0, multiple_input=True)(cls)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, TypeVar, get_origin
 
 from svv.options.described import Described, described
 from svv.pv.panel.properties import Property, choice, integer, number, numbers, shown_where, switch, text
+from svv.pv.vtk_types import Values
 
 Options = TypeVar("Options")
 
 
-def properties_of(options: Any, prefix: str = "", advanced: bool = False, skip: tuple[str, ...] = ()) -> list[Property]:
+def properties_of(
+    options: object, prefix: str = "", advanced: bool = False, skip: tuple[str, ...] = ()
+) -> list[Property]:
     """Return a property for each field that panels show; the field's docstring becomes its help.
 
     Args:
@@ -37,7 +40,7 @@ def properties_of(options: Any, prefix: str = "", advanced: bool = False, skip: 
     return found
 
 
-def options_in(kind: type[Options], values: Mapping[str, Any], prefix: str = "", **others: Any) -> Options:
+def options_in(kind: type[Options], values: Values, prefix: str = "", **others: object) -> Options:
     """Return the options that a panel's values represent.
 
     Args:
@@ -50,7 +53,7 @@ def options_in(kind: type[Options], values: Mapping[str, Any], prefix: str = "",
     return kind(**{**given, **others})
 
 
-def _shown(kind: Any) -> Iterator[Described]:
+def _shown(kind: type) -> Iterator[Described]:
     return (field for field in described(kind) if field.property_name)
 
 
@@ -78,7 +81,7 @@ def _property(field: Described, default: Any, prefix: str, advanced: bool) -> Pr
     return text(name, help, default or "", advanced)
 
 
-def _meant(field: Described, values: Mapping[str, Any], prefix: str) -> Any:
+def _meant(field: Described, values: Values, prefix: str) -> object:
     """Return the field's value that corresponds to the property's value."""
     value, setting = values[prefix + field.property_name], field.setting
     if setting.switch is not None:

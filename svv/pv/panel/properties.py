@@ -11,10 +11,11 @@ import re
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
 from svv.pv.panel.tooltips import with_picture
+from svv.pv.paraview_types import Observed
 
 SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
 """ParaView's names of the surfaces between which :func:`shape` chooses."""
@@ -25,13 +26,21 @@ CELLS = 1
 Class = TypeVar("Class", bound=type)
 
 
+class Owner(Protocol):
+    """The filter to which properties belong: it holds their values, by name."""
+
+    values: dict[str, Any]
+
+    def Modified(self) -> None: ...
+
+
 @dataclass(frozen=True)
 class Property:
     """A property: its XML, its default in the filter's ``values``, and its setters by method name."""
 
     name: str
     xml: str
-    default: Any
+    default: object
     setters: dict[str, Callable[..., None]]
 
 
@@ -53,15 +62,35 @@ def _element(
     )
 
 
+def _single(
+    kind: str, name: str, default: str, help: str, inside: str = "", advanced: bool = False, hints: str = "",
+    more: str = "",
+) -> str:  # fmt: skip
+    """Return the XML of a property with one element."""
+    attributes = f'command="Set{name}" number_of_elements="1" default_values={quoteattr(default)}{more}'
+    return _element(f"{kind}VectorProperty", name, help, attributes, inside, advanced, hints)
+
+
+def hidden(
+    kind: str, name: str, help: str, setter: Callable[..., None], default: str = "", more: str = "", inside: str = ""
+) -> Property:
+    """Return a property that no panel shows, for client code: a text, or a switch if it has a default."""
+    xml = (
+        f'<{kind}VectorProperty name="{name}" command="Set{name}" number_of_elements="1" default_values="{default}" '
+        f'panel_visibility="never"{more}>{inside}<Documentation>{escape(help)}</Documentation></{kind}VectorProperty>'
+    )
+    return Property(name, xml, False if default else "", {f"Set{name}": setter})
+
+
 def label_of(name: str) -> str:
     """Return the label of a property: 'View Size' for 'ViewSize'. ParaView's Python removes the spaces again."""
     return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)
 
 
-def stored(name: str, convert: Callable[..., Any]) -> Callable[..., None]:
+def stored(name: str, convert: Callable[..., object]) -> Callable[..., None]:
     """Return a setter that converts what it is given, and marks the filter as modified if that is another value."""
 
-    def setter(self: Any, *given: Any) -> None:
+    def setter(self: Owner, *given: object) -> None:
         value = convert(*given)
         if self.values[name] != value:
             self.values[name] = value
@@ -80,11 +109,7 @@ def integer(
     advanced: bool = False,
 ) -> Property:  # fmt: skip
     """Return a whole-number property; a slider if both ``low`` and ``high`` are given."""
-    xml = _element(
-        "IntVectorProperty", name, help,
-        f'command="Set{name}" number_of_elements="1" default_values="{default}"',
-        _range("IntRangeDomain", low, high), advanced,
-    )  # fmt: skip
+    xml = _single("Int", name, str(default), help, _range("IntRangeDomain", low, high), advanced)
     return Property(name, xml, default, {f"Set{name}": stored(name, int)})
 
 
@@ -93,11 +118,7 @@ def number(
     advanced: bool = False,
 ) -> Property:  # fmt: skip
     """Return a number property; a slider if both ``low`` and ``high`` are given."""
-    xml = _element(
-        "DoubleVectorProperty", name, help,
-        f'command="Set{name}" number_of_elements="1" default_values="{default:g}"',
-        _range("DoubleRangeDomain", low, high), advanced,
-    )  # fmt: skip
+    xml = _single("Double", name, f"{default:g}", help, _range("DoubleRangeDomain", low, high), advanced)
     return Property(name, xml, float(default), {f"Set{name}": stored(name, float)})
 
 
@@ -118,18 +139,14 @@ def numbers(
 
 def switch(name: str, default: bool, help: str, advanced: bool = False) -> Property:
     """Return a check box."""
-    xml = _element(
-        "IntVectorProperty", name, help,
-        f'command="Set{name}" number_of_elements="1" default_values="{int(default)}"',
-        '<BooleanDomain name="bool"/>', advanced,
-    )  # fmt: skip
+    xml = _single("Int", name, str(int(default)), help, '<BooleanDomain name="bool"/>', advanced)
     return Property(name, xml, default, {f"Set{name}": stored(name, bool)})
 
 
 def client_switch(name: str, help: str) -> Property:
     """Return a check box for client code, off by default; the filter's output does not depend on it."""
 
-    def setter(self: Any, value: int) -> None:
+    def setter(self: Owner, value: int) -> None:
         self.values[name] = bool(value)
 
     return replace(switch(name, False, help), setters={f"Set{name}": setter})
@@ -138,20 +155,14 @@ def client_switch(name: str, help: str) -> Property:
 def choice(name: str, entries: Sequence[str], default: str, help: str, advanced: bool = False) -> Property:
     """Return a choice between words; ``values`` holds the word."""
     inside = "".join(f'<Entry value="{k}" text={quoteattr(entry)}/>' for k, entry in enumerate(entries))
-    xml = _element(
-        "IntVectorProperty", name, help,
-        f'command="Set{name}" number_of_elements="1" default_values="{list(entries).index(default)}"',
-        f'<EnumerationDomain name="enum">{inside}</EnumerationDomain>', advanced,
-    )  # fmt: skip
+    domain = f'<EnumerationDomain name="enum">{inside}</EnumerationDomain>'
+    xml = _single("Int", name, str(list(entries).index(default)), help, domain, advanced)
     return Property(name, xml, default, {f"Set{name}": stored(name, lambda k: entries[int(k)])})
 
 
 def text(name: str, help: str, default: str = "", advanced: bool = False) -> Property:
     """Return a line of text."""
-    xml = _element(
-        "StringVectorProperty", name, help,
-        f'command="Set{name}" number_of_elements="1" default_values={quoteattr(default)}', "", advanced,
-    )  # fmt: skip
+    xml = _single("String", name, default, help, "", advanced)
     return Property(name, xml, default, {f"Set{name}": stored(name, lambda value: value or "")})
 
 
@@ -163,10 +174,7 @@ def file(name: str, extensions: str, what: str, help: str, save: bool = False, a
         hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}{accept}/>"
     else:
         hints = "<UseDirectoryName/>"
-    xml = _element(
-        "StringVectorProperty", name, help,
-        f'command="Set{name}" number_of_elements="1" default_values="" animateable="0"', domain, advanced, hints,
-    )  # fmt: skip
+    xml = _single("String", name, "", help, domain, advanced, hints, ' animateable="0"')
     return Property(name, xml, "", {f"Set{name}": stored(name, lambda value: value or "")})
 
 
@@ -180,12 +188,12 @@ def files(name: str, extensions: str, what: str, help: str) -> Property:
         '<FileListDomain name="files"/>', False, hints,
     )  # fmt: skip
 
-    def add(self: Any, value: str) -> None:
+    def add(self: Owner, value: str) -> None:
         if value:
             self.values[name] = (*self.values[name], value)
             self.Modified()
 
-    def clear(self: Any) -> None:
+    def clear(self: Owner) -> None:
         self.values[name] = ()
         self.Modified()
 
@@ -235,8 +243,8 @@ def scalars() -> Property:
         "per voxel.</Documentation></StringVectorProperty>"
     )
 
-    def setter(self: Any, *given: Any) -> None:
-        chosen = given[4] or "", bool(given[4]) and int(given[3]) == CELLS
+    def setter(self: Owner, index: int, port: int, connection: int, belongs_to: int, array: str | None) -> None:
+        chosen = array or "", bool(array) and int(belongs_to) == CELLS
         if chosen != (self.values["Scalars"], self.values.get("ScalarsOnCells", False)):
             self.values["Scalars"], self.values["ScalarsOnCells"] = chosen
             self.Modified()
@@ -250,16 +258,7 @@ def capture_reports() -> list[Property]:
         "Refusal": "Why the volume cannot be drawn as it is shown; empty if it can.",
         "Notice": "How it is drawn otherwise than it is shown; empty if it is not.",
     }
-    return [
-        Property(
-            name,
-            f'<StringVectorProperty name="{name}" command="Set{name}" number_of_elements="1" default_values="" '
-            f'panel_visibility="never"><Documentation>{escape(help)}</Documentation></StringVectorProperty>',
-            "",
-            {f"Set{name}": stored(name, lambda value: value or "")},
-        )
-        for name, help in helps.items()
-    ]
+    return [hidden("String", name, help, stored(name, lambda value: value or "")) for name, help in helps.items()]
 
 
 def transfer_function() -> Property:
@@ -273,7 +272,7 @@ def transfer_function() -> Property:
         "</Documentation></ProxyProperty>"
     )
 
-    def setter(self: Any, table: Any) -> None:
+    def setter(self: Owner, table: object) -> None:
         if self.values["TransferFunction"] is not table:
             self.values["TransferFunction"] = table
             self.Modified()
@@ -290,7 +289,7 @@ def shape(name: str, help: str) -> Property:
         f"<Documentation>{escape(help)}</Documentation></ProxyProperty>"
     )
 
-    def setter(self: Any, function: Any) -> None:
+    def setter(self: Owner, function: Observed | None) -> None:
         if self.values[name] is not function:
             self.values[name] = function
             self.Modified()
@@ -300,11 +299,11 @@ def shape(name: str, help: str) -> Property:
     return Property(name, xml, None, {f"Set{name}": setter})
 
 
-def _marker(filter: Any) -> Callable[..., None]:
+def _marker(filter: Owner) -> Callable[..., None]:
     """Return an observer that marks a filter as modified as long as it exists."""
     reference = weakref.ref(filter)
 
-    def mark(*_: Any) -> None:
+    def mark(*_: object) -> None:
         this = reference()
         if this is not None:
             this.Modified()
@@ -323,13 +322,13 @@ def kept_as() -> list[Property]:
 
     :mod:`svv.pv.panel.cached_names` fills it in. Setting it changes no result, and so starts no work.
     """
-    xml = _element(
-        "StringVectorProperty", "KeptAs", "Names under which the filter keeps its results, so that a saved state finds "
+    xml = _single(
+        "String", "KeptAs", "", "Names under which the filter keeps its results, so that a saved state finds "
         "them; filled in by the filter. If this is empty, missing results are made without waiting for a button.",
-        'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"', "", True,
+        advanced=True, more=' animateable="0"',
     )  # fmt: skip
 
-    def setter(self: Any, value: str) -> None:
+    def setter(self: Owner, value: str) -> None:
         self.values["KeptAs"] = value or ""
 
     told = hidden_text("Kept", "GetKept", "Names under which the results are kept now.")
@@ -338,24 +337,20 @@ def kept_as() -> list[Property]:
 
 def moving() -> Property:
     """Return the property with which the client says that the camera moves, so that the image is made in a hurry."""
-    xml = (
-        '<IntVectorProperty name="Moving" command="SetMoving" number_of_elements="1" default_values="0" '
-        'panel_visibility="never" state_ignored="1"><BooleanDomain name="bool"/><Documentation>Whether the image is '
-        "made in a hurry, with fewer samples, because the camera moves.</Documentation></IntVectorProperty>"
-    )
-    return Property("Moving", xml, False, {"SetMoving": stored("Moving", bool)})
+    return hidden(
+        "Int", "Moving", "Whether the image is made in a hurry, with fewer samples, because the camera moves.",
+        stored("Moving", bool), "0", ' state_ignored="1"', '<BooleanDomain name="bool"/>',
+    )  # fmt: skip
 
 
 def picked() -> list[Property]:
     """Return the properties by which the client asks what a pixel shows (:mod:`svv.pv.client.part_picking`)."""
-    xml = (
-        '<StringVectorProperty name="Pick" command="SetPick" number_of_elements="1" default_values="" '
-        'panel_visibility="never" state_ignored="1"><Documentation>Camera and pixel of the last click, as JSON.'
-        "</Documentation></StringVectorProperty>"
-    )
-
-    told = hidden_text("Picked", "GetPicked", "The point in space that is visible there; empty if there is none.")
-    return [Property("Pick", xml, "", {"SetPick": lambda self, value: self.pick(value or "")}), told]
+    setter = lambda self, value: self.pick(value or "")  # noqa: E731
+    pick = hidden("String", "Pick", "Camera and pixel of the last click, as JSON.", setter, "", ' state_ignored="1"')
+    return [
+        pick,
+        hidden_text("Picked", "GetPicked", "The point in space that is visible there; empty if there is none."),
+    ]
 
 
 def hidden_text(name: str, command: str, help: str) -> Property:
@@ -390,11 +385,12 @@ def panel(*properties: Property) -> Callable[[Class], Class]:
     def decorate(cls: Class) -> Class:
         from paraview.util.vtkAlgorithm import smproperty
 
-        plain: Any = getattr(cls, "_pv_original_func", cls)  # ParaView's decorators do not return a class
+        plain = getattr(cls, "_pv_original_func", cls)  # ParaView's decorators do not return a class
+        own: dict[str, object] = {"defaults": {p.name: p.default for p in properties if p.setters}}
         for property in properties:
-            for name, setter in property.setters.items():
-                setattr(plain, name, setter)
-        plain.defaults = {p.name: p.default for p in properties if p.setters}
+            own.update(property.setters)
+        for name, value in own.items():
+            setattr(plain, name, value)
         return smproperty.xml("".join(with_picture(p.name, p.xml) for p in properties))(cls)
 
     return decorate

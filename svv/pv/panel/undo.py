@@ -6,9 +6,8 @@ it remembers the applied values and sets the panel to them, so that the panel al
 
 from __future__ import annotations
 
-from typing import Any
-
-from svv.pv.client.observers import Watched
+from svv.pv.client.observers import Watched, python_proxy, with_data
+from svv.pv.paraview_types import Proxy, SMProxy
 
 BUTTONS = {
     "UndoEdit": "undo", "RedoEdit": "redo", "ResetEdits": "reset", "ResetPalette": "reset",
@@ -18,6 +17,9 @@ BUTTONS = {
 STEPS = 50
 """Maximum number of a panel's states that are remembered."""
 
+PanelValues = dict[str, object]
+"""The applied settings of a panel, by property: numbers, texts, proxies, or lists of them."""
+
 _watched: Watched[PanelHistory] = Watched()
 """Histories of the filters; without this reference Python would collect them, because VTK holds none."""
 
@@ -26,12 +28,11 @@ class PanelHistory:
     """The values applied in one panel. It holds no reference to the filter, which can therefore be deleted."""
 
     def __init__(self) -> None:
-        self.now: dict[str, Any] | None = None
-        self.past: list[dict[str, Any]] = []
-        self.future: list[dict[str, Any]] = []
-        self.pressed.__func__.CallDataType = "string0"  # type: ignore[attr-defined]
+        self.now: PanelValues | None = None
+        self.past: list[PanelValues] = []
+        self.future: list[PanelValues] = []
 
-    def applied(self, proxy: Any, event: str) -> None:
+    def applied(self, proxy: SMProxy, event: str) -> None:
         """Remember the values that were applied before the current ones."""
         values = values_of(proxy)
         if self.now is not None and values != self.now:
@@ -39,7 +40,8 @@ class PanelHistory:
             self.future = []
         self.now = values
 
-    def pressed(self, proxy: Any, event: str, name: str) -> None:
+    @with_data("string0")
+    def pressed(self, proxy: SMProxy, event: str, name: str) -> None:
         """Carry out a button's action."""
         done = BUTTONS.get(name)
         if done == "reset":
@@ -54,7 +56,7 @@ class PanelHistory:
             give(proxy, self.now)
 
 
-def watch(filter: Any) -> None:
+def watch(filter: Proxy) -> None:
     """Make a filter's buttons work, from now on.
 
     Args:
@@ -74,9 +76,9 @@ NO_SETTINGS = ("SaveFile", "KeptAs", "Pick")
 the last click."""
 
 
-def values_of(proxy: Any) -> dict[str, Any]:
+def values_of(proxy: SMProxy) -> PanelValues:
     """Return a proxy's settings by property, without its inputs and :data:`NO_SETTINGS`."""
-    filter = _python(proxy)
+    filter = python_proxy(proxy)
     found = {}
     for name in filter.ListProperties():
         own = filter.GetProperty(name)
@@ -88,29 +90,23 @@ def values_of(proxy: Any) -> dict[str, Any]:
     return found
 
 
-def give(proxy: Any, values: dict[str, Any]) -> None:
+def give(proxy: SMProxy, values: PanelValues) -> None:
     """Set a panel's values, and show the result."""
-    filter = _python(proxy)
+    filter = python_proxy(proxy)
     for name, value in values.items():
         filter.GetProperty(name).SetData(value)
     _show(proxy)
 
 
-def reset(proxy: Any) -> None:
+def reset(proxy: SMProxy) -> None:
     """Reset all of a panel's settings to their defaults."""
     for name in values_of(proxy):
-        _python(proxy).GetProperty(name).SMProperty.ResetToDefault()
+        python_proxy(proxy).GetProperty(name).SMProperty.ResetToDefault()
     _show(proxy)
 
 
-def _show(proxy: Any) -> None:
+def _show(proxy: SMProxy) -> None:
     from paraview import simple
 
     proxy.UpdateVTKObjects()
     simple.RenderAllViews()
-
-
-def _python(proxy: Any) -> Any:
-    from paraview import servermanager
-
-    return servermanager._getPyProxy(proxy)

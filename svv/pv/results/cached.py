@@ -11,10 +11,10 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from svv.core.json_values import parsed
-from svv.errors import BadInput, part, silent
+from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.cache import Cache
 from svv.pv.filters.base import Filter
 from svv.pv.results.keys import key_in, name_of, settings_in, source_of
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
 
+Result = TypeVar("Result")
 Views = tuple["ViewSet", "ViewSet | None"]
 
 MADE = {"views": "drawn", "scene": "trained", "palette": "trained", "painting": "painted"}
@@ -58,7 +59,7 @@ class Keeping(Filter):
             self.gives(**{slot: name})
             self.note = FOUND
 
-    def begin_with_painting(self, now: Moment, settings: str, paintings: Steps[Any]) -> None:
+    def begin_with_painting(self, now: Moment, settings: str, paintings: Steps[tuple[Scene | Stored, str]]) -> None:
         """Restore the painting that a state was saved with, and the scene below it: the painting's file holds both."""
         name = self.stated().get("painted", "")
         if self.steps.results or paintings.results or settings_in(name, "painting") != settings:
@@ -73,8 +74,13 @@ class Keeping(Filter):
             self.note = FOUND
 
     def found_or_made(
-        self, slot: str, kind: str, now: Moment, make: Callable[[], Any], own: Callable[[], Any] | None = None
-    ) -> tuple[Any, str]:
+        self,
+        slot: str,
+        kind: str,
+        now: Moment,
+        make: Callable[[], Result],
+        own: Callable[[], Result | None] | None = None,
+    ) -> tuple[Result, str]:
         """Return a result and its name: the kept one, or one that is made now and kept.
 
         Args:
@@ -160,7 +166,7 @@ class Keeping(Filter):
         return f"The {kind} that this state was saved with {verb} missing from {place.folder}: {again}."
 
 
-def read_views(folder: Path, progress: Any = silent) -> Views:
+def read_views(folder: Path, progress: Progress = silent) -> Views:
     """Read training views, and test views if there are any; raise BadInput if they cannot be read."""
     from svv.io.views.transforms import transforms_file
     from svv.io.views.viewset import ViewSet
@@ -170,7 +176,7 @@ def read_views(folder: Path, progress: Any = silent) -> Views:
     return train, ViewSet.read(folder, "test", part(progress, 0.8, 1.0)) if there else None
 
 
-def views_in(folder: Path, key: str, progress: Any = silent) -> Views | None:
+def views_in(folder: Path, key: str, progress: Progress = silent) -> Views | None:
     """Return the views in the user's folder; None if they are of something else or incomplete."""
     try:
         told = parsed((folder / "transforms_train.json").read_text(encoding="utf-8"))["svv"]["key"]
@@ -179,7 +185,7 @@ def views_in(folder: Path, key: str, progress: Any = silent) -> Views | None:
         return None
 
 
-def write_views(views: Views, folder: Path, progress: Any = silent) -> None:
+def write_views(views: Views, folder: Path, progress: Progress = silent) -> None:
     """Write views to a folder; raise BadInput if that fails."""
     train, test = views
     train.write(folder, "train", part(progress, 0.0, 0.8))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import weakref
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from svv._version import __version__
 from svv.io.files.keyed_results import GENERATION, digest, digest_of_file
@@ -25,7 +25,7 @@ LEARNED = ("box", "cells", "settings", "marching", "images", "camera_rig", "norm
 """Keys of a scene's header that training determines."""
 
 _views: weakref.WeakKeyDictionary[ViewSet, str] = weakref.WeakKeyDictionary()
-_scenes: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
+_scenes: weakref.WeakKeyDictionary[object, str] = weakref.WeakKeyDictionary()
 
 
 def name_of(kind: str, source: str, settings: str) -> str:

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.dvr.parallel.ranks import ranks_here
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress
 from svv.io.files.cache import Cache
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.unfinished import mark_unfinished
@@ -27,6 +27,9 @@ from svv.pv.results.keys import key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
 from svv.pv.vtk_types import Data, OutInfo
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 ONLY_SHOWN = (
     "Live", "InWindow", "Late", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera",
@@ -80,6 +83,17 @@ class Beside(Keeping):
     def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
         """Fill the outputs with the best there is, while there is no result yet."""
         raise NotImplementedError
+
+    def sketch(self, scene: Scene, progress: Progress) -> tuple[Scene, str] | None:
+        """Return a scene that soon shows what will become of the input's, and what the user is told; None if none does.
+
+        Called in the process of its own.
+        """
+        return None
+
+    def anew(self) -> None:
+        """Make the result again, even if there is one: what the panel's button for that does."""
+        self.make_anew()
 
     def wants(self, now: Moment, painting: str) -> None:
         """Say what the result depends on: the scene's training, or the scene itself, and how it is painted."""

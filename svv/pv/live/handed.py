@@ -13,7 +13,9 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 
 from svv.dvr.draw.appearance import GHOSTS
 from svv.io.files.atomic import cannot_write
-from svv.pv.filters.vtk_data import content_of, put_scene, time_of
+from svv.io.files.cache import Cache
+from svv.pv.filters.vtk_data import VIEWS, content_of, put_scene, time_of
+from svv.pv.results.keys import name_of
 
 STATE = "state.svv"
 """File in a learner's folder with the newest scene to be shown meanwhile."""
@@ -23,6 +25,9 @@ WARM = "warm.svv"
 
 SCENE_FILE = "scene.svv"
 """File with the scene, if that is the input."""
+
+LISTED = "transforms_train.json"
+"""File that lists the views in a folder of the cache."""
 
 ABOUT = "about.json"
 """File with the grid, the time and the names of the arrays."""
@@ -68,6 +73,18 @@ def hand_over_scene(table: vtkDataObject, folder: Path) -> None:
         (folder / SCENE_FILE).write_bytes(content_of(table))
     except OSError as error:
         raise cannot_write(folder, error) from error
+
+
+def file_of_views(data: vtkDataObject | None) -> Path | None:
+    """Return the file that lists the views of an image: their own, or the one in the cache; None if there is none."""
+    array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
+    if array is None:
+        return None
+    _, key, own = (array.GetValue(k) for k in range(3))
+    if not own and not key:
+        return None
+    file = Path(own) if own else Cache.of_user().folder / name_of("views", *key.split("-", 1)) / LISTED
+    return file if file.is_file() else None
 
 
 def taken(folder: Path) -> vtkImageData | vtkTable:

@@ -210,11 +210,12 @@ class Learner:
         """Do all of the work, as the filter in ParaView would."""
         filter = self._filter
         filter.values.update(self.order["values"])
-        filter.failed, filter.repaints, filter.trains = "", False, True
+        # What is made of a scene depends on all that can be ordered.
+        filter.failed, filter.repaints, filter.trains = "", False, not isinstance(filter.given, vtkTable)
         if not Cache.of_user().holds(self.order["scene"]):
             filter.release()  # what it has may be no longer there for the filter in ParaView
         if self.order["anew"]:
-            getattr(filter, "PaintAgain", filter.make_anew)()
+            filter.anew()
         filter.Modified()
         filter.Update()
         if self._pending is not None or self._stopped:
@@ -225,11 +226,17 @@ class Learner:
 
     def _show_sketches(self) -> None:
         """Make the scenes that are shown first. If that cannot be done, the work itself will say why."""
-        self._filter.trains = False
+        filter = self._filter
+        filter.values.update(self.order["values"])
+        filter.trains = False
         measuring = Thread(target=self._measure_pictures, daemon=True)
         measuring.start()
         try:
             trained = self._trained_before()
+            sketch = None if trained is None else filter.sketch(trained, part(self.heard, 0.0, SKETCHED[-1]))
+            if sketch is not None:
+                self.show(*sketch)
+                return
             self._known, begun = trained is not None, 0.0
             if trained is not None:
                 self._sketch, self._is = trained, BROAD

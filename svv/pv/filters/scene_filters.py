@@ -24,6 +24,7 @@ from svv.pv.filters.edit_filters import save_properties
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
 from svv.pv.live.scene_beside import SceneBeside, Values
+from svv.pv.panel.first_screen import few_first, picked, titled, without
 from svv.pv.panel.groups import (
     ADDED,
     NO_GALLERY,
@@ -88,7 +89,9 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
 
 @smproxy.filter(label="StyleRF Palette", support_reload=False)
 @menu
-@panel(
+@panel(*few_first(
+    (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "Points", "Merge",
+     "Colour0Add", "Live", "SaveFile"),
     Property("Views", '''<InputProperty name="Views" label="Views" command="SetInputConnection" port_index="1">
         <ProxyGroupDomain name="groups"><Group name="sources"/><Group name="filters"/></ProxyGroupDomain>
         <DataTypeDomain name="input_type"><DataType value="vtkDataSet"/></DataTypeDomain>
@@ -110,7 +113,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     *save_properties(),
     *kept_as(),
     status(),
-)  # fmt: skip
+))  # fmt: skip
 @takes_scene
 class StyleRFPalette(SceneBeside):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
@@ -223,7 +226,9 @@ class StyleRFPalette(SceneBeside):
 @smproxy.filter(label="StyleRF Stylize", support_reload=False)
 @menu
 @smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
-@panel(
+@panel(*few_first(
+    ("StyleFiles", "Live", "Gallery", "Mapping", "StrokeSize", "Strength", "PreviewOnly", "ShownMask", "Region0Style",
+     "Region1Style", "Region2Style", "SaveFile"),
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
     *live(),
     choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
@@ -231,28 +236,32 @@ class StyleRFPalette(SceneBeside):
     choice("Mapping", ("in turn", "by colour"), "in turn",
            "How pictures are assigned to regions: in turn, or to each region the picture whose mean colour is closest "
            "to the region's. A region's own row takes precedence."),
+    *picked(properties_of(PaintOptions()), "StrokeSize"),
     number("Strength", 1.0, "How strongly the painting shows: 0 gives the palette's colours, 1 the full painting. "
         "Needs no training.", 0.0, 1.0),
-    *properties_of(PaintOptions()),
-    preview_file(),
+    *titled("Painting", [*without(properties_of(PaintOptions()), "StrokeSize"), preview_file(), device()]),
     switch("PreviewOnly", False, "Show the masks without painting."),
     integer("ShownMask", 0, "Region whose picture and mask the second output shows.", 0, REGIONS - 1),
     *point_properties(),
     *(p for region in range(REGIONS) for p in style_properties(region)),
-    integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.", 0, 32),
-    file("MaskFolder", "", "",
-         "Folder to which the masks are also written: region-K.png, each with a file of its points."),
-    switch("Continue", False, "Paint on the last painting if pictures or masks have changed: regions that stay "
-        "as they are keep its paint. Otherwise, painting starts afresh."),
-    text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
-    text("ShowVariant", "Name of the painting to show; empty: the one named above."),
-    device(),
+    *titled("Masks", [
+        integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.",
+                0, 32),
+        file("MaskFolder", "", "",
+             "Folder to which the masks are also written: region-K.png, each with a file of its points."),
+    ]),
+    *titled("Several Paintings", [
+        switch("Continue", False, "Paint on the last painting if pictures or masks have changed: regions that stay "
+            "as they are keep its paint. Otherwise, painting starts afresh."),
+        text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
+        text("ShowVariant", "Name of the painting to show; empty: the one named above."),
+    ]),
     button("PaintAgain", "Paint again: from the start, or on the last painting if Continue is on."),
     button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),
     *save_properties(),
     *kept_as(),
     status(),
-)  # fmt: skip
+))  # fmt: skip
 @takes_scene
 class StyleRFStylize(SceneBeside):
     """Paint the regions of a scene in the style of pictures, consistently from all directions. The second output shows

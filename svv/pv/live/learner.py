@@ -17,33 +17,27 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkTable
 
 from svv.errors import BadInput, Cancelled, Progress, part
 from svv.io.files.atomic import make_folder
 from svv.io.files.cache import Cache
 from svv.io.files.worker import Orders, be_worker, say
-from svv.options.making import PaintOptions, TrainOptions, ViewOptions
+from svv.options.making import TrainOptions
 from svv.pv.filters import scene_filters, volume_filters
 from svv.pv.filters.base import sentence_on
 from svv.pv.filters.vtk_data import scene_of
 from svv.pv.live.handed import STATE, WARM, taken
+from svv.pv.live.sketching import Sketching, measure_pictures
 from svv.pv.panel.option_panel import options_in
 from svv.pv.results.time_steps import Moment
-from svv.train.run.sketches import SKETCHES, Sketch, sketches_for
+from svv.train.run.sketches import sketches_for
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-BROAD = "The scene is shown in broad strokes."
-"""What the user is told of a trained scene before it is painted as asked."""
-
-SKETCH_PAINT = {"Preset": "draft", "Settings": "stylize.style_views=8; stylize.style_size=100", "PreviewFile": ""}
-"""Properties of a sketch's painting."""
-
-SKETCHED = (0.06, 0.15)
-"""Fractions of the work when the first sketch is done, and when the last one is."""
+SKETCHED = (0.06, 0.15, 0.18)
+"""Fractions of the work when the first sketch is done, the finer one, and the same in its volume's shape."""
 
 IDLE = 120.0
 """Seconds without work after which the process ends; the next order starts another one."""
@@ -102,10 +96,7 @@ class Learner:
         self._said: dict[str, Any] = {}
         self._began = self._told = 0.0
         self._filter: Any = None
-        self._sketch: Scene | None = None
-        self._broad = SKETCHES[0]
-        """The sketch that is shown, or whose strokes paint the scene when it is trained."""
-        self._is = SKETCHES[0].told
+        self._sketch = Sketching()
         self._repainting = self._known = False
 
     def run(self) -> None:
@@ -157,7 +148,7 @@ class Learner:
 
     def _goes_on(self) -> bool:
         """Return whether what is being learned does not depend on how it is painted."""
-        return self._sketch is not None and self._filter.trains
+        return self._sketch.scene is not None and self._filter.trains
 
     def _repaint(self, order: dict[str, Any]) -> None:
         """Paint the sketch anew, in the midst of the training, as an order asks that changes nothing else."""
@@ -165,7 +156,7 @@ class Learner:
         try:
             self.order, self._pending = order, None
             self._filter.repaints = True
-            self._paint_sketch(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
+            self._paint_anew(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
         except BadInput:  # the painting itself will say why
             return
         finally:
@@ -195,7 +186,7 @@ class Learner:
         """Make a filter that has the order's input, unless the last one's has it."""
         if same and self._filter is not None:
             return
-        self._sketch = self._filter = None
+        self._sketch, self._filter = Sketching(), None
         from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
 
         given = taken(Path(order["input"]))
@@ -229,49 +220,53 @@ class Learner:
         filter = self._filter
         filter.values.update(self.order["values"])
         filter.trains = False
-        measuring = Thread(target=self._measure_pictures, daemon=True)
+        measuring = Thread(target=measure_pictures, args=[self.order["values"]], daemon=True)
         measuring.start()
         try:
             trained = self._trained_before()
-            sketch = None if trained is None else filter.sketch(trained, part(self.heard, 0.0, SKETCHED[-1]))
-            if sketch is not None:
-                self.show(*sketch)
-                return
-            self._known, begun = trained is not None, 0.0
-            if trained is not None:
-                self._sketch, self._is = trained, BROAD
-            again = self._sketch is not None
-            few = SKETCHES[:1] if again else sketches_for(options_in(TrainOptions, self.order["values"]).preset)
-            for sketch, until in zip(few, SKETCHED, strict=False):
-                told = part(self.heard, begun, until)
-                if not again:
-                    self._broad, self._sketch = sketch, self._sketched(sketch, part(told, 0.0, 0.6))
-                    self._is = sketch.told
-                measuring.join()
-                self._paint_sketch(part(told, 0.6, 1.0))
-                begun = until
+            made = None if trained is None else filter.sketch(trained, part(self.heard, 0.0, SKETCHED[-1]))
+            self._known = trained is not None
+            if made is not None:
+                self.show(*made)
+            elif trained is not None:
+                self._sketch.take(trained)
+                self._paint_sketch(part(self.heard, 0.0, SKETCHED[0]))
+            elif self._sketch.scene is not None:
+                self._paint_anew(part(self.heard, 0.0, SKETCHED[0]))
+            else:
+                self._sketch_anew(measuring)
         except BadInput:
             return
 
+    def _sketch_anew(self, measuring: Thread) -> None:
+        """Make one sketch after another; the last one also in the shape of its volume."""
+        sketch, values, begun = self._sketch, self.order["values"], 0.0
+        few = sketches_for(options_in(TrainOptions, values).preset)
+        for one, until in zip(few, SKETCHED, strict=False):
+            told = part(self.heard, begun, until)
+            sketch.learn(one, self._filter.given, values, part(told, 0.0, 0.6))
+            measuring.join()
+            shown = self._paint_sketch(part(told, 0.6, 1.0))
+            begun = until
+        if sketch.refine(shown, values):
+            self._paint_sketch(part(self.heard, begun, SKETCHED[-1]))
+
+    def _paint_anew(self, progress: Progress) -> None:
+        """Paint a sketch as another order asks, with broad strokes first."""
+        self._sketch.as_asked = False
+        shown = self._paint_sketch(part(progress, 0.0, 0.5))
+        if self._sketch.refine(shown, self.order["values"]):
+            self._paint_sketch(part(progress, 0.5, 1.0))
+
     def trained(self, scene: Scene) -> None:
-        """Show the trained scene in broad strokes, while it is painted as asked; draft does that soon itself."""
+        """Show the trained scene in broad strokes while it is painted as asked, unless that is quick, too."""
         values, known = self.order["values"], self._known
-        if known or not self._paints or options_in(TrainOptions, values).preset == "draft":
+        if known or not self._paints or options_in(TrainOptions, values).preset == "draft" or self._sketch.as_asked:
             return
-        self._sketch, self._broad, self._is = scene, SKETCHES[-1], BROAD
+        self._sketch.take(scene)
+        self._sketch.broaden()
         with suppress(BadInput):  # the painting itself will say why
             self._paint_sketch(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
-
-    def _measure_pictures(self) -> None:
-        """Measure how the style pictures are painted, while views are drawn."""
-        from svv.train.paint.ink import Ink, style_named
-        from svv.train.paint.plan import hand_of
-
-        with suppress(BadInput):  # the painting itself will say why
-            for source in self.order["values"].get("StyleFiles", ()):
-                style = style_named(source)[1]
-                if not isinstance(style, Ink):
-                    hand_of(np.asarray(style, np.float32), None)
 
     def _trained_before(self) -> Scene | None:
         """Return the trained scene if there is one: the filter's input, or what is in the cache."""
@@ -284,36 +279,14 @@ class Learner:
             found = Cache.of_user().read(self.order["scene"], Scene.load)
         return None if found is None else found.on(device_named(self.order["values"]["Device"]))
 
-    def _sketched(self, sketch: Sketch, progress: Progress) -> Scene:
-        """Return a scene learned from few small views."""
-        from svv.dvr.draw.views import make_views
-        from svv.pv.display.shown import volume_shown
-        from svv.pv.filters.engine import shading_of, transfer_function_of
-        from svv.train.pipeline import train_scene
-
-        values = self.order["values"]
-        asked = options_in(ViewOptions, values)
-        views, _ = make_views(
-            volume_shown(self._filter.given, values), transfer_function_of(values),
-            ViewOptions(
-                n=min(sketch.views, asked.n), test=0, size=min(sketch.size, asked.size), step=1.0, mapper=asked.mapper
-            ),
-            shading=shading_of(values), rescale=False, name="sketch", progress=part(progress, 0.0, 0.3),
-        )  # fmt: skip
-        options = sketch.options(options_in(TrainOptions, values))
-        return train_scene(views, options, part(progress, 0.3, 1.0))[0]
-
-    def _paint_sketch(self, progress: Progress) -> None:
-        """Paint the sketch, or the trained scene, with broad strokes, and show it."""
-        from svv.pv.filters.styling import stylize
-
-        assert self._sketch is not None
-        values, scene, broad = self.order["values"], self._sketch, self._broad
-        if self._paints:
-            asked = options_in(PaintOptions, values).stroke_size
-            strokes = min(broad.broader * asked, max(broad.broadest, asked))
-            scene = stylize(scene, {**values, **SKETCH_PAINT, "StrokeSize": strokes}, progress)
-        self.show(scene, self._is)
+    def _paint_sketch(self, progress: Progress) -> Scene:
+        """Paint the sketch, or the trained scene, and show it; return it."""
+        sketch = self._sketch
+        assert sketch.scene is not None
+        paints = self._paints
+        scene = sketch.painted(self.order["values"], progress) if paints else sketch.shaped(sketch.scene)
+        self.show(scene, sketch.told)
+        return scene
 
     @property
     def _paints(self) -> bool:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
@@ -23,7 +24,7 @@ from svv.pv.filters.base import set_image_information
 from svv.pv.filters.edit_filters import save_properties
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
-from svv.pv.live.scene_beside import SceneBeside, Values
+from svv.pv.live.scene_beside import SceneBeside
 from svv.pv.panel.first_screen import few_first, picked, titled, without
 from svv.pv.panel.groups import (
     ADDED,
@@ -61,7 +62,7 @@ from svv.pv.panel.properties import (
 from svv.pv.results.cached import FOUND
 from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, settings_in
 from svv.pv.results.time_steps import Moment
-from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request, Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -326,11 +327,11 @@ class StyleRFStylize(SceneBeside):
             slot, given = f"{PAINTING}{name}", digest(base, digest_of_edits(scene))
             before = self.last(slot)
 
-            def paint() -> Any:
+            def paint() -> Scene:
                 with self.training() as progress:
                     return painted(scene, before, values, progress)
 
-            def make() -> Any:
+            def make() -> Painting:
                 self.wants(Moment(digest(), "", given), digest(style, name))
                 now = Moment(style, digest(*goes_on(scene, before, values)), given)
                 result, kept = self.found_or_made(slot, "painting", now, paint)
@@ -346,7 +347,7 @@ class StyleRFStylize(SceneBeside):
         self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
         return said
 
-    def _begin_with_paintings(self, scene: Any, base: str) -> None:
+    def _begin_with_paintings(self, scene: Scene, base: str) -> None:
         """Restore the paintings that a saved state refers to."""
         from svv.pv.filters.styling import Painting
 
@@ -372,7 +373,7 @@ class StyleRFStylize(SceneBeside):
         _, _, taken, size = self.last("preview")
         return " ".join(map(str, (*taken.shape[::-1], *size)))
 
-    def _preview(self) -> Any:
+    def _preview(self) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.integer], tuple[int, int]]:
         from svv.pv.filters.engine import style_key
         from svv.pv.filters.style_masks import preview
 

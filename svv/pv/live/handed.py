@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
@@ -16,6 +14,7 @@ from svv.io.files.atomic import cannot_write
 from svv.io.files.cache import Cache
 from svv.pv.filters.vtk_data import VIEWS, content_of, put_scene, time_of
 from svv.pv.results.keys import name_of
+from svv.pv.vtk_types import Values
 
 STATE = "state.svv"
 """File in a learner's folder with the newest scene to be shown meanwhile."""
@@ -33,22 +32,22 @@ ABOUT = "about.json"
 """File with the grid, the time and the names of the arrays."""
 
 
-def hand_over(image: vtkImageData, values: Mapping[str, Any], time: float | None, folder: Path) -> None:
+def hand_over(image: vtkImageData, values: Values, time: float | None, folder: Path) -> None:
     """Write a volume to a new folder: its grid, and of its arrays those that a panel's values choose or may choose.
 
     Raises:
         BadInput: It cannot be written.
     """
     direction = image.GetDirectionMatrix()
-    about: dict[str, Any] = {
+    about: dict[str, object] = {
         "dimensions": image.GetDimensions(),
         "spacing": image.GetSpacing(),
         "origin": image.GetOrigin(),
         "extent": image.GetExtent(),
         "direction": [direction.GetElement(i, j) for i in range(3) for j in range(3)],
         "time": time,
-        "arrays": [],
     }
+    arrays: list[list[object]] = []
     try:
         folder.mkdir()
         for cells, data in enumerate((image.GetPointData(), image.GetCellData())):
@@ -58,10 +57,10 @@ def hand_over(image: vtkImageData, values: Mapping[str, Any], time: float | None
                 array = data.GetArray(number)  # None for text
                 if array is None or (array.GetName() not in chosen and array is not active):
                     continue
-                file = f"{len(about['arrays'])}.npy"
+                file = f"{len(arrays)}.npy"
                 np.save(folder / file, vtk_to_numpy(array))
-                about["arrays"].append([file, cells, array.GetName(), array.GetDataType(), array is active])
-        (folder / ABOUT).write_text(json.dumps(about))
+                arrays.append([file, cells, array.GetName(), array.GetDataType(), array is active])
+        (folder / ABOUT).write_text(json.dumps({**about, "arrays": arrays}))
     except OSError as error:
         raise cannot_write(folder, error) from error
 

@@ -15,9 +15,10 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from vtkmodules.vtkCommonDataModel import vtkTable
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkTable
+from vtkmodules.vtkCommonExecutionModel import vtkAlgorithmOutput, vtkTrivialProducer
 
 from svv.errors import BadInput, Cancelled, Progress, part
 from svv.io.files.atomic import make_folder
@@ -28,6 +29,7 @@ from svv.pv.filters import scene_filters, volume_filters
 from svv.pv.filters.base import sentence_on
 from svv.pv.filters.vtk_data import scene_of
 from svv.pv.live.handed import STATE, WARM, taken
+from svv.pv.live.messages import Order, Progressed
 from svv.pv.live.sketching import Sketching, measure_pictures
 from svv.pv.panel.option_panel import options_in
 from svv.pv.results.time_steps import Moment
@@ -90,12 +92,12 @@ class Learner:
 
     def __init__(self, orders: Orders, folder: Path) -> None:
         self.orders, self.folder = orders, folder
-        self.order: dict[str, Any] = {}
+        self.order: Order = {}
         self.paused = self._stopped = False
-        self._pending: dict[str, Any] | None = None
-        self._said: dict[str, Any] = {}
+        self._pending: Order | None = None
+        self._said: Progressed = {}
         self._began = self._told = 0.0
-        self._filter: Any = None
+        self._made: LearningFilter | None = None
         self._sketch = Sketching()
         self._repainting = self._known = False
 
@@ -106,11 +108,17 @@ class Learner:
                 order, self._pending = self._pending, None
                 self._do(order)
 
+    @property
+    def _filter(self) -> LearningFilter:
+        """The filter that does the work; there is one from the first order on."""
+        assert self._made is not None
+        return self._made
+
     # --- orders -----------------------------------------------------------------------------------------------------
 
     def _listen(self, timeout: float) -> bool:
         """Take the next order; return whether there was one within ``timeout`` seconds."""
-        order = self.orders.next(timeout)
+        order = cast("Order | None", self.orders.next(timeout))
         if order is None:
             return False
         if "pause" in order:
@@ -150,7 +158,7 @@ class Learner:
         """Return whether what is being learned does not depend on how it is painted."""
         return self._sketch.scene is not None and self._filter.trains
 
-    def _repaint(self, order: dict[str, Any]) -> None:
+    def _repaint(self, order: Order) -> None:
         """Paint the sketch anew, in the midst of the training, as an order asks that changes nothing else."""
         self._repainting = True
         try:
@@ -164,7 +172,7 @@ class Learner:
 
     # --- work -------------------------------------------------------------------------------------------------------
 
-    def _do(self, order: dict[str, Any]) -> None:
+    def _do(self, order: Order) -> None:
         self._began = time.monotonic()
         same = self.order.get("scene") == order["scene"]
         self.order, self._said, self._stopped = order, {"state": 0}, False
@@ -182,18 +190,16 @@ class Learner:
             return
         self._tell(1.0, "done", done=True)
 
-    def _open(self, order: dict[str, Any], same: bool) -> None:
+    def _open(self, order: Order, same: bool) -> None:
         """Make a filter that has the order's input, unless the last one's has it."""
-        if same and self._filter is not None:
+        if same and self._made is not None:
             return
-        self._sketch, self._filter = Sketching(), None
-        from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
-
+        self._sketch, self._made = Sketching(), None
         given = taken(Path(order["input"]))
         shutil.rmtree(order["input"], ignore_errors=True)  # they stay as long as they are mapped
         producer = vtkTrivialProducer()
         producer.SetOutput(given)
-        self._filter = learning(order["kind"], self)
+        self._made = learning(order["kind"], self)
         self._filter.SetInputConnection(producer.GetOutputPort())
         self._filter.given = given
 
@@ -300,7 +306,7 @@ class Learner:
         self._said["state"] = self._said["state"] + 1
         self._tell(self._said.get("fraction", 0.0), self._said.get("label", ""))
 
-    def _tell(self, fraction: float, label: str, **more: Any) -> None:
+    def _tell(self, fraction: float, label: str, **more: bool | str) -> None:
         """Say how far the work is, and how long it will take."""
         self._told = time.monotonic()
         spent = self._told - self._began
@@ -309,7 +315,29 @@ class Learner:
         say(self.folder, {**self._said, "order": self.order["number"], **more})
 
 
-def learning(kind: str, learner: Learner) -> Any:
+class LearningFilter(Protocol):
+    """What the learner needs of a filter that :func:`learning` has made."""
+
+    values: dict[str, Any]
+    failed: str
+    """Why its work has failed; empty if it has not."""
+    trains: bool
+    """Whether it does what does not depend on how it is painted."""
+    repaints: bool
+    """Whether its painting is no longer what is asked for."""
+    given: vtkDataObject
+    """Its input."""
+    checkpoint: Path
+
+    def SetInputConnection(self, port: vtkAlgorithmOutput) -> None: ...
+    def Modified(self) -> None: ...
+    def Update(self) -> None: ...
+    def release(self) -> None: ...
+    def anew(self) -> None: ...
+    def sketch(self, scene: Scene, progress: Progress) -> tuple[Scene, str] | None: ...
+
+
+def learning(kind: str, learner: Learner) -> LearningFilter:
     """Return a filter of a kind that reports to a learner instead of ParaView's window."""
     decorated = getattr(scene_filters if hasattr(scene_filters, kind) else volume_filters, kind)
     plain: Any = getattr(decorated, "_pv_original_func", decorated)

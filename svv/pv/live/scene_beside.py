@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from svv.pv.filters.edit_filters import SceneOutput
 from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.live.beside import Beside
 from svv.pv.live.handed import hand_over_scene
 from svv.pv.live.ordered import Ordered
-from svv.pv.vtk_types import Data
+from svv.pv.results.stored import Stored
+from svv.pv.vtk_types import Data, Values
 
-Values = dict[str, Any]
-"""Values of a panel's properties by name."""
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 
 class SceneBeside(SceneOutput, Beside):
@@ -24,6 +25,11 @@ class SceneBeside(SceneOutput, Beside):
     nothing = "The scene is shown as it was."
     slots: tuple[str, ...] = ()
     """Beginnings of the names under which it keeps what it has learned in memory."""
+
+    def kept_as(self, name: str, kind: str) -> Scene | None:
+        found = super().kept_as(name, kind)
+        assert not isinstance(found, Stored)
+        return found
 
     def handed(self, values: Values) -> tuple[Values, Callable[[Path], None]]:
         """Return the values for the process that learns, and what writes the scene to a new folder."""

@@ -6,7 +6,6 @@ One sketch follows another (:mod:`svv.train.run.sketches`); the last one gets th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.errors import BadInput, Progress, part
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
 from svv.pv.panel.option_panel import options_in
+from svv.pv.vtk_types import Values
 from svv.train.run.sketches import SKETCHES, Sketch
 
 if TYPE_CHECKING:
@@ -34,9 +34,6 @@ STROKES = "strokes"
 
 SKETCH_PAINT = {"Preset": "draft", "Settings": "stylize.style_views=8; stylize.style_size=100", "PreviewFile": ""}
 """Properties of a sketch's painting."""
-
-Values = Mapping[str, object]
-"""Values of a panel's properties by name."""
 
 
 class Sketching:
@@ -129,10 +126,8 @@ def measure_pictures(values: Values) -> None:
     from svv.train.paint.ink import Ink, style_named
     from svv.train.paint.plan import hand_of
 
-    files = values.get("StyleFiles") or ()
-    assert isinstance(files, list | tuple)
     with suppress(BadInput):  # the painting itself will say why
-        for source in files:
+        for source in values.get("StyleFiles", ()):
             style = style_named(source)[1]
             if not isinstance(style, Ink):
                 hand_of(np.asarray(style, np.float32), None)

@@ -29,10 +29,6 @@ def with_shape_of(scene: Scene, views: ViewSet, longest: int, chosen: Preset) ->
         views: The views of which it was learned, with the volume.
         longest: Longer side of the views of which the scene itself will be learned, pixels: they tell how fine it is.
         chosen: Settings with which it will be.
-
-    >>> shaped = with_shape_of(scene, views, 256, preset("balanced"))
-    >>> shaped.networks == scene.networks, shaped.base.density.resolutions[-1] >= scene.base.density.resolutions[-1]
-    (True, True)
     """
     known = views.classified is not None and chosen.reconstruct.use_volume and chosen.fitted
     if not known or scene.base.density is None or scene.values is not None:

@@ -92,8 +92,10 @@ painting.FollowCamera = 1
 SetActiveSource(painting)
 """
 
-FOLLOWED = "len(GetRenderViews()) == 2 and max(painting.ImageSize) == 800"
-LEARNED = "painting.UpdatePropertyInformation() or not str(painting.Status).startswith(('Learning', 'Paused'))"
+TOLD = "(painting.UpdatePropertyInformation() or str(painting.Status))"
+LEARNED = f"not {TOLD}.startswith(('Learning', 'Paused'))"
+SHARP = f"len(GetRenderViews()) == 2 and max(painting.ImageSize) == 800 and 'sharper' not in {TOLD}"
+"""That the view shows the image at its full size, and no enlarged one until that is drawn."""
 
 
 class Window:
@@ -175,14 +177,14 @@ def take(window: Window) -> None:
     xdotool("key", "alt+a")
     window.until("painting.GetDataInformation().GetNumberOfPoints() > 0")
     window.until(LEARNED)
-    window.until(FOLLOWED)
+    window.until(SHARP)
     time.sleep(5.0)
     window.keep("painted")
     xdotool(
         "mousemove", 500, 560, "mousedown", 1, "mousemove", 560, 570, "sleep", "1", "mousemove", 640, 590, "mouseup", 1
     )
     time.sleep(3.0)  # the small picture of the moving scene comes first
-    window.until(FOLLOWED)
+    window.until(SHARP)
     time.sleep(5.0)
     window.keep("turned")
 

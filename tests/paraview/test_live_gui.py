@@ -139,7 +139,8 @@ def test_the_window_shows_a_sketch_and_then_the_painting(gui: Callable, tmp_path
 
 
 @pytest.mark.slow
-def test_a_closed_window_leaves_no_process_and_the_next_one_resumes(gui: Callable, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", ["killed", "closed"])
+def test_a_window_that_ends_leaves_no_process_and_the_next_one_resumes(gui: Callable, tmp_path: Path, how: str) -> None:
     cache = tmp_path / "cache"
     text = f"import os\nos.environ['SVV_CACHE'] = {str(cache)!r}\n{script(tmp_path, QUICK)}"
     running = gui(text)
@@ -149,7 +150,11 @@ def test_a_closed_window_leaves_no_process_and_the_next_one_resumes(gui: Callabl
     while not list(cache.glob(".scene-*-checkpoint")):
         assert time.monotonic() < until, running.log()
         time.sleep(0.1)
-    running.process.kill()
+    if how == "killed":
+        running.process.kill()
+    else:
+        running.xdotool("windowfocus", running.fill_screen(), "sleep", "1", "key", "ctrl+q")
+        running.process.wait(60.0)
     assert has_ended(worker), "the learning process outlives the window"
     again = gui(text)
     assert again.wait() == "applied"

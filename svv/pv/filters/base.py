@@ -310,10 +310,10 @@ class ViewsOutput(Filter):
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
         return 1
 
-    def show(self, views: ViewSet, outputs: list[Data], key: str = "") -> None:
-        """Output views; show the last one if the panel asks for a later one. ``key`` is as for ``put_views``."""
+    def show(self, views: ViewSet, outputs: list[Data], key: str = "", file: str = "") -> None:
+        """Output views; show the last one if the panel asks for a later one. The others are as for ``put_views``."""
         image, cameras = outputs
-        put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), image, cameras, key)
+        put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), image, cameras, key, file)
 
     def GetViewNumbers(self) -> tuple[int, int]:
         """Return the range of ``ShownView``."""

@@ -14,6 +14,7 @@ from paraview.util.vtkAlgorithm import smproxy
 from svv.errors import BadInput
 from svv.options.editing import PaintEdit
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
+from svv.pv.panel.first_screen import few_first, picked
 from svv.pv.panel.groups import (
     REGIONS,
     light_properties,
@@ -70,29 +71,37 @@ class SceneOutput(Keeping):
 @smproxy.filter(label="StyleRF Edit", support_reload=False)
 @menu
 @panel(
-    button("UndoEdit", "Undo the last change that was applied."),
-    button("RedoEdit", "Redo the last change that was undone."),
-    button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
-    *part_properties(),
-    *light_properties(),
-    *(p for region in range(REGIONS) for p in region_properties(region)),
-    text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
-    switch("ShowHidden", False, "Show regions that were hidden before this filter."),
-    *properties_of(PaintEdit()),
-    *stroke_properties(),
-    *outline_properties(),
-    text(
-        "Say",
-        "Say in words what should change: make the core pale jade, thinner, hide region 1, light from the left. "
-        "Applied after everything else; Status shows what was understood. Empty: nothing.",
-    ),
-    text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
-    integer(
-        "Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50, True
-    ),
-    switch("AsTrained", False, "Undo all edits that the scene came with, before applying those above.", True),
-    *save_properties(),
-    status(),
+    *few_first(
+        (
+            *(f"Region{k}{what}" for k in range(3) for what in ("Recolour", "Opacity", "Hide")),
+            "Say",
+            "Strength",
+            "SaveFile",
+        ),
+        button("UndoEdit", "Undo the last change that was applied."),
+        button("RedoEdit", "Redo the last change that was undone."),
+        button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
+        *part_properties(),
+        *light_properties(),
+        *(p for region in range(REGIONS) for p in region_properties(region)),
+        text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
+        switch("ShowHidden", False, "Show regions that were hidden before this filter."),
+        *picked(properties_of(PaintEdit()), "Strength"),
+        *stroke_properties(),
+        *outline_properties(),
+        text(
+            "Say",
+            "Say in words what should change: make the core pale jade, thinner, hide region 1, light from the left. "
+            "Applied after everything else; Status shows what was understood. Empty: nothing.",
+        ),
+        text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
+        integer(
+            "Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50, True
+        ),
+        switch("AsTrained", False, "Undo all edits that the scene came with, before applying those above.", True),
+        *save_properties(),
+        status(),
+    )
 )
 @takes_scene
 class StyleRFEdit(SceneOutput):

@@ -204,7 +204,7 @@ def pointed_in(text: str) -> tuple[tuple[tuple[Point, int], ...], tuple[tuple[Po
     return tuple(points), tuple(same)
 
 
-def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) -> Scene:
+def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress, checkpoint: Path | None = None) -> Scene:
     """Return the scene with its palette corrected as the panel asks.
 
     Args:
@@ -212,6 +212,7 @@ def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) ->
         views: The views that it was trained on.
         values: The panel's values.
         progress: Called several times a second.
+        checkpoint: File to save to, and to resume from if it exists.
 
     Raises:
         BadInput: The reasons of :func:`svv.train.correct.correct_palette`.
@@ -223,23 +224,5 @@ def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) ->
 
     device = device_named(options_in(DeviceOptions, values).device)
     options = options_in(PaletteOptions, values)
-    result, _ = correct_palette(scene.on(device), views, correction_in(values), options, progress)
+    result, _ = correct_palette(scene.on(device), views, correction_in(values), options, progress, checkpoint)
     return replace(result, made={**result.made, "of": digest_of_scene(scene)}).on(scene.device)
-
-
-def views_in_file(values: Values, progress: Progress) -> ViewSet:
-    """Read the views that the panel of StyleRF Palette names.
-
-    Raises:
-        BadInput: It names none, or they cannot be read.
-    """
-    from svv.io.views.transforms import split_of
-    from svv.io.views.viewset import ViewSet
-
-    if not values["ViewsFile"]:
-        raise BadInput(
-            "Training the regions again takes the views that the scene was trained on: connect StyleRF Views as the "
-            "second input, or choose the transforms_train.json of the views under Views File."
-        )
-    file = Path(values["ViewsFile"])
-    return ViewSet.read(file.parent, split_of(file), progress)

@@ -128,7 +128,7 @@ class StyleRFViewsReader(ViewsOutput):
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         views = self._read()
-        self.show(views, outputs)
+        self.show(views, outputs, file=str(Path(self.values["FileName"]).absolute()))
         return f"{len(views)} views."
 
     def _read(self) -> ViewSet:

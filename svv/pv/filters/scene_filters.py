@@ -9,23 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, part
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
-from svv.pv.filters.edit_filters import SceneOutput, save_properties
-from svv.pv.filters.unfinished import mark_unfinished
+from svv.pv.filters.edit_filters import save_properties
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
-from svv.pv.live.beside import Beside
-from svv.pv.live.handed import hand_over_scene
-from svv.pv.live.ordered import Ordered
+from svv.pv.live.handed import file_of_views
+from svv.pv.live.scene_beside import SceneBeside
+from svv.pv.panel.first_screen import few_first, picked, titled, without
 from svv.pv.panel.groups import (
     ADDED,
     NO_GALLERY,
@@ -60,19 +60,39 @@ from svv.pv.panel.properties import (
     text,
 )
 from svv.pv.results.cached import FOUND
-from svv.pv.results.keys import digest_of_edits, digest_of_scene, digest_of_views, settings_in
+from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, settings_in
 from svv.pv.results.time_steps import Moment
-from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request, Values
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.io.views.viewset import ViewSet
 
 PAINTING = "painting "
 """Prefix of the slots in which StyleRF Stylize keeps paintings; the painting's name follows."""
+
+OF_VIEWS = "KeyOfViews"
+"""Name of what tells the process that trains a palette the hash of views, which ParaView may know from their filter."""
+
+SKETCHED_IN = 2.0
+"""Time limit of a palette's sketch, seconds."""
+
+READ = 0.03
+"""Fraction of the training of a palette as which reading its views is shown."""
+
+NO_VIEWS = (
+    "Training the regions again takes the views that the scene was trained on: connect StyleRF Views as the second "
+    "input, or choose the transforms_train.json of the views under Views File."
+)
 
 __all__ = ["StyleRFPalette", "StyleRFStylize"]
 
 
 @smproxy.filter(label="StyleRF Palette", support_reload=False)
 @menu
-@panel(
+@panel(*few_first(
+    (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "Points", "Merge",
+     "Colour0Add", "Live", "SaveFile"),
     Property("Views", '''<InputProperty name="Views" label="Views" command="SetInputConnection" port_index="1">
         <ProxyGroupDomain name="groups"><Group name="sources"/><Group name="filters"/></ProxyGroupDomain>
         <DataTypeDomain name="input_type"><DataType value="vtkDataSet"/></DataTypeDomain>
@@ -86,6 +106,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
     *(p for region in range(PALETTE) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
+    *live(),
     *learning_properties(PaletteOptions()),
     device(),
     button("TrainAgain", "Train again, even if nothing has changed."),
@@ -93,17 +114,19 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     *save_properties(),
     *kept_as(),
     status(),
-)  # fmt: skip
+))  # fmt: skip
 @takes_scene
-class StyleRFPalette(SceneOutput):
+class StyleRFPalette(SceneBeside):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
     base network is kept; paintings are dropped, because they belong to the old regions.
     """
 
     button = "Train Again"
+    slots = ("corrected",)
 
     def __init__(self) -> None:
         super().__init__(2, 1, "vtkTable")
+        self._views: Data | None = None
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
         """Make both inputs optional: the scene, and the views."""
@@ -115,28 +138,38 @@ class StyleRFPalette(SceneOutput):
         self.forget("corrected")
         self.make_anew()
 
+    anew = TrainAgain
+
     def ResetPalette(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+        self._views = inputs[1]
+        return super().work(inputs, outputs, out_info)
+
+    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.editing import correct, correction_in
 
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
         if not correction:
+            self._learner.stop_here()
+            self._learner.forget()
             self.give(scene, outputs[0])
             return "The palette is unchanged: set, add, merge, remove or split a colour, or point at places."
         base = digest_of_scene(scene)
-        source = key_of_views(inputs[1]) or self._file_key()
+        source = self.values.get(OF_VIEWS) or key_of_views(inputs[1]) or self._file_key()
         settings = digest(vars(correction), chosen(options_in(PaletteOptions, self.values)))
         key = (base, source, settings)
 
-        def make() -> Any:
+        def make() -> Scene:
             with self.training() as progress:
-                return correct(scene, views_of(inputs[1]) or self._views_in_file(), self.values, progress)
+                views = views_of(inputs[1]) or self._views_in_file()
+                return correct(scene, views, self.values, progress, self.checkpoint)
 
-        def get() -> Any:
-            now = Moment(settings, source, digest(base, digest_of_edits(scene)))
-            found, name = self.found_or_made("corrected", "palette", now, make)
+        def get() -> Scene:
+            given = digest(base, digest_of_edits(scene))
+            self.wants(Moment(digest(), source, given), settings)
+            found, name = self.found_or_made("corrected", "palette", Moment(settings, source, given), make)
             self.gives(corrected=name)
             return found
 
@@ -152,22 +185,51 @@ class StyleRFPalette(SceneOutput):
         report = result.made["corrected"][-1]
         return f"{'; '.join(report['notes'][:-1])}; trained in {report['seconds']['total']:.0f} s.{self.note}"
 
+    def sketch(self, scene: Scene, progress: Progress) -> tuple[Scene, str]:
+        """Return the scene with regions trained in seconds, on few small views."""
+        from svv.pv.filters.editing import correct
+        from svv.train.run.sketches import SKETCHES
+
+        few = SKETCHES[-1].few(self._views_in_file())
+        values = {**self.values, "Preset": "draft", "TimeLimit": SKETCHED_IN}
+        return correct(scene, few, values, progress), "The new regions are shown as a sketch."
+
+    def handed(self, values: Values) -> tuple[Values, Callable[[Path], None]]:
+        """Return the values for the process that trains, with the file of the views, and what writes the scene."""
+        own = key_of_views(self._views)
+        file = self.values["ViewsFile"] if own is None else str(file_of_views(self._views))
+        return super().handed({**values, "ViewsFile": file, OF_VIEWS: own or self._file_key()})
+
+    def _lives(self) -> bool:
+        """Views that are only in the memory of this process, because the cache is full, are learned from here."""
+        return super()._lives() and (key_of_views(self._views) is None or file_of_views(self._views) is not None)
+
     def _file_key(self) -> str:
-        return digest_of_views(self._views_in_file()) if self.values["ViewsFile"] else ""
-
-    def _views_in_file(self) -> Any:
-        """Return the views that the panel names; they are read again only if the file has changed."""
-        from svv.pv.filters.editing import views_in_file
-
-        file = Path(self.values["ViewsFile"])
+        file = self._file()
         changed = file.stat().st_mtime_ns if file.is_file() else 0
-        return self.kept("views in the file", (file, changed), lambda: views_in_file(self.values, self.progress))
+        return self.kept("key of the file", (file, changed), lambda: digest_of_listed(file))
+
+    def _views_in_file(self) -> ViewSet:
+        """Return the views that the panel names; they are read again only if the file has changed."""
+        from svv.io.views.transforms import split_of
+        from svv.io.views.viewset import ViewSet
+
+        file, key = self._file(), self._file_key()
+        told = part(self.progress, 0.0, READ)
+        return self.kept("views in the file", key, lambda: ViewSet.read(file.parent, split_of(file), told))
+
+    def _file(self) -> Path:
+        if not self.values["ViewsFile"]:
+            raise BadInput(NO_VIEWS)
+        return Path(self.values["ViewsFile"])
 
 
 @smproxy.filter(label="StyleRF Stylize", support_reload=False)
 @menu
 @smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
-@panel(
+@panel(*few_first(
+    ("StyleFiles", "Live", "Gallery", "Mapping", "StrokeSize", "Strength", "PreviewOnly", "ShownMask", "Region0Style",
+     "Region1Style", "Region2Style", "SaveFile"),
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
     *live(),
     choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
@@ -175,37 +237,40 @@ class StyleRFPalette(SceneOutput):
     choice("Mapping", ("in turn", "by colour"), "in turn",
            "How pictures are assigned to regions: in turn, or to each region the picture whose mean colour is closest "
            "to the region's. A region's own row takes precedence."),
+    *picked(properties_of(PaintOptions()), "StrokeSize"),
     number("Strength", 1.0, "How strongly the painting shows: 0 gives the palette's colours, 1 the full painting. "
         "Needs no training.", 0.0, 1.0),
-    *properties_of(PaintOptions()),
-    preview_file(),
+    *titled("Painting", [*without(properties_of(PaintOptions()), "StrokeSize"), preview_file(), device()]),
     switch("PreviewOnly", False, "Show the masks without painting."),
     integer("ShownMask", 0, "Region whose picture and mask the second output shows.", 0, REGIONS - 1),
     *point_properties(),
     *(p for region in range(REGIONS) for p in style_properties(region)),
-    integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.", 0, 32),
-    file("MaskFolder", "", "",
-         "Folder to which the masks are also written: region-K.png, each with a file of its points."),
-    switch("Continue", False, "Paint on the last painting if pictures or masks have changed: regions that stay "
-        "as they are keep its paint. Otherwise, painting starts afresh."),
-    text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
-    text("ShowVariant", "Name of the painting to show; empty: the one named above."),
-    device(),
+    *titled("Masks", [
+        integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.",
+                0, 32),
+        file("MaskFolder", "", "",
+             "Folder to which the masks are also written: region-K.png, each with a file of its points."),
+    ]),
+    *titled("Several Paintings", [
+        switch("Continue", False, "Paint on the last painting if pictures or masks have changed: regions that stay "
+            "as they are keep its paint. Otherwise, painting starts afresh."),
+        text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
+        text("ShowVariant", "Name of the painting to show; empty: the one named above."),
+    ]),
     button("PaintAgain", "Paint again: from the start, or on the last painting if Continue is on."),
     button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),
     *save_properties(),
     *kept_as(),
     status(),
-)  # fmt: skip
+))  # fmt: skip
 @takes_scene
-class StyleRFStylize(SceneOutput, Beside):
+class StyleRFStylize(SceneBeside):
     """Paint the regions of a scene in the style of pictures, consistently from all directions. The second output shows
     a picture and the part of it that a region learns from.
     """
 
     button = "Paint Again"
-    headers = False  # paintings of several names are put together here
-    nothing = "The scene is shown as it was."
+    slots = (PAINTING,)
 
     def __init__(self) -> None:
         super().__init__(1, 2, "vtkTable")
@@ -229,6 +294,8 @@ class StyleRFStylize(SceneOutput, Beside):
         """Paint again."""
         self._reset, self._round = False, self._round + 1
         self.make_anew()
+
+    anew = PaintAgain
 
     def ResetStyle(self) -> None:
         """Return to the scene before painting."""
@@ -260,11 +327,11 @@ class StyleRFStylize(SceneOutput, Beside):
             slot, given = f"{PAINTING}{name}", digest(base, digest_of_edits(scene))
             before = self.last(slot)
 
-            def paint() -> Any:
+            def paint() -> Scene:
                 with self.training() as progress:
                     return painted(scene, before, values, progress)
 
-            def make() -> Any:
+            def make() -> Painting:
                 self.wants(Moment(digest(), "", given), digest(style, name))
                 now = Moment(style, digest(*goes_on(scene, before, values)), given)
                 result, kept = self.found_or_made(slot, "painting", now, paint)
@@ -280,25 +347,7 @@ class StyleRFStylize(SceneOutput, Beside):
         self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
         return said
 
-    def handed(self, values: dict[str, Any]) -> tuple[dict[str, Any], Callable[[Path], None]]:
-        """Return the values for the process that paints, and what writes the scene to a new folder."""
-        data = self._data
-        assert data is not None
-        return values, lambda folder: hand_over_scene(data, folder)
-
-    def release(self) -> None:
-        super().release()
-        for slot in [slot for slot in self._kept if slot.startswith(PAINTING)]:
-            del self._kept[slot]
-
-    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
-        if not self.put_newest(outputs[0]):
-            self.before(outputs)
-            if not outputs[0].GetNumberOfRows():
-                outputs[0].ShallowCopy(inputs[0])
-            mark_unfinished(outputs[0])
-
-    def _begin_with_paintings(self, scene: Any, base: str) -> None:
+    def _begin_with_paintings(self, scene: Scene, base: str) -> None:
         """Restore the paintings that a saved state refers to."""
         from svv.pv.filters.styling import Painting
 
@@ -324,7 +373,7 @@ class StyleRFStylize(SceneOutput, Beside):
         _, _, taken, size = self.last("preview")
         return " ".join(map(str, (*taken.shape[::-1], *size)))
 
-    def _preview(self) -> Any:
+    def _preview(self) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.integer], tuple[int, int]]:
         from svv.pv.filters.engine import style_key
         from svv.pv.filters.style_masks import preview
 

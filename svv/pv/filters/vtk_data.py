@@ -300,7 +300,9 @@ def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale:
 # --- views ----------------------------------------------------------------------------------------------------------
 
 
-def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyData, key: str = "") -> None:
+def put_views(
+    views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyData, key: str = "", file: str = ""
+) -> None:
     """Fill the outputs with one view as an image and all cameras as points; both refer to the views they belong to.
 
     The views themselves stay with the filter that made them: a token in the image's field data refers to them for as
@@ -312,25 +314,26 @@ def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyD
         image: Image to fill.
         cameras: Points to fill.
         key: Hash of what the views depend on; by default the hash of the views themselves.
+        file: File that lists them, if they were read from one.
     """
     put_image(image, {"RGBA": views.images[index]})
     token = f"{id(views):x}"
     _views[token] = views
     put_cameras(views.cameras, cameras)
-    _mark(token, key, image, cameras)
+    _mark(token, key, file, image, cameras)
 
 
 def put_no_views(key: str, image: vtkImageData, cameras: vtkPolyData) -> None:
     """Mark empty outputs with the key of the missing views: results made from those views may still be kept."""
-    _mark("", key, image, cameras)
+    _mark("", key, "", image, cameras)
 
 
-def _mark(token: str, key: str, *outputs: vtkDataObject) -> None:
+def _mark(token: str, key: str, file: str, *outputs: vtkDataObject) -> None:
     for data in outputs:
         name = vtkStringArray()
         name.SetName(VIEWS)
-        name.InsertNextValue(token)
-        name.InsertNextValue(key)
+        for value in (token, key, file):
+            name.InsertNextValue(value)
         data.GetFieldData().AddArray(name)
 
 

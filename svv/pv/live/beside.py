@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.dvr.parallel.ranks import ranks_here
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress
 from svv.io.files.cache import Cache
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.unfinished import mark_unfinished
@@ -26,7 +26,10 @@ from svv.pv.results.cached import FOUND, Keeping
 from svv.pv.results.keys import key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
-from svv.pv.vtk_types import Data, OutInfo
+from svv.pv.vtk_types import Data, OutInfo, Values
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 ONLY_SHOWN = (
     "Live", "InWindow", "Late", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera",
@@ -34,7 +37,7 @@ ONLY_SHOWN = (
 )  # fmt: skip
 """Properties that do not go to the process, as it shows nothing."""
 
-_deleters: list[Any] = []
+_deleters: list[Callable[[object, str], None]] = []
 """Deletion observers; if only the filters held them, Python would collect them too early."""
 
 
@@ -77,9 +80,20 @@ class Beside(Keeping):
         """Do the work, as :meth:`Filter.work`; raises :class:`NotYet` from :meth:`found_or_made`."""
         raise NotImplementedError
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
+    def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
         """Fill the outputs with the best there is, while there is no result yet."""
         raise NotImplementedError
+
+    def sketch(self, scene: Scene, progress: Progress) -> tuple[Scene, str] | None:
+        """Return a scene that soon shows what will become of the input's, and what the user is told; None if none does.
+
+        Called in the process of its own.
+        """
+        return None
+
+    def anew(self) -> None:
+        """Make the result again, even if there is one: what the panel's button for that does."""
+        self.make_anew()
 
     def wants(self, now: Moment, painting: str) -> None:
         """Say what the result depends on: the scene's training, or the scene itself, and how it is painted."""
@@ -129,7 +143,7 @@ class Beside(Keeping):
         self._moment = None
         return said
 
-    def put_newest(self, table: Any) -> bool:
+    def put_newest(self, table: Data) -> bool:
         """Fill a table with the newest state of the scene, marked as unfinished; return whether there is one."""
         file = self._learner.state()
         if file is not None:
@@ -143,14 +157,14 @@ class Beside(Keeping):
         """Forget the results in memory: in this process they are scenes, beside it no more than their headers."""
         self.steps.results.clear()
 
-    def kept_as(self, name: str, kind: str) -> Any:
+    def kept_as(self, name: str, kind: str) -> Scene | Stored | None:
         """Return the result that is kept under a name, or None; only its header, if another process draws it."""
         if not (self.shows and self.headers and self._lives()):
             return super().kept_as(name, kind)
         found = Cache.of_user().read(name, Stored.read)
         return super().kept_as(name, kind) if found is not None and self._follows(found) else found
 
-    def found_in(self, file: Path, now: Moment) -> Any:
+    def found_in(self, file: Path, now: Moment) -> Scene | Stored | None:
         """Return the scene in the user's file, as :meth:`kept_as` does; None if it is something else."""
         from svv.pv.filters.engine import scene_in
 
@@ -195,14 +209,14 @@ class Beside(Keeping):
             and Cache.of_user().bound > 0
         )
 
-    def _order(self) -> Any:
+    def _order(self) -> NoReturn:
         if self._again or not self._learner.asks_for(self._wanted):
             values = {k: v for k, v in self.values.items() if k not in ONLY_SHOWN}
             self._learner.order(self._wanted, *self.handed(values), self._again)
             self._again = False
         raise NotYet
 
-    def handed(self, values: dict[str, Any]) -> tuple[dict[str, Any], Callable[[Path], None]]:
+    def handed(self, values: Values) -> tuple[Values, Callable[[Path], None]]:
         """Return the values for the process, and what writes the input to a new folder: a volume."""
         from svv.pv.filters.engine import transfer_function_of, volume_of
         from svv.pv.live.handed import hand_over
@@ -247,10 +261,10 @@ class DrawnBeside(Beside):
     draws = True
     nothing = "The volume is shown as it is."
 
-    def meanwhile(self, inputs: list[Any], outputs: list[Data], learner: Ordered) -> None:
+    def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
         self.drawn_beside(inputs[0], outputs[0], learner.picture(self.values))
 
-    def drawn_beside(self, data: Any, image: Any, drawn: Drawn | None) -> None:
+    def drawn_beside(self, data: Data, image: Data, drawn: Drawn | None) -> None:
         """Output an image that another process has drawn, or at first the volume as ParaView shows it."""
         from svv.pv.filters.engine import size_of
         from svv.pv.live.glimpse import enlarged, glanced
@@ -263,10 +277,10 @@ class DrawnBeside(Beside):
         self.kept("image", None, lambda: image.NewInstance()).ShallowCopy(image)
 
 
-def _stopper(learner: Ordered) -> Callable[[Any, str], None]:
+def _stopper(learner: Ordered) -> Callable[[object, str], None]:
     """Return an observer that ends a deleted filter's process."""
 
-    def stop(_: Any, event: str) -> None:
+    def stop(_: object, event: str) -> None:
         learner.end()
         _deleters.remove(stop)
 

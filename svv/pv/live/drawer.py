@@ -10,10 +10,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +22,13 @@ from svv.errors import BadInput, Cancelled, silent
 from svv.io.files.worker import Orders, Worker, be_worker, say
 from svv.pv.filters.base import sentence_on
 from svv.pv.launch.programs import pvpython_here
+from svv.pv.live.messages import DrawnOf, DrawOrder
+from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[np.number]]
 
 IMAGE = "image.npz"
 """File in the process's folder with the image that was drawn last."""
@@ -81,9 +82,9 @@ class Drawer:
         self._number, self._wanted = 0, None
         self._died = False
         self._drawn: Drawn | None = None
-        self._read: tuple[int, bool] | None = None
+        self._read: list[int | bool] | None = None
 
-    _wanted: tuple[Shown, dict[str, Any]] | None
+    _wanted: tuple[Shown, Values] | None
 
     def start(self) -> Worker:
         """Start the process, unless it is running, and return it."""
@@ -102,7 +103,7 @@ class Drawer:
         """Let the process load what it takes, by drawing any scene, as soon as its file is there."""
         self.start().send({"warm": str(file)})
 
-    def ask(self, shown: Shown, values: Mapping[str, Any]) -> bool:
+    def ask(self, shown: Shown, values: Values) -> bool:
         """Ask for an image, unless it was asked for last; return whether it was not.
 
         Args:
@@ -183,10 +184,10 @@ class Drawer:
             self._worker.stop()
         self._worker = None
 
-    def _said(self) -> dict[str, Any]:
-        return {} if self._worker is None else self._worker.said()
+    def _said(self) -> DrawnOf:
+        return {} if self._worker is None else cast(DrawnOf, self._worker.said())
 
-    def _is_sharp(self, said: Mapping[str, Any]) -> bool:
+    def _is_sharp(self, said: DrawnOf) -> bool:
         """Whether the newest image is the sharp one that was asked for last."""
         return said.get("drawn") == [self._number, True]
 
@@ -231,11 +232,11 @@ class Drawing:
             except Exception as error:
                 self._say(order["number"], error=sentence_on(error))
 
-    def _newest(self) -> dict[str, Any] | None:
+    def _newest(self) -> DrawOrder | None:
         """Return the last of the orders that wait; to load comes after to draw, which does it."""
-        order = self._orders.next(IDLE)
+        order = cast("DrawOrder | None", self._orders.next(IDLE))
         while not self._orders.empty:
-            later = self._orders.next(0.0)
+            later = cast("DrawOrder | None", self._orders.next(0.0))
             if later is not None and (order is None or "warm" in order or "warm" not in later):
                 order = later
         return order
@@ -253,7 +254,7 @@ class Drawing:
                 return
             time.sleep(0.1)
 
-    def _scene_for(self, order: Mapping[str, Any]) -> Scene:
+    def _scene_for(self, order: DrawOrder) -> Scene:
         """Return the scene that an order is about; it is read once."""
         from svv.fields.scene.scene import Scene
         from svv.io.files.cache import Cache
@@ -268,7 +269,7 @@ class Drawing:
             self._scene, self._is = scene.on(device_named(order["values"]["Device"])), this
         return self._scene
 
-    def _draw(self, scene: Scene, order: Mapping[str, Any]) -> None:
+    def _draw(self, scene: Scene, order: DrawOrder) -> None:
         """Draw a small image, and then the sharp one; only one of them while the camera moves."""
         from svv.pv.filters.engine import camera_for, draw
         from svv.pv.live.glimpse import drawn_small
@@ -294,5 +295,5 @@ class Drawing:
         self._drawn = number, sharp
         self._say(number)
 
-    def _say(self, number: int, **more: Any) -> None:
+    def _say(self, number: int, **more: bool | str) -> None:
         say(self._folder, {"number": number, "drawn": self._drawn, **more})

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from svv.core.geometry.cameras import Camera
 from svv.errors import Progress
 from svv.pv.filters.base import Filter
+from svv.pv.live.drawer import Arrays
+from svv.pv.vtk_types import Data, Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -17,10 +18,8 @@ if TYPE_CHECKING:
 LONGEST = 200
 """Longer side of what is rendered, pixels."""
 
-Arrays = dict[str, NDArray[Any]]
 
-
-def drawn_small(scene: Scene, values: Any, progress: Progress) -> tuple[Arrays, Camera]:
+def drawn_small(scene: Scene, values: Values, progress: Progress) -> tuple[Arrays, Camera]:
     """Return the image of a scene as a panel's values ask, with fewer pixels, and the camera that it is meant for."""
     from svv.pv.filters.engine import camera_for, draw
 
@@ -28,7 +27,7 @@ def drawn_small(scene: Scene, values: Any, progress: Progress) -> tuple[Arrays, 
     return draw(scene, small(camera), {**values, "Moving": True}, progress), camera
 
 
-def glanced(filter: Filter, data: Any) -> tuple[Arrays, Camera]:
+def glanced(filter: Filter, data: Data | None) -> tuple[Arrays, Camera]:
     """Return an image of a volume that a filter has not learned yet, as ParaView draws it, and its camera."""
     from svv.dvr.draw.glance import Glance
     from svv.pv.display.shown import volume_shown

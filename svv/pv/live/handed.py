@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
@@ -13,7 +11,10 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 
 from svv.dvr.draw.appearance import GHOSTS
 from svv.io.files.atomic import cannot_write
-from svv.pv.filters.vtk_data import content_of, put_scene, time_of
+from svv.io.files.cache import Cache
+from svv.pv.filters.vtk_data import VIEWS, content_of, put_scene, time_of
+from svv.pv.results.keys import name_of
+from svv.pv.vtk_types import Values
 
 STATE = "state.svv"
 """File in a learner's folder with the newest scene to be shown meanwhile."""
@@ -24,26 +25,29 @@ WARM = "warm.svv"
 SCENE_FILE = "scene.svv"
 """File with the scene, if that is the input."""
 
+LISTED = "transforms_train.json"
+"""File that lists the views in a folder of the cache."""
+
 ABOUT = "about.json"
 """File with the grid, the time and the names of the arrays."""
 
 
-def hand_over(image: vtkImageData, values: Mapping[str, Any], time: float | None, folder: Path) -> None:
+def hand_over(image: vtkImageData, values: Values, time: float | None, folder: Path) -> None:
     """Write a volume to a new folder: its grid, and of its arrays those that a panel's values choose or may choose.
 
     Raises:
         BadInput: It cannot be written.
     """
     direction = image.GetDirectionMatrix()
-    about: dict[str, Any] = {
+    about: dict[str, object] = {
         "dimensions": image.GetDimensions(),
         "spacing": image.GetSpacing(),
         "origin": image.GetOrigin(),
         "extent": image.GetExtent(),
         "direction": [direction.GetElement(i, j) for i in range(3) for j in range(3)],
         "time": time,
-        "arrays": [],
     }
+    arrays: list[list[object]] = []
     try:
         folder.mkdir()
         for cells, data in enumerate((image.GetPointData(), image.GetCellData())):
@@ -53,10 +57,10 @@ def hand_over(image: vtkImageData, values: Mapping[str, Any], time: float | None
                 array = data.GetArray(number)  # None for text
                 if array is None or (array.GetName() not in chosen and array is not active):
                     continue
-                file = f"{len(about['arrays'])}.npy"
+                file = f"{len(arrays)}.npy"
                 np.save(folder / file, vtk_to_numpy(array))
-                about["arrays"].append([file, cells, array.GetName(), array.GetDataType(), array is active])
-        (folder / ABOUT).write_text(json.dumps(about))
+                arrays.append([file, cells, array.GetName(), array.GetDataType(), array is active])
+        (folder / ABOUT).write_text(json.dumps({**about, "arrays": arrays}))
     except OSError as error:
         raise cannot_write(folder, error) from error
 
@@ -68,6 +72,18 @@ def hand_over_scene(table: vtkDataObject, folder: Path) -> None:
         (folder / SCENE_FILE).write_bytes(content_of(table))
     except OSError as error:
         raise cannot_write(folder, error) from error
+
+
+def file_of_views(data: vtkDataObject | None) -> Path | None:
+    """Return the file that lists the views of an image: their own, or the one in the cache; None if there is none."""
+    array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
+    if array is None:
+        return None
+    _, key, own = (array.GetValue(k) for k in range(3))
+    if not own and not key:
+        return None
+    file = Path(own) if own else Cache.of_user().folder / name_of("views", *key.split("-", 1)) / LISTED
+    return file if file.is_file() else None
 
 
 def taken(folder: Path) -> vtkImageData | vtkTable:

@@ -15,35 +15,31 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
-import numpy as np
-from vtkmodules.vtkCommonDataModel import vtkTable
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkTable
+from vtkmodules.vtkCommonExecutionModel import vtkAlgorithmOutput, vtkTrivialProducer
 
 from svv.errors import BadInput, Cancelled, Progress, part
 from svv.io.files.atomic import make_folder
 from svv.io.files.cache import Cache
 from svv.io.files.worker import Orders, be_worker, say
-from svv.options.making import PaintOptions, TrainOptions, ViewOptions
+from svv.options.making import TrainOptions
 from svv.pv.filters import scene_filters, volume_filters
 from svv.pv.filters.base import sentence_on
 from svv.pv.filters.vtk_data import scene_of
 from svv.pv.live.handed import STATE, WARM, taken
+from svv.pv.live.messages import Order, Progressed
+from svv.pv.live.sketching import Sketching, measure_pictures
 from svv.pv.panel.option_panel import options_in
 from svv.pv.results.time_steps import Moment
-from svv.train.run.sketches import SKETCHES, Sketch, sketches_for
+from svv.train.run.sketches import sketches_for
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-BROAD = "The scene is shown in broad strokes."
-"""What the user is told of a trained scene before it is painted as asked."""
-
-SKETCH_PAINT = {"Preset": "draft", "Settings": "stylize.style_views=8; stylize.style_size=100", "PreviewFile": ""}
-"""Properties of a sketch's painting."""
-
-SKETCHED = (0.06, 0.15)
-"""Fractions of the work when the first sketch is done, and when the last one is."""
+SKETCHED = (0.06, 0.15, 0.18)
+"""Fractions of the work when the first sketch is done, the finer one, and the same in its volume's shape."""
 
 IDLE = 120.0
 """Seconds without work after which the process ends; the next order starts another one."""
@@ -96,16 +92,13 @@ class Learner:
 
     def __init__(self, orders: Orders, folder: Path) -> None:
         self.orders, self.folder = orders, folder
-        self.order: dict[str, Any] = {}
+        self.order: Order = {}
         self.paused = self._stopped = False
-        self._pending: dict[str, Any] | None = None
-        self._said: dict[str, Any] = {}
+        self._pending: Order | None = None
+        self._said: Progressed = {}
         self._began = self._told = 0.0
-        self._filter: Any = None
-        self._sketch: Scene | None = None
-        self._broad = SKETCHES[0]
-        """The sketch that is shown, or whose strokes paint the scene when it is trained."""
-        self._is = SKETCHES[0].told
+        self._made: LearningFilter | None = None
+        self._sketch = Sketching()
         self._repainting = self._known = False
 
     def run(self) -> None:
@@ -115,11 +108,17 @@ class Learner:
                 order, self._pending = self._pending, None
                 self._do(order)
 
+    @property
+    def _filter(self) -> LearningFilter:
+        """The filter that does the work; there is one from the first order on."""
+        assert self._made is not None
+        return self._made
+
     # --- orders -----------------------------------------------------------------------------------------------------
 
     def _listen(self, timeout: float) -> bool:
         """Take the next order; return whether there was one within ``timeout`` seconds."""
-        order = self.orders.next(timeout)
+        order = cast("Order | None", self.orders.next(timeout))
         if order is None:
             return False
         if "pause" in order:
@@ -157,15 +156,15 @@ class Learner:
 
     def _goes_on(self) -> bool:
         """Return whether what is being learned does not depend on how it is painted."""
-        return self._sketch is not None and self._filter.trains
+        return self._sketch.scene is not None and self._filter.trains
 
-    def _repaint(self, order: dict[str, Any]) -> None:
+    def _repaint(self, order: Order) -> None:
         """Paint the sketch anew, in the midst of the training, as an order asks that changes nothing else."""
         self._repainting = True
         try:
             self.order, self._pending = order, None
             self._filter.repaints = True
-            self._paint_sketch(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
+            self._paint_anew(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
         except BadInput:  # the painting itself will say why
             return
         finally:
@@ -173,7 +172,7 @@ class Learner:
 
     # --- work -------------------------------------------------------------------------------------------------------
 
-    def _do(self, order: dict[str, Any]) -> None:
+    def _do(self, order: Order) -> None:
         self._began = time.monotonic()
         same = self.order.get("scene") == order["scene"]
         self.order, self._said, self._stopped = order, {"state": 0}, False
@@ -191,18 +190,16 @@ class Learner:
             return
         self._tell(1.0, "done", done=True)
 
-    def _open(self, order: dict[str, Any], same: bool) -> None:
+    def _open(self, order: Order, same: bool) -> None:
         """Make a filter that has the order's input, unless the last one's has it."""
-        if same and self._filter is not None:
+        if same and self._made is not None:
             return
-        self._sketch = self._filter = None
-        from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
-
+        self._sketch, self._made = Sketching(), None
         given = taken(Path(order["input"]))
         shutil.rmtree(order["input"], ignore_errors=True)  # they stay as long as they are mapped
         producer = vtkTrivialProducer()
         producer.SetOutput(given)
-        self._filter = learning(order["kind"], self)
+        self._made = learning(order["kind"], self)
         self._filter.SetInputConnection(producer.GetOutputPort())
         self._filter.given = given
 
@@ -210,11 +207,12 @@ class Learner:
         """Do all of the work, as the filter in ParaView would."""
         filter = self._filter
         filter.values.update(self.order["values"])
-        filter.failed, filter.repaints, filter.trains = "", False, True
+        # What is made of a scene depends on all that can be ordered.
+        filter.failed, filter.repaints, filter.trains = "", False, not isinstance(filter.given, vtkTable)
         if not Cache.of_user().holds(self.order["scene"]):
             filter.release()  # what it has may be no longer there for the filter in ParaView
         if self.order["anew"]:
-            getattr(filter, "PaintAgain", filter.make_anew)()
+            filter.anew()
         filter.Modified()
         filter.Update()
         if self._pending is not None or self._stopped:
@@ -225,46 +223,56 @@ class Learner:
 
     def _show_sketches(self) -> None:
         """Make the scenes that are shown first. If that cannot be done, the work itself will say why."""
-        self._filter.trains = False
-        measuring = Thread(target=self._measure_pictures, daemon=True)
+        filter = self._filter
+        filter.values.update(self.order["values"])
+        filter.trains = False
+        measuring = Thread(target=measure_pictures, args=[self.order["values"]], daemon=True)
         measuring.start()
         try:
             trained = self._trained_before()
-            self._known, begun = trained is not None, 0.0
-            if trained is not None:
-                self._sketch, self._is = trained, BROAD
-            again = self._sketch is not None
-            few = SKETCHES[:1] if again else sketches_for(options_in(TrainOptions, self.order["values"]).preset)
-            for sketch, until in zip(few, SKETCHED, strict=False):
-                told = part(self.heard, begun, until)
-                if not again:
-                    self._broad, self._sketch = sketch, self._sketched(sketch, part(told, 0.0, 0.6))
-                    self._is = sketch.told
-                measuring.join()
-                self._paint_sketch(part(told, 0.6, 1.0))
-                begun = until
+            made = None if trained is None else filter.sketch(trained, part(self.heard, 0.0, SKETCHED[-1]))
+            self._known = trained is not None
+            if made is not None:
+                self.show(*made)
+            elif trained is not None:
+                self._sketch.take(trained)
+                self._paint_sketch(part(self.heard, 0.0, SKETCHED[0]))
+            elif self._sketch.scene is not None:
+                self._paint_anew(part(self.heard, 0.0, SKETCHED[0]))
+            else:
+                self._sketch_anew(measuring)
         except BadInput:
             return
 
+    def _sketch_anew(self, measuring: Thread) -> None:
+        """Make one sketch after another; the last one also in the shape of its volume."""
+        sketch, values, begun = self._sketch, self.order["values"], 0.0
+        few = sketches_for(options_in(TrainOptions, values).preset)
+        for one, until in zip(few, SKETCHED, strict=False):
+            told = part(self.heard, begun, until)
+            sketch.learn(one, self._filter.given, values, part(told, 0.0, 0.6))
+            measuring.join()
+            shown = self._paint_sketch(part(told, 0.6, 1.0))
+            begun = until
+        if sketch.refine(shown, values):
+            self._paint_sketch(part(self.heard, begun, SKETCHED[-1]))
+
+    def _paint_anew(self, progress: Progress) -> None:
+        """Paint a sketch as another order asks, with broad strokes first."""
+        self._sketch.as_asked = False
+        shown = self._paint_sketch(part(progress, 0.0, 0.5))
+        if self._sketch.refine(shown, self.order["values"]):
+            self._paint_sketch(part(progress, 0.5, 1.0))
+
     def trained(self, scene: Scene) -> None:
-        """Show the trained scene in broad strokes, while it is painted as asked; draft does that soon itself."""
+        """Show the trained scene in broad strokes while it is painted as asked, unless that is quick, too."""
         values, known = self.order["values"], self._known
-        if known or not self._paints or options_in(TrainOptions, values).preset == "draft":
+        if known or not self._paints or options_in(TrainOptions, values).preset == "draft" or self._sketch.as_asked:
             return
-        self._sketch, self._broad, self._is = scene, SKETCHES[-1], BROAD
+        self._sketch.take(scene)
+        self._sketch.broaden()
         with suppress(BadInput):  # the painting itself will say why
             self._paint_sketch(lambda fraction, label: self.heard(self._said.get("fraction", 0.0), label))
-
-    def _measure_pictures(self) -> None:
-        """Measure how the style pictures are painted, while views are drawn."""
-        from svv.train.paint.ink import Ink, style_named
-        from svv.train.paint.plan import hand_of
-
-        with suppress(BadInput):  # the painting itself will say why
-            for source in self.order["values"].get("StyleFiles", ()):
-                style = style_named(source)[1]
-                if not isinstance(style, Ink):
-                    hand_of(np.asarray(style, np.float32), None)
 
     def _trained_before(self) -> Scene | None:
         """Return the trained scene if there is one: the filter's input, or what is in the cache."""
@@ -277,36 +285,14 @@ class Learner:
             found = Cache.of_user().read(self.order["scene"], Scene.load)
         return None if found is None else found.on(device_named(self.order["values"]["Device"]))
 
-    def _sketched(self, sketch: Sketch, progress: Progress) -> Scene:
-        """Return a scene learned from few small views."""
-        from svv.dvr.draw.views import make_views
-        from svv.pv.display.shown import volume_shown
-        from svv.pv.filters.engine import shading_of, transfer_function_of
-        from svv.train.pipeline import train_scene
-
-        values = self.order["values"]
-        asked = options_in(ViewOptions, values)
-        views, _ = make_views(
-            volume_shown(self._filter.given, values), transfer_function_of(values),
-            ViewOptions(
-                n=min(sketch.views, asked.n), test=0, size=min(sketch.size, asked.size), step=1.0, mapper=asked.mapper
-            ),
-            shading=shading_of(values), rescale=False, name="sketch", progress=part(progress, 0.0, 0.3),
-        )  # fmt: skip
-        options = sketch.options(options_in(TrainOptions, values))
-        return train_scene(views, options, part(progress, 0.3, 1.0))[0]
-
-    def _paint_sketch(self, progress: Progress) -> None:
-        """Paint the sketch, or the trained scene, with broad strokes, and show it."""
-        from svv.pv.filters.styling import stylize
-
-        assert self._sketch is not None
-        values, scene, broad = self.order["values"], self._sketch, self._broad
-        if self._paints:
-            asked = options_in(PaintOptions, values).stroke_size
-            strokes = min(broad.broader * asked, max(broad.broadest, asked))
-            scene = stylize(scene, {**values, **SKETCH_PAINT, "StrokeSize": strokes}, progress)
-        self.show(scene, self._is)
+    def _paint_sketch(self, progress: Progress) -> Scene:
+        """Paint the sketch, or the trained scene, and show it; return it."""
+        sketch = self._sketch
+        assert sketch.scene is not None
+        paints = self._paints
+        scene = sketch.painted(self.order["values"], progress) if paints else sketch.shaped(sketch.scene)
+        self.show(scene, sketch.told)
+        return scene
 
     @property
     def _paints(self) -> bool:
@@ -320,7 +306,7 @@ class Learner:
         self._said["state"] = self._said["state"] + 1
         self._tell(self._said.get("fraction", 0.0), self._said.get("label", ""))
 
-    def _tell(self, fraction: float, label: str, **more: Any) -> None:
+    def _tell(self, fraction: float, label: str, **more: bool | str) -> None:
         """Say how far the work is, and how long it will take."""
         self._told = time.monotonic()
         spent = self._told - self._began
@@ -329,7 +315,29 @@ class Learner:
         say(self.folder, {**self._said, "order": self.order["number"], **more})
 
 
-def learning(kind: str, learner: Learner) -> Any:
+class LearningFilter(Protocol):
+    """What the learner needs of a filter that :func:`learning` has made."""
+
+    values: dict[str, Any]
+    failed: str
+    """Why its work has failed; empty if it has not."""
+    trains: bool
+    """Whether it does what does not depend on how it is painted."""
+    repaints: bool
+    """Whether its painting is no longer what is asked for."""
+    given: vtkDataObject
+    """Its input."""
+    checkpoint: Path
+
+    def SetInputConnection(self, port: vtkAlgorithmOutput) -> None: ...
+    def Modified(self) -> None: ...
+    def Update(self) -> None: ...
+    def release(self) -> None: ...
+    def anew(self) -> None: ...
+    def sketch(self, scene: Scene, progress: Progress) -> tuple[Scene, str] | None: ...
+
+
+def learning(kind: str, learner: Learner) -> LearningFilter:
     """Return a filter of a kind that reports to a learner instead of ParaView's window."""
     decorated = getattr(scene_filters if hasattr(scene_filters, kind) else volume_filters, kind)
     plain: Any = getattr(decorated, "_pv_original_func", decorated)

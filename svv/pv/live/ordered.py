@@ -5,17 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from svv.errors import BadInput
 from svv.io.files.worker import Worker
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.drawer import MOVING_PATIENCE, PATIENCE, Drawer, Drawn, Shown
 from svv.pv.live.handed import STATE, WARM
+from svv.pv.live.messages import Order, Progressed
 from svv.pv.results.expected import duration
 from svv.pv.results.stored import Stored
+from svv.pv.vtk_types import Values
 
 ENDED = "The process that learned beside ParaView has ended ({why}): press Go On, and it resumes."
 NOT_KEPT = (
@@ -75,9 +77,7 @@ class Ordered:
             raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
         return True
 
-    def order(
-        self, wanted: tuple[str, str], values: dict[str, Any], hand: Callable[[Path], None], anew: bool = False
-    ) -> None:
+    def order(self, wanted: tuple[str, str], values: Values, hand: Callable[[Path], None], anew: bool = False) -> None:
         """Order a result, instead of the last one.
 
         Args:
@@ -89,7 +89,7 @@ class Ordered:
         self.start()
         assert self._worker is not None
         self._number += 1
-        order = {"number": self._number, "kind": self._kind, "scene": wanted[0], "values": values, "anew": anew}
+        order: Order = {"number": self._number, "kind": self._kind, "scene": wanted[0], "values": values, "anew": anew}
         if self._sent != wanted[0]:
             folder = self._worker.folder / f"input-{self._number}"
             hand(folder)
@@ -98,7 +98,7 @@ class Ordered:
         self._worker.send(order)
         self._wanted, self._stopped, self._paused = wanted, False, False
 
-    def picture(self, values: Mapping[str, Any]) -> Drawn | None:
+    def picture(self, values: Values) -> Drawn | None:
         """Return the newest image of the newest state, or of the last result; None if there is none yet.
 
         Raises:
@@ -111,7 +111,7 @@ class Ordered:
         there = self._worker is not None and self._answer().get("state", 0)
         return self._worker.folder / STATE if there and self._worker is not None else None
 
-    def result(self, stored: Stored, values: Mapping[str, Any], late: bool) -> tuple[Drawn | None, bool]:
+    def result(self, stored: Stored, values: Values, late: bool) -> tuple[Drawn | None, bool]:
         """Return the newest image of a result, and whether it is the one that was asked for.
 
         Args:
@@ -133,10 +133,10 @@ class Ordered:
         drawn = self._drawer.image(patience)
         return drawn, not self._drawer.pending
 
-    def _patience(self, values: Mapping[str, Any]) -> float:
+    def _patience(self, values: Values) -> float:
         return MOVING_PATIENCE if values["Moving"] else PATIENCE
 
-    def _ask(self, values: Mapping[str, Any]) -> bool:
+    def _ask(self, values: Values) -> bool:
         """Ask for an image of the newest state, or of the last result; return whether that is news."""
         number = int(self._answer().get("state", 0))
         if number and self._worker is not None:
@@ -152,7 +152,7 @@ class Ordered:
             and not said.get("done") and "error" not in said
         )  # fmt: skip
 
-    def news(self, values: Mapping[str, Any]) -> str:
+    def news(self, values: Values) -> str:
         """Return a text that changes with every image, and at the end; it ends in * while more is to come."""
         if self._wanted is None and self._shown is None:
             return f"{self._number} none"
@@ -210,7 +210,7 @@ class Ordered:
         self._worker, self._sent, self._shown = None, "", None
         self._drawer.end()
 
-    def _answer(self) -> dict[str, Any]:
+    def _answer(self) -> Progressed:
         """Return what the process says about the last order; empty if nothing yet."""
         said = {} if self._worker is None else self._worker.said()
-        return said if said.get("order") == self._number else {}
+        return cast(Progressed, said) if said.get("order") == self._number else {}

@@ -15,7 +15,7 @@ from svv.pv.client.linked_camera import busy, follower_of, may_be_late, shows, u
 from svv.pv.client.observers import Watched
 from svv.pv.client.timers import Timer, window
 
-BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize")
+BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize", "StyleRFPalette")
 """Filters that learn beside the window (:class:`svv.pv.live.beside.Beside`)."""
 
 LOOK_EVERY = 250

@@ -23,6 +23,9 @@ from svv.pv.panel.properties import Property, files, group, kept_as, status
 MEANINGS = {"draft": "Sketch", "fast": "Good", "balanced": "Better", "best": "Best", "paper": "hours"}
 """What the panel says of each preset, behind its name; long words would widen the panel."""
 
+BESIDE = re.compile(r'type="GenericDecorator" mode="visibility" property="(\w+)"')
+"""The property whose value lets another one appear."""
+
 VISIBLE = re.compile(r'panel_visibility="default"')
 
 
@@ -55,6 +58,19 @@ def with_meanings(preset: Property) -> Property:
 def advanced(properties: Sequence[Property]) -> list[Property]:
     """Return the properties such that the panel shows them only with its advanced ones."""
     return [replace(one, xml=_hidden(one.xml)) for one in properties]
+
+
+def few_first(names: Sequence[str], *properties: Property) -> list[Property]:
+    """Return the properties such that the panel shows only those of these names at first, the others as advanced ones.
+
+    Status, buttons, and what appears only beside one of these stay as they are.
+    """
+
+    def stays(one: Property) -> bool:
+        beside = BESIDE.search(one.xml)
+        return one.name in ("", "Status", *names) or one.xml.startswith("<Property ") or (beside and beside[1]) in names
+
+    return [one if stays(one) else advanced([one])[0] for one in properties]
 
 
 def titled(label: str, properties: Sequence[Property]) -> list[Property]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
-from svv.options.editing import LightEdit, OcclusionEdit, OutlineEdit, PartEdit, RegionEdit
+from svv.options.editing import LightEdit, OcclusionEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit
 from svv.options.figures import VISIONS
 from svv.options.making import (
     DRAWN,
@@ -278,8 +278,9 @@ def light_properties() -> Sequence[Property]:
 
 
 def stroke_properties() -> Sequence[Property]:
-    """Return the properties of brush strokes that are no single number."""
-    return [
+    """Return the properties of brush strokes."""
+    return group("Strokes", [
+        *properties_of(PaintEdit(), skip=("strength",)),
         switch("MoveStrokeLight", False, "Light the relief of brush strokes from another direction."),
         *shown_where("MoveStrokeLight", 1, [
             numbers("StrokeLight", (-0.447, 0.744, 0.496), "Direction (x, y, z) in world coordinates from which the "
@@ -287,7 +288,7 @@ def stroke_properties() -> Sequence[Property]:
         ]),
         text("StrokePalette", "Give brush strokes the colours of another picture, keeping light and dark: a file, "
              "gallery:NAME, or colours such as #102040,#f0d090. Empty: no change; own: the painting's."),
-    ]  # fmt: skip
+    ])  # fmt: skip
 
 
 def outline_properties() -> Sequence[Property]:
@@ -303,7 +304,9 @@ def correction_properties(region: int) -> Sequence[Property]:
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
         switch(f"{name}SetColour", False, "Start training with another colour for the region.", advanced),
-        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "The region's palette colour.", "color_selector", advanced),
+        *shown_where(f"{name}SetColour", 1, [
+            numbers(f"{name}Colour", (1.0, 0.5, 0.0), "The region's palette colour.", "color_selector", advanced),
+        ]),
         switch(f"{name}Remove", False, "Remove the region; other regions take over what it shows.", advanced),
         switch(f"{name}Split", False, "Split the region into one region for each of its ranges of the transfer "
             "function.",
@@ -316,7 +319,9 @@ def added_properties(number: int) -> Sequence[Property]:
     name, advanced = f"Colour{number}", number > 1
     return group(f"New colour {number}", [
         switch(f"{name}Add", False, "Add a colour to the palette.", advanced),
-        numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour to add.", "color_selector", advanced),
+        *shown_where(f"{name}Add", 1, [
+            numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour to add.", "color_selector", advanced),
+        ]),
     ])  # fmt: skip
 
 

@@ -82,6 +82,22 @@ def digest_of_views(views: ViewSet) -> str:
     return _views[views]
 
 
+def digest_of_listed(file: Path) -> str:
+    """Return a hash of the views that a file lists: of its bytes and those of what it names, without decoding pictures.
+
+    Raises:
+        BadInput: They cannot be read.
+    """
+    from svv.io.views.transforms import file_in, mask_files, present, read_transforms, split_of
+    from svv.io.views.viewset import CLASSIFIED
+
+    path, _, listed = read_transforms(file.parent, split_of(file))
+    frames, _ = present(path, listed)
+    volume = path.parent / CLASSIFIED
+    pictures = [file_in(path, frame) for frame in frames]
+    return digest([path, *pictures, *(mask_files(path, frames) or ()), *([volume] if volume.is_file() else ())])
+
+
 def digest_of_scene(scene: Scene) -> str:
     """Return a hash of what was learned: box, palette, and networks except the paintings'. Edits do not change it.
 

@@ -110,7 +110,7 @@ def native(dtype: DTypeLike, name: str) -> np.dtype[np.generic]:
     return np.dtype({"b1": "u1", "f2": "f4", "f16": "f8"}.get(kind.str[1:], kind.str[1:]))
 
 
-def scaled_type(stored: np.dtype[Any], gain: float, shift: float) -> np.dtype[Any]:
+def scaled_type(stored: np.dtype[np.generic], gain: float, shift: float) -> np.dtype[np.generic]:
     """Return the type of gain * stored + shift: float32 if it separates all stored values, otherwise float64."""
     narrow = stored.itemsize <= 2 or stored == np.float32
     return np.dtype(np.float32 if narrow and abs(shift) <= 65536.0 * abs(gain) else np.float64)

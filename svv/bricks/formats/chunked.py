@@ -82,7 +82,7 @@ class ChunkedSource:
                     "replace them with numbers first."
                 )
         if self._scale is not None:
-            box = box * np.float64(self._scale[0]) + self._scale[1]
+            box = box.astype(np.float64) * self._scale[0] + self._scale[1]
         return np.ascontiguousarray(box, dtype=self.dtype)
 
 

@@ -57,7 +57,7 @@ class PyramidSource:
         self.range = low, high
         """Smallest and largest value of the finest level."""
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         return self._parts[level].read(0, start, stop)
 
@@ -239,7 +239,7 @@ def _readable(size: float) -> str:
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB"
 
 
-def halved(values: NDArray[np.generic]) -> NDArray[np.generic]:
+def halved(values: NDArray[np.number]) -> NDArray[np.number]:
     """Return the means of 2 x 2 x 2 voxels, of integers rounded; at the end of an odd side, of fewer. (z, y, x)"""
     out = np.empty([-(-size // 2) for size in values.shape], values.dtype)
     if values.dtype.kind == "f":

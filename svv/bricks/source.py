@@ -70,7 +70,7 @@ class Source(Protocol):
     levels: Sequence[Level]
     """Resolutions that the file contains, the finest first."""
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box of a level. (stop - start)
 
         Raises:
@@ -140,7 +140,7 @@ class ArraySource:
         axes, origin = np.eye(3) if axes is None else axes, np.zeros(3) if origin is None else origin
         self.levels: Sequence[Level] = (level_of(values.shape, axes, origin, name),)
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box; see :meth:`Source.read`."""
         box = self._values[start[0] : stop[0], start[1] : stop[1], start[2] : stop[2]]
         return np.ascontiguousarray(box, dtype=self.dtype)

@@ -68,7 +68,7 @@ class ChunkedSource:
         self._missing = {value: key for key in MISSING for value in _numbers(attributes, key, name)}
         self.dtype = self._stored if self._scale is None else scaled_type(self._stored, *self._scale)
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         try:
             box = self._arrays[level](start, stop)

@@ -43,7 +43,7 @@ class MappedSource(ArraySource):
 
     _read_bytes = 0
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         try:
             box = super().read(level, start, stop)

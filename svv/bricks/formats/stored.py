@@ -164,7 +164,7 @@ class Scaled(ArraySource):
         self._gain, self._shift = scale
         self.dtype = scaled_type(self.dtype, *scale)
 
-    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.generic]:
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box; see :meth:`svv.bricks.source.Source.read`."""
         box = self._values[start[0] : stop[0], start[1] : stop[1], start[2] : stop[2]]
         return np.ascontiguousarray(np.multiply(box, self._gain) + self._shift, dtype=self.dtype)

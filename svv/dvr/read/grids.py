@@ -74,7 +74,7 @@ def as_volume(
 
 
 def from_array(
-    values: NDArray[np.generic],
+    values: NDArray[np.number],
     spacing: Triple = (1.0, 1.0, 1.0),
     origin: Triple = (0.0, 0.0, 0.0),
     name: str = "scalars",
@@ -207,7 +207,7 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[np.number]:
     return values
 
 
-def _native(values: NDArray[np.generic], name: str) -> NDArray[np.generic]:
+def _native(values: NDArray[np.number], name: str) -> NDArray[np.number]:
     """Return the values in a type that VTK knows: native byte order, no half floats, no booleans."""
     if values.dtype.kind not in "buif":
         raise BadInput(f"{name} contains values of type {values.dtype}; a volume needs integers or real numbers.")

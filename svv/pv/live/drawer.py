@@ -15,20 +15,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled, silent
 from svv.io.files.worker import Orders, Worker, be_worker, say
 from svv.pv.filters.base import sentence_on
 from svv.pv.launch.programs import pvpython_here
+from svv.pv.live.glimpse import Arrays, drawn_small
 from svv.pv.live.messages import DrawnOf, DrawOrder
 from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
-
-Arrays = dict[str, NDArray[np.number]]
 
 IMAGE = "image.npz"
 """File in the process's folder with the image that was drawn last."""
@@ -272,7 +270,6 @@ class Drawing:
     def _draw(self, scene: Scene, order: DrawOrder) -> None:
         """Draw a small image, and then the sharp one; only one of them while the camera moves."""
         from svv.pv.filters.engine import camera_for, draw
-        from svv.pv.live.glimpse import drawn_small
 
         values, number, moving = order["values"], order["number"], bool(order["values"]["Moving"])
         if not moving or not order["finished"]:

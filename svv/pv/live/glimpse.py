@@ -5,15 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from svv.core.geometry.cameras import Camera
 from svv.errors import Progress
 from svv.pv.filters.base import Filter
-from svv.pv.live.drawer import Arrays
 from svv.pv.vtk_types import Data, Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
+
+Arrays = dict[str, NDArray[np.number]]
+"""Arrays of an image by name."""
 
 LONGEST = 200
 """Longer side of what is rendered, pixels."""

@@ -28,8 +28,7 @@ from svv.train.pipeline import stylize_scene
 from svv.train.report import Report
 from tests.balls import SHORT
 
-UP = np.array([0.0, 1.0, 0.0])
-WIDTH = 0.03
+UP, WIDTH = np.array([0.0, 1.0, 0.0]), 0.03
 EMPTY = np.zeros((64, 64, 64), np.float32)
 BROAD = 2.0  # painting takes a third of the time
 

@@ -100,8 +100,7 @@ def correct_palette(
         views = replace(views, classified=None)
     volume = views.classified if all(region.values for region in scene.palette_regions) else None
     entries, owners, notes, start = _planned(scene, views, volume, correction, chosen.fitted, seed)
-    ranges = () if volume is None else volume.ranges
-    palette = np.array([entry.colour for entry in entries])
+    ranges, palette = () if volume is None else volume.ranges, np.array([entry.colour for entry in entries])
     unmixing = Unmixing(palette, scene.device) if owners is None or owners.shared else None
     values = _values_for(scene, volume, owners)
     how = chosen.recolour if values is None else replace(chosen.recolour, feature_rate=0.0)

@@ -307,15 +307,14 @@ class LatticeAdam:
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Return moments, ages and constants, for a checkpoint."""
-        state: dict[str, NDArray[np.generic]] = {"constants": np.array(self.constants)}
-        state |= {f"{k}.moments": v.cpu().numpy() for k, v in enumerate(self.moments)}
-        return state | {f"{k}.age": v.cpu().numpy() for k, v in enumerate(self.age)}
+        moments = {f"{k}.moments": v.cpu().numpy() for k, v in enumerate(self.moments)}
+        ages = {f"{k}.age": v.cpu().numpy() for k, v in enumerate(self.age)}
+        return {"constants": np.array(self.constants), **moments, **ages}
 
     def load(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Restore the state returned by an earlier :meth:`state`."""
         if "constants" in state:
-            beta1, beta2, epsilon = state["constants"].tolist()
-            self.constants = beta1, beta2, epsilon
+            self.constants = tuple(state["constants"].tolist())
         for k in range(len(self.encodings)):
             self.moments[k].copy_(torch.from_numpy(state[f"{k}.moments"].copy()))
             self.age[k].copy_(torch.from_numpy(state[f"{k}.age"].copy()))

@@ -14,7 +14,7 @@ from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMP
 
 from svv.errors import BadInput
 from svv.pv.client import follow_property, linked_camera, mask_points, part_picking, placing
-from svv.pv.client.observers import observe, python_proxy
+from svv.pv.client.observers import observe
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
 from svv.pv.display.volume_display import as_volume, set_looks
@@ -227,6 +227,8 @@ def as_it_is(display: Display) -> None:
 
 
 def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") -> list[Any]:
+    from paraview import servermanager  # before Python meets any proxy, because it lets it know their classes
+
     iterator = vtkSMProxyIterator()
     iterator.SetSessionProxyManager(session)
     iterator.SetModeToOneGroup()
@@ -234,6 +236,6 @@ def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") 
     found = []
     while not iterator.IsAtEnd():
         if iterator.GetProxy().GetXMLName() == kind:
-            found.append(python_proxy(iterator.GetProxy()))
+            found.append(servermanager._getPyProxy(iterator.GetProxy()))
         iterator.Next()
     return found

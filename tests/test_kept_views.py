@@ -15,7 +15,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import svv.fields.scene.scene as of_scene
+import svv.fields.scene.images as of_images
 from svv.core.geometry.cameras import Camera
 from svv.fields.radiance import kept_views
 from svv.fields.radiance.kept_views import KEPT, KeptViews, Look, View, bytes_of, nothing_kept
@@ -76,7 +76,7 @@ def marched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         rays.append(len(first))
         return march(first, *rest, **named)
 
-    monkeypatch.setattr(of_scene, "march", counted)
+    monkeypatch.setattr(of_images, "march", counted)
     return rays
 
 

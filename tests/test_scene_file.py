@@ -14,7 +14,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from safetensors.numpy import save_file
 
+from svv.core.colour.light import Lamp
 from svv.errors import BadInput, Cancelled
+from svv.fields.radiance.networks import FieldSettings
+from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.checked import _KINDS
+from svv.fields.scene.region import Region
 from svv.io import scene_file
 from svv.io.files.atomic import atomic_path, check_writable, make_folder, write_json
 from svv.io.scene_file import read_scene_file, write_scene_file
@@ -95,6 +100,13 @@ def test_header_holds_numpy_numbers_and_nan_as_null(tmp_path: Path) -> None:
         "path": "a/b",
         "u": 'é\n"',
     }
+
+
+@pytest.mark.parametrize("kind", [FieldSettings, Lamp, Marching, Region])
+def test_every_field_in_a_header_is_read_by_its_annotation(kind: type) -> None:
+    """One that nothing reads would make good files damaged ones."""
+    plain = {name: str(annotation).partition(" | ")[0] for name, annotation in kind.__annotations__.items()}
+    assert not {name: annotation for name, annotation in plain.items() if annotation not in _KINDS}
 
 
 @settings(deadline=None, max_examples=40)

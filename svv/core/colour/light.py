@@ -47,8 +47,8 @@ class Lamp:
     """Degrees to the right of the camera, as seen from the centre of the scene, in [-180, 180]."""
     elevation: float = 0.0
     """Degrees above the camera, in [-90, 90]."""
-    direction: tuple[float, ...] | None = None
-    """World direction, x, y and z, from which the light comes, whatever the camera does; of any length but 0."""
+    direction: tuple[float, float, float] | None = None
+    """World direction from which the light comes, whatever the camera does; of any length but 0."""
     intensity: float = 1.0
     """Factor on the brightness, >= 0; 1 is the light under which the views were rendered."""
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,7 @@ def with_light(
     _check_light(scene)
     if direction is not None and (azimuth or elevation):
         raise BadInput("Give the light either angles relative to the camera or a direction in the world, not both.")
-    fixed = None if direction is None else tuple(direction)
+    fixed: Any = None if direction is None else tuple(direction)  # Lamp checks that they are three
     bright = scene.lamp.intensity if intensity is None else intensity
     lamp = Lamp(float(azimuth), float(elevation), fixed, float(bright))
     return after(scene, lamp.said(), scene.regions, lamp)

@@ -328,7 +328,10 @@ tempfile.tempdir = folder
 for number in range(50):
     ordered = Ordered("StyleRFStylizedView", True)
     ordered.start()
-    pids = workers() + workers("svv.pv.live.drawer")
+    pids, patience = [], 200
+    while len(pids) < 2 and patience:  # a process that has just been started has no command line for a moment
+        pids, patience = workers() + workers("svv.pv.live.drawer"), patience - 1
+        len(pids) < 2 and time.sleep(0.05)
     assert len(pids) == 2, pids
     if number % 10 == 1:  # some have loaded a part of what they take
         time.sleep(2)

@@ -29,7 +29,8 @@ assert whole > 1, whole
 """
 
 
-@pytest.mark.parametrize("source", ["the filter", pytest.param("a file", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("source", ["the filter", "a file"])
 def test_palette_trains_beside_the_window(pvpython: Callable, tmp_path: Path, source: str) -> None:
     pvpython(
         f"""{LIVE}{TRAINED}

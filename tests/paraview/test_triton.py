@@ -98,7 +98,11 @@ def test_the_whole_flow_outlives_triton_after_rendering(pvpython, triton: dict[s
     pvpython(VOLUME + FLOW + BOTH_LLVM, tmp_path, environ=triton, timeout=900)
 
 
-@pytest.mark.parametrize("order", [("render", "compile", "render"), ("compile", "render", "compile")], ids="-".join)
+@pytest.mark.parametrize(
+    "order",
+    [("render", "compile", "render"), pytest.param(("compile", "render", "compile"), marks=pytest.mark.slow)],
+    ids="-".join,
+)
 def test_kernels_for_a_gpu_are_compiled_whatever_came_first(pvpython, triton: dict[str, str], order) -> None:
     # What `Device: cuda` needs of triton, as far as it can be had without a GPU: machine code.
     done = pvpython(

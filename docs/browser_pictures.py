@@ -114,6 +114,9 @@ def notebook_picture(demo: Path, jupyter: str) -> Image.Image:
             for number in range(len(CELLS)):
                 page.frame_locator("iframe").nth(number).locator("body.live").wait_for()
             page.wait_for_timeout(30_000)
+            if (offer := page.get_by_role("button", name="No", exact=True)).count():  # of Jupyter's news
+                offer.click()
+                page.wait_for_timeout(2_000)  # it fades
             page.locator(".jp-Notebook").evaluate("element => element.scrollTo(0, 0)")
             return shown(page)
 

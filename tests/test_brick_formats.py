@@ -204,8 +204,11 @@ def test_packed_values_are_unpacked_and_missing_ones_refused(form: str, tmp_path
     assert written(stored, scale_factor=0.001, add_offset=1e3).dtype == np.float64  # float32 would not separate values
     with pytest.raises(BadInput, match=r"voxels without a value \(its attribute _FillValue is 3\): replace"):
         written(stored, _FillValue=np.array([3]) if form == "hdf5" else 3).read(0, (0, 0, 0), (5, 6, 7))
-    with pytest.raises(BadInput, match=r"attribute scale_factor = .*, which is no number"):
-        written(stored, scale_factor="two")
+    for text in ("two", "twelve chars", "AAAAAAAAAAAA"):  # the last one is base64 of nine bytes
+        with pytest.raises(BadInput, match=r"attribute scale_factor = .*, which is no number"):
+            written(stored, scale_factor=text)
+    positive = written(stored.astype(np.uint8), _FillValue=-1)  # no voxel can have it
+    assert positive.read(0, (0, 0, 0), (5, 6, 7)).max() == stored.max()
     as_xarray_does = base64.standard_b64encode(struct.pack("<d", 1e20)).decode()
     values = np.where(stored == 3, 1e20, stored)
     with pytest.raises(BadInput, match=r"_FillValue is 1e\+20"):

@@ -234,4 +234,8 @@ def test_pixels_of_plain_pages_that_are_not_square_keep_their_shape(
     resolution: tuple[int, int] | None, spacing: float, tmp_path: Path
 ) -> None:
     path = tiff(tmp_path / "v.tif", U, metadata=None, resolution=resolution, **GREY)
-    np.testing.assert_allclose(read_here(path).GetSpacing(), (1.0, spacing, 1.0))
+    (tmp_path / "slices").mkdir()
+    for number, page in enumerate(U):
+        tiff(tmp_path / "slices" / f"{number}.tif", page, metadata=None, resolution=resolution, **GREY)
+    for volume in (path, tmp_path / "slices"):
+        np.testing.assert_allclose(read_here(volume).GetSpacing(), (1.0, spacing, 1.0))

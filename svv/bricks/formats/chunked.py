@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -92,12 +93,13 @@ def _numbers(attributes: Mapping[str, Any], key: str, name: str) -> tuple[float,
     Raises:
         BadInput: It holds something else, or several numbers where a value can be packed in one way only.
     """
-    told = attributes.get(key, ())
+    told = attributes.get(key)
     if isinstance(told, str) and len(told) == 12:  # xarray writes real numbers into Zarr as base64
-        told = np.frombuffer(base64.b64decode(told), "<f8")
-    values = np.atleast_1d(np.asarray(told))
+        with suppress(ValueError):
+            told = np.frombuffer(base64.b64decode(told, validate=True), "<f8")
+    values = np.atleast_1d(np.asarray(() if told is None else told))
     if values.dtype.kind not in "iuf" or values.ndim != 1 or (key in PACKED and values.size > 1):
-        raise BadInput(f"{name} has the attribute {key} = {attributes[key]!r}, which is no number: correct it first.")
+        raise BadInput(f"{name} has the attribute {key} = {told!r}, which is no number: correct it first.")
     return tuple(values.tolist())
 
 

@@ -22,7 +22,7 @@ from svv.bricks.formats.axes import Choice, Pick, picked
 from svv.bricks.formats.chunked import CHUNK_CACHE, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
 from svv.bricks.formats.stored import damaged
-from svv.bricks.formats.tiff_files import axes_of_names, in_order, names_of_channels, voxel_size
+from svv.bricks.formats.tiff_files import axes_of_names, in_order, names_of_channels, shape_of_pixels, voxel_size
 from svv.bricks.source import ArraySource, Box, Level, Source, level_of
 from svv.errors import BadInput
 from svv.io.pictures.deep_tiff import TIFFFILE_DECODES
@@ -236,6 +236,7 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     with _opened(files[0]) as (first, _):
         series = first.series[0]
         page, count, spread = first.pages[0], len(first.pages), first.is_ome and series.is_multifile
+        voxel = shape_of_pixels(series.keyframe)
         first.close()
     if spread or len(files) == 1:  # one image in all these files, of which each tells the place
         return open_tiff(files[0], choice, None, whole)
@@ -251,7 +252,7 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
         raise BadInput(f"{files[0]} is not a slice of a volume: a TIFF stack needs greyscale pages of the same size.")
     readers = [_slice(file, files[0], page) for file in files]
     size = int(np.prod(page.shape)) * np.dtype(page.dtype).itemsize
-    level = level_of((len(readers), *page.shape), np.eye(3), np.zeros(3), folder.name)
+    level = level_of((len(readers), *page.shape), np.diag(voxel), np.zeros(3), folder.name)
     return ChunkedSource(folder.name, [Pages(readers, size).read], page.dtype, [level])
 
 

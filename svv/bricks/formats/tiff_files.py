@@ -86,8 +86,7 @@ def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[n
         return in_one_unit(sizes, [known.get(axis, known[given[0]]) for axis in "XYZ"], name)
     if opened.is_imagej or "spacing" in told or "unit" in told:
         return in_one_unit(*_of_imagej(told, series.keyframe), name)
-    (x, y), _ = _of_resolution(series.keyframe)
-    return np.array([1.0, y / x if x and y else 1.0, 1.0])
+    return shape_of_pixels(series.keyframe)
 
 
 def _fits(told: Mapping[str, Any], series: TiffPageSeries) -> bool:
@@ -107,7 +106,13 @@ def _of_imagej(told: Mapping[str, Any], page: TiffPage) -> tuple[list[float], li
     return [*sizes, spacing], [unit, *other]
 
 
-def _of_resolution(page: Any) -> tuple[list[float], str]:
+def shape_of_pixels(page: TiffPage) -> NDArray[np.float64]:
+    """Return the size of a voxel along x, y, z, of which a plain page tells only how much longer pixels are. (3,)"""
+    (x, y), _ = _of_resolution(page)
+    return np.array([1.0, y / x if x and y else 1.0, 1.0])
+
+
+def _of_resolution(page: TiffPage) -> tuple[list[float], str]:
     """Return the width and height of a pixel by a page's resolution, 0 where it tells none, and their unit."""
     sizes = []
     for tag in ("XResolution", "YResolution"):

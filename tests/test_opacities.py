@@ -16,6 +16,7 @@ from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.job.opacities import with_opacities
 from svv.train.evaluate import evaluate_scene
+from svv.train.palette import recolour
 from svv.train.pipeline import train_scene
 from tests.cube import cube_scene
 from tests.test_from_values import SHORT, moved_ball
@@ -58,6 +59,23 @@ def test_other_opacities_are_those_of_the_volume_rendering(scene: Scene, shell: 
     changed = psnr(with_opacities(scene, shown), shown)
     assert changed > psnr(scene, shown) + 3.0
     assert changed > psnr(scene, function(scene, 0.1, 0.8)) - 6.0
+
+
+def test_what_others_hid_has_the_colours_of_the_function() -> None:
+    """The views show nothing of a core behind an opaque shell, but the transfer function tells its colour."""
+    views, _ = make_views(moved_ball(0.0), bumps((*SHELL[:2], 0.98, BLUE), CORE), n=12, test=1, size=64, mapper="cpu")
+    scene = train_scene(views, SHORT)[0]
+    shown = function(scene, 0.05, 0.8)
+    assert psnr(with_opacities(scene, shown), shown) > 29.0  # without being told: 26.4, a yellow core
+
+
+def test_what_was_hidden_and_never_learned_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recolour, "TOLD_WEIGHT", 0.0)
+    views, _ = make_views(moved_ball(0.0), bumps((*SHELL[:2], 0.98, BLUE), CORE), n=12, test=1, size=64, mapper="cpu")
+    scene = train_scene(views, SHORT)[0]
+    with pytest.raises(BadInput, match="hidden behind others when the scene was trained"):
+        with_opacities(scene, function(scene, 0.05, 0.8))
+    with_opacities(scene, function(scene, 0.99, 0.8))  # hides no less
 
 
 def test_edits_paint_and_files_stay(scene: Scene, tmp_path: Path) -> None:

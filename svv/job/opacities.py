@@ -15,13 +15,17 @@ from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.fields.values.followed_scene import at_step, check_follows
-from svv.fields.values.of_values import SLOPE_RANGE, SLOPES, VALUES
+from svv.fields.values.of_values import SLOPE_RANGE, SLOPES, VALUES, colours_of
 
 KNOWN = 4097
 """Values at which functions are compared."""
 
 LEAST, OTHER = 2e-3, 0.03
 """Opacity from which a value counts as visible, and difference of colours, in [0, 1], from which they are others."""
+
+UNLEARNED, SHOWN = 0.3, 0.05
+"""Difference of a learned colour to the transfer function's, in [0, 1], from which it was never seen, and the opacity
+from which that matters: the colours of faint values are less exact in any case."""
 
 
 def with_opacities(scene: Scene, function: TransferFunction) -> Scene:
@@ -49,6 +53,7 @@ def with_opacities(scene: Scene, function: TransferFunction) -> Scene:
     low, high = values.interval
     at = np.linspace(low, high, KNOWN)
     _check(before, function, at)
+    _check_learned(scene, before, function)
     if before.unit_distance is None:
         raise BadInput("The scene does not record the unit distance of its opacities: train it again.")
     old = _classified(before, at, before.unit_distance / values.size)
@@ -92,6 +97,31 @@ def _check(before: TransferFunction, function: TransferFunction, at: NDArray[np.
         raise BadInput(
             "The function has other colours than the scene's: only opacities can be changed so; svv edit --colour "
             "changes the colours of regions."
+        )
+
+
+@torch.no_grad()
+def _check_learned(scene: Scene, before: TransferFunction, function: TransferFunction) -> None:
+    """Raise BadInput if a function may uncover values whose colours the scene has not learned, as others hid them.
+
+    Scenes that were trained since views tell the colours of values have learned all of them.
+    """
+    values, palette = check_follows(scene)
+    share = torch.linspace(0.0, 1.0, VALUES)
+    low, high = values.visible
+    at = np.interp(low + (high - low) * share.numpy(), (0.0, 1.0), values.interval)
+    opacity = function.opacity_at(at)
+    if (opacity >= before.opacity_at(at) - LEAST).all():
+        return  # nothing is uncovered
+    own, light = (found.cpu().numpy() for found in colours_of(palette, share.to(scene.device)))
+    wanted = function.colour_at(at)
+    # Some of a scene's brightness may be in its light.
+    off = np.minimum(*(np.abs(c.clip(0.0, 1.0) - wanted).max(axis=1) for c in (own, own * light)))
+    wrong = at[(opacity > SHOWN) & (off > UNLEARNED)]
+    if len(wrong):
+        raise BadInput(
+            f"Values of {interval_text(wrong[0], wrong[-1])} were hidden behind others when the scene was trained, so "
+            "it has not learned their colours: train a scene with this function."
         )
 
 

@@ -214,8 +214,9 @@ def _grids(
             moves[number], before = _packed_moves(moved, box, there.codes.shape), after
     times = tuple(step.time for step in steps)
     return TimeSteps(
-        box, cells, interval, times, tuple(codes[k] for k in range(count)), tuple(moves[k] for k in range(count)), own
-    )
+        box, cells, interval, times, tuple(codes[k] for k in range(count)), tuple(moves[k] for k in range(count)), own,
+        first.edges,
+    )  # fmt: skip
 
 
 def _packed_moves(moved: NDArray[np.float32], box: Box, shape: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -23,6 +23,13 @@ COARSE = 64
 """Distance of the codes that volumes are classified to: 1024 values, as many as files keep; more make no difference."""
 
 
+Edges = tuple[tuple[float, float, float], ...]
+"""The three edges of a voxel of the volume, as steps on a grid over it. (3, 3)"""
+
+ALIKE: Edges = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Those of a volume whose voxels are the grid's cells."""
+
+
 def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
     """Return the number of cells along each side of a grid over a box with ``cells`` per box unit. (3,)"""
     return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
@@ -73,8 +80,16 @@ class ValueGrid:
 
     None where a learned function of the values replaces it.
     """
+    edges: Edges = ALIKE
+    """Edges of the volume's voxels, in cells of the grid: gradients are differences from voxel to voxel."""
+
+    colours: NDArray[np.float32] | None = None
+    """Colours of the transfer function at evenly spaced values from 0 to 1, RGB in [0, 1]; None if not known. (K, 3)"""
 
     def __post_init__(self) -> None:
+        check_edges(self.edges)
+        if self.colours is not None and not (self.colours.ndim == 2 and self.colours.shape[1] == 3 <= len(self.colours)):
+            raise BadInput("The colours of values must be three or more, RGB.")
         if self.cells < 1 or self.cells & (self.cells - 1):
             raise BadInput(f"The cells of a grid of values must be a power of two, not {self.cells}.")
         if self.codes.dtype != np.uint16 or self.codes.ndim != 3 or min(self.codes.shape) < 2:
@@ -97,11 +112,22 @@ class ValueGrid:
         if self.integral is not None:
             known = np.linspace(0.0, 1.0, len(self.integral))
             integral = np.interp((known - shift) / factor, known, self.integral) / factor
-        return ValueGrid(self.cells, codes, interval, visible, integral)
+        colours = None
+        if self.colours is not None:
+            at, known = (np.linspace(*ends, len(self.colours)) for ends in (interval, self.interval))
+            colours = np.stack([np.interp(at, known, one) for one in self.colours.T], axis=1).astype(np.float32)
+        return ValueGrid(self.cells, codes, interval, visible, integral, self.edges, colours)
 
     def values(self) -> NDArray[np.float32]:
         """Return the values, 0 outside of the volume. (X + 1, Y + 1, Z + 1)"""
         return np.maximum(self.codes.astype(np.float32) - 1.0, 0.0) / np.float32(LARGEST)
+
+
+def check_edges(edges: Edges) -> None:
+    """Raise BadInput if the edges of a voxel are not finite, or not those of a body."""
+    found = np.asarray(edges, np.float64)
+    if found.shape != (3, 3) or not np.isfinite(found).all() or not abs(np.linalg.det(found)) > 0.0:
+        raise BadInput("The edges of a volume's voxels must be three finite directions that are not in one plane.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from vtkmodules.vtkImagingCore import vtkImageReslice
 
 from svv.core.geometry.box import Box
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
-from svv.core.volumes.classified import COARSE, LARGEST, ClassifiedVolume, ValueGrid, ValueRange, grid_shape
+from svv.core.volumes.classified import COARSE, LARGEST, ClassifiedVolume, Edges, ValueGrid, ValueRange, grid_shape
 from svv.dvr.draw.frame import Stage, set_stage
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
@@ -51,6 +51,9 @@ BESIDE = 0.1
 
 VALUES = 4097
 """Number of values at which the integral of the extinction is known."""
+
+COLOURS = 513
+"""Number of values at which the colour is known."""
 
 COUNTED_VOXELS = 4_000_000
 """Maximum number of voxels whose values are counted."""
@@ -87,13 +90,24 @@ def hide(stage: Stage, box: Box, cells: int, values: NDArray[np.float32]) -> Non
     if shown.blank is None and shown.crop is None:
         return
     spacing, origin = np.array(stage.image.GetSpacing()), np.array(stage.image.GetOrigin())
-    turn = stage.scale * stage.rotation.T / spacing[:, None]  # from the world to indices of the stage's image
+    turn = _to_indices(stage)
     steps = turn * (box.size / cells)
     y, x = np.indices(values.shape[1:])
     for z, layer in enumerate(values):
         vertices = np.stack([x, y, np.full_like(x, z)], axis=-1)
         index = vertices @ steps.T + (turn @ (np.asarray(box.low) - stage.centre) - origin / spacing)
         layer[shown.hidden_at(index)] = np.nan
+
+
+def _to_indices(stage: Stage) -> Array:
+    """Return the matrix from directions in the world to steps of indices of the stage's image. (3, 3)"""
+    return np.asarray(stage.scale * stage.rotation.T / np.array(stage.image.GetSpacing())[:, None])
+
+
+def voxel_edges(stage: Stage, box: Box, cells: int) -> Edges:
+    """Return the edges of the stage's voxels on a grid over a box with ``cells`` per box unit."""
+    x, y, z = (tuple(edge) for edge in np.linalg.inv(_to_indices(stage) * (box.size / cells)).T.tolist())
+    return x, y, z
 
 
 def grid_over(stage: Stage) -> tuple[Box, int]:
@@ -173,7 +187,8 @@ def classified_grid(
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma)
     low, high = stage.of_volume(kept.interval).tolist()
-    kept = replace(kept, interval=(low, high))
+    shown = stage.tf.colour_at(np.linspace(*kept.interval, COLOURS)).astype(np.float32)
+    kept = replace(kept, interval=(low, high), edges=voxel_edges(stage, box, kept.cells), colours=shown)
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
 
 

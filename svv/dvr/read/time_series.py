@@ -8,7 +8,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.geometry.box import Box
 from svv.core.volumes.classified import ValueGrid, grid_shape
-from svv.dvr.draw.classify import coded, hide, resampled
+from svv.dvr.draw.classify import coded, hide, resampled, voxel_edges
 from svv.dvr.draw.frame import place_part, set_stage
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
@@ -43,7 +43,7 @@ def values_over(image: vtkImageData, box: Box, cells: int, interval: tuple[float
     hide(stage, box, cells, own)
     low, high = stage.staged(interval)
     codes: NDArray[np.uint16] = np.ascontiguousarray(coded(own, (low, high)).transpose(2, 1, 0))
-    return ValueGrid(cells, codes, interval, (0.0, 1.0))
+    return ValueGrid(cells, codes, interval, (0.0, 1.0), edges=voxel_edges(stage, box, cells))
 
 
 def beyond(image: vtkImageData, function: TransferFunction, interval: tuple[float, float]) -> float:

@@ -249,7 +249,7 @@ def _fill(
     grid = steps.grid(steps.own, function.visible).over(function.interval, function.visible)
     fill_base(base, function, grid, occupancy)
     if palette is not None:
-        fill_palette(palette, grid, occupancy)
+        fill_palette(palette, base)
 
 
 def _made_in(told: object, tensors: Arrays) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -24,7 +25,7 @@ from svv.fields.scene.joined import members, with_members
 from svv.fields.scene.model import Model, S
 from svv.fields.strokes.kept_strokes import NOBODY
 from svv.fields.values.carried_paint import carried
-from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_base, fill_palette
+from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_features, fill_palette
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
 
@@ -126,24 +127,21 @@ def _over(scene: S, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter,
     function, palette = check_follows(scene)
     device, old = scene.device, scene.base.density
     assert old is not None
-    occupancy = _occupied(scene, function, grid, box)
+    occupancy, density = _occupied(scene, function, grid, box)
     finer = occupancy.cells // scene.occupancy.cells
     settings = replace(scene.settings, resolutions=_times(finer, scene.settings.resolutions))
     base = BaseField(settings, occupancy, _times(finer, old.resolutions))
     base.colour_mlp.load_state_dict(scene.base.colour_mlp.state_dict())
-    fill_base(base, function, grid, occupancy)
+    base.density = density
+    fill_features(base, grid, occupancy)
     normals = None if palette.phong is None else _times(finer, palette.phong.normals.resolutions)
     moved = PaletteField(settings, occupancy, base.geometry_width, palette.colours.detach().cpu(), normals)
-    fill_palette(moved, grid, occupancy)
+    fill_palette(moved, base)
     learned = {name: value for name, value in palette.state_dict().items() if not name.endswith("table")}
     moved.load_state_dict(learned, strict=False)
 
     def painted(network: UnrestrictedField) -> UnrestrictedField:
-        return carried(network, scene, (occupancy, grid), step, matter, owners).to(device)
-
-    def owners(place: NDArray[np.float32]) -> NDArray[np.uint8]:
-        region = result.painted_region(place)
-        return np.where(region < 0, NOBODY, region).astype(np.uint8)
+        return carried(network, scene, (occupancy, grid), step, matter, lambda place: _owners(result, place)).to(device)
 
     result = replace(
         scene, occupancy=occupancy, base=base.requires_grad_(False).to(device), steps=steps, parts=None,
@@ -157,12 +155,45 @@ def _over(scene: S, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter,
     )
 
 
+def on_cells_of(scene: Model, network: UnrestrictedField, painted: Model) -> UnrestrictedField:
+    """Return paint of a scene on the cells that the same scene has with other opacities.
+
+    Args:
+        scene: The scene with other opacities, not painted yet.
+        network: The paint.
+        painted: The scene that it was laid on.
+
+    Raises:
+        BadInput: It is not paint that can follow a volume (:func:`check_follows`).
+    """
+    if np.array_equal(scene.occupancy.occupied, painted.occupancy.occupied):
+        return network
+    function, _ = check_follows(painted)
+    assert scene.steps is not None
+    steps, regions = scene.steps, {k: r.style for k, r in enumerate(painted.regions)}
+    styled = replace(scene, regions=tuple(replace(r, style=regions.get(k)) for k, r in enumerate(scene.regions)))
+    grid = steps.grid(steps.own, function.visible).over(function.interval, function.visible)
+    over = scene.occupancy, grid
+    found = carried(network, painted, over, steps.own, lambda position: position, partial(_owners, styled))
+    if found.brushed is not None and network.brushed is not None:
+        found.brushed.lives = network.brushed.lives
+    return found.to(scene.device)
+
+
+def _owners(scene: Model, place: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return the painted region at box coordinates (V, 3), 255 for none. (V,)"""
+    region = scene.painted_region(place)
+    return np.where(region < 0, NOBODY, region).astype(np.uint8)
+
+
 def _times(factor: int, numbers: Sequence[int]) -> tuple[int, ...]:
     return tuple(factor * number for number in numbers)
 
 
-def _occupied(scene: Model, function: ValueFunction, grid: ValueGrid, box: Box) -> Occupancy:
-    """Return the cells in which a grid of values shows something; one cell if there are none.
+def _occupied(
+    scene: Model, function: ValueFunction, grid: ValueGrid, box: Box
+) -> tuple[Occupancy, SparseLattice]:  # fmt: skip
+    """Return the cells in which a grid of values shows something, and its extinction; one cell if there are none.
 
     They are as large as the scene's, or nearly so, in a box of any size.
     """
@@ -189,20 +220,18 @@ def _occupied(scene: Model, function: ValueFunction, grid: ValueGrid, box: Box) 
     kept = tuple(slice(0, min(a, b)) for a, b in zip(occupied.shape, marked.shape))
     occupied[kept] = marked[kept]
     if not occupied.any():
-        return Occupancy(box, cells, _first_cell(occupied.shape))
+        occupied[0, 0, 0] = 1
     occupancy = Occupancy(box, cells, occupied)
     lattice = SparseLattice(occupied, cells, _times(finer, density.resolutions), 1).requires_grad_(False)
     lattice.table.copy_(exponents_at(function, grid, lattice, occupancy)[:, None])
     corner = occupancy.occupied_on(CPU).nonzero()
-    depth = largest_in(lambda points: lattice(points)[:, 0], corner, occupancy) * step
+    between = lattice.resolutions[0] <= cells  # no vertex lies within a cell
+    depth = largest_in(lambda points: lattice(points)[:, 0], corner, occupancy, corners=between) * step
     left = occupancy.pruned(depth, PRUNED, grow=False)
-    return left if left.occupied.any() else Occupancy(box, cells, _first_cell(occupied.shape))
-
-
-def _first_cell(shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    result = np.zeros(shape, np.uint8)
-    result[0, 0, 0] = 1
-    return result
+    if not left.occupied.any():
+        left.occupied[tuple(corner[0].tolist())] = 1
+        left = Occupancy(box, cells, left.occupied)
+    return left, lattice.restricted(left.occupied, cells).requires_grad_(False)
 
 
 def _at_cells(marked: NDArray[np.bool_], cells: int, wanted: int) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from torch import Tensor, nn
 
+from svv.core.colour import palette_shading
 from svv.core.colour.light import NORMAL_SCALE
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.core.volumes.classified import ValueGrid
@@ -75,13 +76,21 @@ def features_of(
 
     Values count from 0 to 1 over the visible interval; those beyond it are the nearest visible ones, so that the bytes
     of a scene file resolve what is seen. Normals are unit vectors against the gradient, shorter where it nearly
-    vanishes.
+    vanishes. The gradient is that of differences from voxel to voxel, interpolated, as ray casters have it: between two
+    voxels, interpolated values have a slope that does not change, and at a voxel a kink.
     """
     at = vertices * (grid.cells / cells)
     field = grid.values()
     low, high = grid.visible
     value = np.clip((_sampled(field, at) - low) / max(high - low, 1e-6), 0.0, 1.0)
-    gradient = np.stack([_sampled(slope, at) for slope in np.gradient(field)], axis=1)
+    gradient = np.zeros((len(at), 3), np.float32)
+    for edge in np.asarray(grid.edges):
+        length = np.linalg.norm(edge)
+        step = edge * max(1.0, 1.0 / length)  # within a cell of the grid, there is no more to see
+        ahead, behind = (np.clip(at + side * step, 0, np.array(field.shape) - 1) for side in (1.0, -1.0))
+        change = _sampled(field, ahead) - _sampled(field, behind)
+        across = np.maximum(np.linalg.norm(ahead - behind, axis=1), 1e-6)
+        gradient += (change / across)[:, None] * (edge / length).astype(np.float32)
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
     return value.astype(np.float32), (-gradient / (length + 1e-3 * max(length.max(), 1e-9))).astype(np.float32)
 
@@ -113,18 +122,42 @@ def fill_base(base: BaseField, function: ValueFunction, grid: ValueGrid, occupan
     """Fill the tables of a base field on the CPU."""
     assert base.density is not None
     base.density.table.copy_(exponents_at(function, grid, base.density, occupancy)[:, None])
+    fill_features(base, grid, occupancy)
+
+
+@torch.no_grad()
+def fill_features(base: BaseField, grid: ValueGrid, occupancy: Occupancy) -> None:
+    """Fill the table of a base field's features."""
     value, normal = features_at(grid, base.encoding, occupancy)
     base.encoding.table.copy_(torch.cat([value[:, None], normal], dim=1))
 
 
 @torch.no_grad()
-def fill_palette(network: PaletteField, grid: ValueGrid, occupancy: Occupancy) -> None:
-    """Fill the tables of a palette network. Its MLP has no biases, so it takes a value v as (1 - v, v)."""
-    value, normal = features_at(grid, network.encoding, occupancy)
-    zero = torch.zeros_like(value)
-    network.encoding.table.copy_(torch.stack([1.0 - value, value, zero, zero], dim=1))
+def fill_palette(network: PaletteField, base: BaseField) -> None:
+    """Fill the tables of a palette network, whose values and normals are the features of its base field.
+
+    Its MLP has no biases, so it takes a value v as (1 - v, v).
+    """
+    value, normal = base.encoding.table[:, 0], base.encoding.table[:, 1:]
+    network.encoding.table.copy_(palette_features(value))
     if network.phong is not None:
         network.phong.normals.table.copy_(LONGEST_VECTOR * normal / NORMAL_SCALE)
+
+
+def palette_features(value: Tensor) -> Tensor:
+    """Return a palette network's features of values, which count from 0 to 1 over the visible ones. (V,) -> (V, 4)"""
+    zero = torch.zeros_like(value)
+    return torch.stack([1.0 - value, value, zero, zero], dim=1)
+
+
+def colours_of(network: PaletteField, value: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the diffuse colours (V, 3) of values (V,) in full light, and the brightness of that, (V, 1)."""
+    intensity, weights, offsets = palette_shading.material(network.palette_mlp(palette_features(value)))
+    colour = palette_shading.diffuse(intensity, weights, network.colours + offsets)
+    if network.phong is None:
+        return colour, torch.ones_like(colour[:, :1])
+    ambient_and_diffuse = network.phong.coefficients()[:, :2].sum(dim=1)
+    return colour, (weights @ ambient_and_diffuse)[:, None]
 
 
 TABLES = "base.density.table", "base.encoding.table", "pcn.encoding.table", "pcn.phong.normals.table"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.geometry.box import Box
-from svv.core.volumes.classified import COARSE, ValueGrid, grid_shape
+from svv.core.volumes.classified import ALIKE, COARSE, Edges, ValueGrid, check_edges, grid_shape
 from svv.core.volumes.packing import packed, unpacked
 from svv.errors import BadInput
 
@@ -51,8 +51,11 @@ class TimeSteps:
     """Where the matter of each step was in the own step, compressed; None where it is the same place."""
     own: int = 0
     """Number of the step that the scene itself shows, and in which it was painted."""
+    edges: Edges = ALIKE
+    """Edges of the volume's voxels, in cells of the grids."""
 
     def __post_init__(self) -> None:
+        check_edges(self.edges)
         count = len(self.times)
         if count < 1 or not np.isfinite(self.times).all() or (np.diff(self.times) <= 0).any():
             raise BadInput("The times of steps must increase from one to the next.")
@@ -78,11 +81,12 @@ class TimeSteps:
     @classmethod
     def of(cls, grid: ValueGrid, box: Box, time: float = 0.0) -> TimeSteps:
         """Return a single step."""
-        return cls(box, grid.cells, grid.interval, (time,), (packed_codes(grid.codes),), (None,))
+        return cls(box, grid.cells, grid.interval, (time,), (packed_codes(grid.codes),), (None,), 0, grid.edges)
 
     def only(self, step: int) -> TimeSteps:
         """Return one of the steps alone, as the own one."""
-        return TimeSteps(self.box, self.cells, self.interval, (self.times[step],), (self.codes[step],), (None,))
+        codes, time = self.codes[step], self.times[step]
+        return TimeSteps(self.box, self.cells, self.interval, (time,), (codes,), (None,), 0, self.edges)
 
     def grid(self, step: int, visible: tuple[float, float]) -> ValueGrid:
         """Return the values of a step, of which the part ``visible`` counts as visible.
@@ -92,7 +96,7 @@ class TimeSteps:
         """
         codes = unpacked(self.codes[step], self.shape)
         codes = np.where(codes > 0, 1 + COARSE * (np.minimum(codes, 1024) - 1), 0).astype(np.uint16)
-        return ValueGrid(self.cells, codes, self.interval, visible)
+        return ValueGrid(self.cells, codes, self.interval, visible, edges=self.edges)
 
     def place(self, step: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
         """Return a function from positions in the box to where their matter was in the own step, (S, 3) -> (S, 3).
@@ -123,7 +127,7 @@ class TimeSteps:
         """Return what the header of a scene's file tells about the steps."""
         return {
             "box": {"low": self.box.low, "size": self.box.size, "extent": self.box.extent}, "cells": self.cells,
-            "interval": self.interval, "times": self.times, "own": self.own,
+            "interval": self.interval, "times": self.times, "own": self.own, "edges": self.edges,
         }  # fmt: skip
 
     def to_arrays(self) -> dict[str, NDArray[np.uint8]]:
@@ -143,7 +147,9 @@ class TimeSteps:
         codes = tuple(np.asarray(own, np.uint8) for own, _ in given)
         moves = tuple(None if move is None else np.asarray(move, np.uint8) for _, move in given)
         try:
-            return cls(box, int(header["cells"]), (float(low), float(high)), times, codes, moves, int(header["own"]))
+            edges = tuple((float(x), float(y), float(z)) for x, y, z in header.get("edges", ALIKE))
+            own = int(header["own"])
+            return cls(box, int(header["cells"]), (float(low), float(high)), times, codes, moves, own, edges)
         except BadInput as error:
             raise ValueError(str(error)) from error
 

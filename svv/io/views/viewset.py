@@ -21,7 +21,7 @@ from PIL import Image
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.core.json_values import parsed
-from svv.core.volumes.classified import ClassifiedVolume, ValueGrid, ValueRange
+from svv.core.volumes.classified import ALIKE, ClassifiedVolume, ValueGrid, ValueRange
 from svv.errors import BadInput, Progress, silent
 from svv.io.files.atomic import (
     atomic_path,
@@ -227,7 +227,9 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
     values: dict[str, Any] = {}
     if own is not None:
         numbers = np.array([*own.interval, *own.visible])
-        values = {"value_cells": np.array(own.cells), "codes": own.codes, "counted": numbers, "integral": own.integral}
+        values = {"value_cells": np.array(own.cells), "codes": own.codes, "counted": numbers, "integral": own.integral,
+                  "edges": np.array(own.edges)}  # fmt: skip
+        values |= {} if own.colours is None else {"colours": own.colours}
     np.savez_compressed(
         file, low=low, size=size, extent=extent, cells=np.array(volume.cells), exponent=volume.exponent,
         owner=volume.owner, ranges=ranges, **values,
@@ -236,7 +238,8 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
 
 def _read_classified(file: Path) -> ClassifiedVolume:
     names = ("low", "size", "extent", "cells", "exponent", "owner", "ranges")
-    of_values = ("codes", "counted", "value_cells", "integral")  # files from before the values were kept have none
+    # Files from before the values were kept have none of these, and older ones neither edges of voxels nor colours.
+    of_values = ("codes", "counted", "value_cells", "integral", "edges", "colours")
     large = ("exponent", "owner", "codes")
     try:
         with file.open("rb") as opened:
@@ -246,7 +249,9 @@ def _read_classified(file: Path) -> ClassifiedVolume:
         if "codes" in arrays:
             start, stop, least, most = arrays["counted"].tolist()
             cells_of_values, own = int(arrays["value_cells"]), arrays["codes"]
-            grid = ValueGrid(cells_of_values, own, (start, stop), (least, most), arrays["integral"])
+            edges = tuple(map(tuple, arrays["edges"].tolist())) if "edges" in arrays else ALIKE
+            counted, shown = ((start, stop), (least, most)), arrays.get("colours")
+            grid = ValueGrid(cells_of_values, own, *counted, arrays["integral"], edges, shown)
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
         ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())
         return ClassifiedVolume(box, int(cells), exponent, owner, ranges, grid)

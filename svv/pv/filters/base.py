@@ -77,6 +77,8 @@ class Filter(VTKPythonAlgorithmBase):
         self._status = ""
         self.unfinished = False
         """Whether the input is made from a scene that is still being learned."""
+        self.shows_edits = False
+        """Whether an edit of the transfer function changes what it shows without any work being asked for."""
         self._kept: Kept = {}
         self.steps: Steps[Any] = Steps()
         self.AddObserver("DeleteEvent", _forgetter(self._kept, self.steps))

@@ -22,6 +22,7 @@ from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
 from svv.pv.filters.edit_filters import save_properties
+from svv.pv.filters.retuned import tuned_like
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
 from svv.pv.live.scene_beside import SceneBeside
@@ -180,7 +181,7 @@ class StyleRFPalette(SceneBeside):
                 self.kept("corrected", key, lambda: before)
                 self.gives(corrected=stated)
                 self.note = FOUND
-        result = self.kept("corrected", key, get)
+        result = tuned_like(self.kept("corrected", key, get), scene)
         self.give(result, outputs[0])
         report = result.made["corrected"][-1]
         return f"{'; '.join(report['notes'][:-1])}; trained in {report['seconds']['total']:.0f} s.{self.note}"

@@ -74,13 +74,16 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
     Raises:
         BadInput: There is no variant ``shown``.
     """
+    from svv.fields.values.followed_scene import on_cells_of
+
     base, own = digest_of_scene(scene), {}
     for given, painting in paintings.items():
         if painting.base != base:
             continue
         (variant,) = (v for v in painting.scene.every_variant if v.name == painting.scene.variant)
         styles = {region: style for region, style in enumerate(variant.styles) if style is not None}
-        scene = scene.painted(variant.network, styles, variant.made, variant.name)
+        network = on_cells_of(scene, variant.network, painting.scene)
+        scene = scene.painted(network, styles, variant.made, variant.name)
         own[given] = variant.name
     chosen = shown or own.get(name)
     return scene if chosen is None else scene.with_variant(chosen)

@@ -20,6 +20,7 @@ from svv.options.making import ViewOptions
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.filters.parallel import DividedInput
 from svv.pv.filters.resampled import told as told_of
+from svv.pv.filters.retuned import as_edited_since
 from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.filters.vtk_data import (
     drawn_in,
@@ -187,14 +188,14 @@ class StyleRFTrain(DividedInput, Beside):
         self.gives(scene=name)
         if not self.shows:
             return regions_said(scene)
-        told = self.steps.told(present)
+        whole, moved = scene, ""
+        if not isinstance(whole, Stored) and follows(whole, inputs[0], self.steps.made, present):
+            moved, key = f" Followed to time {present.time:g}.", (name, present.data)
+            scene = self.kept("followed", key, lambda: followed(whole, inputs[0], self.values, present))
+        scene, told = as_edited_since(self, scene, name, present, moved)
         if isinstance(scene, Stored):
             put_stored(*Stored.and_content(scene.path), outputs[0])
         else:
-            if follows(scene, inputs[0], self.steps.made, present):
-                whole, told = scene, f" Followed to time {present.time:g}."
-                key = name, present.data
-                scene = self.kept("followed", key, lambda: followed(whole, inputs[0], self.values, present))
             put_scene(scene, outputs[0])
         self.kept("table", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
@@ -363,18 +364,21 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             return regions_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}"
-        if isinstance(scene, Stored):
-            drawn, sharp = self._learner.result(scene, values, values["Late"])
+        whole, made, moved = scene, self.steps.made, ""
+        if isinstance(whole, Stored):
+            shown, told = as_edited_since(self, whole, name, present)
+            assert isinstance(shown, Stored)
+            drawn, sharp = self._learner.result(shown, values, values["Late"])
             self.drawn_beside(inputs[0], outputs[0], drawn)
-            return said + self.steps.told(present) + ("" if sharp else SHARPENS)
-        told, whole, made = self.steps.told(present), scene, self.steps.made
+            return said + told + ("" if sharp else SHARPENS)
         camera = camera_for(whole.rig, values)
         if made is not None and made.data == present.data:
             self.kept("moving", (name, present.data), lambda: moving_from(whole, inputs[0], values, present.time))
         if made is not None and follows(whole, inputs[0], made, present):
             moving = self.kept("moving", (name, made.data), lambda: None)
             make = partial(followed, whole, inputs[0], values, present, moving)
-            scene, told = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
+            scene, moved = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
+        scene, told = as_edited_since(self, scene, name, present, moved)
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         self.kept("glance", None, lambda: None)  # no longer needed

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
+from svv.pv.panel.function_edits import watch
 from svv.pv.panel.tooltips import with_picture
 from svv.pv.paraview_types import Observed
 
@@ -30,6 +31,7 @@ class Owner(Protocol):
     """The filter to which properties belong: it holds their values, by name."""
 
     values: dict[str, Any]
+    shows_edits: bool
 
     def Modified(self) -> None: ...
 
@@ -275,6 +277,7 @@ def transfer_function() -> Property:
     def setter(self: Owner, table: object) -> None:
         if self.values["TransferFunction"] is not table:
             self.values["TransferFunction"] = table
+            watch(self, table)
             self.Modified()
 
     return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})

@@ -24,6 +24,9 @@ CIRCUMSTANCES = ("seconds", "key", "look", "data", "time")
 LEARNED = ("box", "cells", "settings", "marching", "images", "camera_rig", "normal_resolutions")
 """Keys of a scene's header that training determines."""
 
+RETUNED = "retuned"
+"""Key of a scene's record: hash of the scene (:func:`digest_of_scene`) whose opacities were changed since."""
+
 _views: weakref.WeakKeyDictionary[ViewSet, str] = weakref.WeakKeyDictionary()
 _scenes: weakref.WeakKeyDictionary[object, str] = weakref.WeakKeyDictionary()
 
@@ -99,7 +102,8 @@ def digest_of_listed(file: Path) -> str:
 
 
 def digest_of_scene(scene: Scene) -> str:
-    """Return a hash of what was learned: box, palette, and networks except the paintings'. Edits do not change it.
+    """Return a hash of what was learned: box, palette, and networks except the paintings'. Edits do not change it, nor
+    do other opacities of the transfer function.
 
     Parts count as well, although no network learned them: paintings belong to regions.
     """
@@ -110,6 +114,8 @@ def digest_of_scene(scene: Scene) -> str:
     learned = (
         scene.base if scene.palette_network is None else scene.palette_network
     )  # a scene's edits and paintings share it
+    if RETUNED in scene.made:
+        _scenes[learned] = str(scene.made[RETUNED])
     if learned not in _scenes:
         header, arrays = scene.to_arrays()
         own = {k: header[k] for k in LEARNED}

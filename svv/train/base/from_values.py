@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from svv.core.volumes.classified import ValueGrid
 from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField
@@ -117,12 +117,12 @@ class ValueReconstruction(Reconstruction):
             self._fill()
 
 
-def palette_given(network: PaletteField, grid: ValueGrid, occupancy: Occupancy) -> None:
-    """Give an untrained palette network the values of a grid, and its light their normals; both stay as they are.
+def palette_given(network: PaletteField, base: BaseField) -> None:
+    """Give an untrained palette network the values of its base field, and its light their normals; both stay so.
 
     Each unit of the MLP's first layer begins at another value.
     """
-    fill_palette(network, grid, occupancy)
+    fill_palette(network, base)
     first = network.palette_mlp[0]
     assert isinstance(first, nn.Linear)
     with torch.no_grad():
@@ -133,3 +133,20 @@ def palette_given(network: PaletteField, grid: ValueGrid, occupancy: Occupancy) 
     if network.phong is not None:
         network.phong.normals.requires_grad_(False)
     network.encoding.requires_grad_(False)
+
+
+def colours_told(grid: ValueGrid, device: torch.device) -> tuple[Tensor, Tensor] | None:
+    """Return visible values, which count from 0 to 1 over these, and the transfer function's colours there.
+
+    (K,), (K, 3); None if the grid does not tell the colours.
+    """
+    if grid.colours is None or grid.integral is None:
+        return None
+    value = np.linspace(0.0, 1.0, len(grid.colours))
+    known = np.linspace(0.0, 1.0, len(grid.integral))
+    low, high = grid.visible
+    beside = 0.5 / (len(grid.colours) - 1)
+    rises = np.interp(value + beside, known, grid.integral) > np.interp(value - beside, known, grid.integral)
+    seen = (value >= low) & (value <= high) & rises
+    own = torch.from_numpy(((value[seen] - low) / max(high - low, 1e-6)).astype(np.float32)).to(device)
+    return own, torch.from_numpy(grid.colours[seen]).to(device)

@@ -18,11 +18,12 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, march, not_hidden
 from svv.fields.scene.scene import Scene
+from svv.fields.values.of_values import colours_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.types import Samples
-from svv.train.base.from_values import palette_given
+from svv.train.base.from_values import colours_told, palette_given
 from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, shares_of
 from svv.train.palette.unmix import Unmixing
@@ -53,6 +54,10 @@ a volume, for a palette made by hand or of more than three colours: weight of th
 a pixel, averaged over the colours."""
 
 
+TOLD_WEIGHT = 0.1
+"""Weight of the mean squared difference of a value's colour to the transfer function's."""
+
+
 @dataclass
 class Recolouring:
     """Trains a palette colour network on a frozen base field."""
@@ -73,6 +78,9 @@ class Recolouring:
     """Region of each point, if it is known."""
     given: Unmixing | None = None
     """Palette shares in the pixels, for a palette made by hand or of more than three colours."""
+
+    told: tuple[Tensor, Tensor] | None = None
+    """Values and their colours, if the network is a function of the values. (K,), (K, 3)"""
 
     def __post_init__(self) -> None:
         s = self.settings
@@ -118,6 +126,8 @@ class Recolouring:
             loss = loss + self._foreign(self.owners, weights, samples.position)
         if self.given is not None:
             loss = loss + self._not_as_given(self.given, mixtures, batch)
+        if self.told is not None:
+            loss = loss + batch.share * self._not_as_told(*self.told)
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
         trained = [p for group in self.networks.param_groups for p in group["params"]]
@@ -184,6 +194,13 @@ class Recolouring:
         owner, own = owners.told(weights, position)
         each = 1.0 / ranks.summed(torch.bincount(owner, minlength=count)).clamp(min=1)[owner]
         return -OWNER_WEIGHT * (each * own.log()).sum() / count
+
+    def _not_as_told(self, values: Tensor, colours: Tensor) -> Tensor:
+        """Return the penalty of other colours than the transfer function's, a scalar.
+
+        The views show nothing of values that others hide, until these are made more transparent.
+        """
+        return TOLD_WEIGHT * (colours_of(self.field, values)[0] - colours).square().mean()
 
     def _not_as_given(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
         """Return the penalty of palette shares in pixels, ``mixtures`` (R, P), other than those given, a scalar."""
@@ -258,12 +275,13 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     if network.phong is not None and base.density is not None:
         network.phong.start(base.density, occupancy, views.meta.shading, seed)
     if values is not None:
-        palette_given(network, values, occupancy)
+        palette_given(network, base)
+    told = None if values is None else colours_told(values, device)
     if start is not None:
         network.load_state_dict(start.state_dict())
     ranks.alike(network)
     pool = RayPool(views, occupancy.box, seed, device, scene.settings.headlight)
-    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given)
+    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given, told)
     if start is not None and owners is not None:
         for number in range(SETTLED_IN):
             work.settle(number)

@@ -1,0 +1,63 @@
+"""Edits of a transfer function in ParaView's colour map editor, told to the filters that show them at once."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+    from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
+
+
+class Shows(Protocol):
+    """A filter with a transfer function."""
+
+    shows_edits: bool
+    """Whether an edit of the function changes what it shows without any work being asked for."""
+
+    def Modified(self) -> None: ...
+
+
+def watch(filter: Shows, table: object) -> None:
+    """Mark a filter as modified at every edit of a transfer function, as long as it exists and shows edits.
+
+    Args:
+        filter: The filter.
+        table: The colour transfer function with its opacity function; anything else has no edits.
+    """
+    observe = getattr(table, "AddObserver", None)
+    opacity = getattr(table, "GetScalarOpacityFunction", lambda: None)()
+    if observe is not None and opacity is not None:
+        told = _teller(filter, table, opacity)
+        observe("ModifiedEvent", told)
+        opacity.AddObserver("ModifiedEvent", told)
+
+
+def _teller(
+    filter: Shows, table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction
+) -> Callable[..., None]:
+    """Return the observer. Views touch a function whenever they draw, so its points are compared."""
+    reference, known = weakref.ref(filter), [_points(table, opacity)]
+
+    def tell(*_: object) -> None:
+        this, now = reference(), _points(table, opacity)
+        if now == known[0]:
+            return
+        known[0] = now
+        if this is not None and this.shows_edits:
+            this.Modified()
+
+    return tell
+
+
+def _points(table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction) -> list[tuple[float, ...]]:
+    """Return the points of a function, its colours' first."""
+    found = []
+    for function, width in ((table, 6), (opacity, 4)):
+        for number in range(function.GetSize()):
+            function.GetNodeValue(number, node := [0.0] * width)
+            found.append(tuple(node))
+    return found

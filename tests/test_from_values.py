@@ -11,9 +11,12 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch.nn.functional import normalize
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.colour.correction import Correction
+from svv.core.geometry.box import Box
+from svv.core.rays.encodings import spherical_harmonics
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
 from svv.core.volumes.classified import ValueGrid
 from svv.dvr.draw.classify import classified_as
@@ -22,7 +25,8 @@ from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import from_array
 from svv.errors import BadInput, Cancelled
 from svv.fields.radiance.encodings import SparseLattice
-from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.radiance.networks import BaseField, FieldSettings, UnrestrictedField
+from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.scene import Scene
 from svv.fields.values.followed_scene import at_volume
 from svv.fields.values.of_values import Places, features_of
@@ -291,3 +295,32 @@ def test_a_corrected_palette_follows_unless_regions_share_values(
     assert added.values is None
     with pytest.raises(BadInput, match="--encoding values"):
         at_volume(added, classified_as(moved_ball(0.2), tf_of(followed)))
+
+
+def test_the_base_network_is_told_how_far_a_normal_turns_to_the_ray() -> None:
+    """Whatever the direction in space: it need not find the light by itself."""
+    occupancy = Occupancy(Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0)), 2, np.ones((2, 2, 2), np.uint8))
+    base = BaseField(FieldSettings(resolutions=(2,), facing=True), occupancy).requires_grad_(False)
+    base.colour_mlp[0].weight[:, :-2] = 0.0
+    normal, ray = (normalize(torch.from_numpy(np.random.default_rng(k).normal(size=(9, 3)))).float() for k in (0, 1))
+    cosine = (normal * ray).sum(dim=1)
+    along = torch.tensor([[1.0, 0.0, 0.0]]).expand(9, 3)
+    turned = torch.stack([0.0 * cosine, cosine.abs(), 0.3 + 0.0 * cosine, 0.2 + 0.0 * cosine], dim=1)
+    found = base(torch.cat([torch.zeros(9, 1), normal], dim=1), spherical_harmonics(ray))
+    torch.testing.assert_close(found, base(turned, spherical_harmonics(along)), atol=1e-5, rtol=0.0)
+    assert found.std(dim=0).min() > 1e-4
+
+
+def test_normals_are_those_of_differences_from_voxel_to_voxel() -> None:
+    """Whatever the grid: here four of its cells are a voxel along x, at which interpolated values have a kink."""
+    x, y = np.arange(17), np.arange(5)
+    steep = np.interp(x, [0, 4, 8, 12, 16], [0.1, 0.1, 0.2, 0.8, 0.8])
+    values = np.broadcast_to((steep[:, None] + 0.02 * y)[..., None], (17, 5, 3))
+    codes = (1 + np.rint(65472 * values)).astype(np.uint16)
+    edges = ((4.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    grid = ValueGrid(16, codes, (0.0, 1.0), (0.0, 1.0), edges=edges)
+    found = features_of(grid, np.array([[8, 2, 1], [10, 2, 1], [12, 0, 1]]), 16)[1]
+    slopes = np.array([0.7 / 8, (0.7 + 0.6) / 16, 0.6 / 8])
+    expected = -np.stack([slopes, np.full(3, 0.02), np.zeros(3)], axis=1)
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    np.testing.assert_allclose(found, expected, atol=5e-3)

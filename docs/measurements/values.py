@@ -1,6 +1,6 @@
 """Compare scenes that learn their features with scenes that are functions of their volume's values.
 
-python docs/measurements/values.py [NAME=VOLUME,TF.json ...]    # by default the stirred volume
+python docs/measurements/values.py [PRESET] [SIZE] [NAME=VOLUME,TF.json ...]    # by default balanced, 240, stirred
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.dvr.draw.views import make_views
 from svv.dvr.read.grids import from_array
 from svv.io.views.viewset import ViewSet
+from svv.train.config import PRESETS
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 
-def row(name: str, train: ViewSet, test: ViewSet, encoding: str) -> str:
+def row(name: str, train: ViewSet, test: ViewSet, encoding: str, preset: str) -> str:
     """Train on views, and score on others."""
     begun = time.process_time()
-    scene, _ = train_scene(train, "balanced", encoding=encoding)
+    scene, _ = train_scene(train, preset, encoding=encoding)
     spent = time.process_time() - begun
     with tempfile.TemporaryDirectory() as folder:
         scene.save(Path(folder) / "scene.svv")
@@ -58,10 +59,15 @@ def balls(time: float) -> NDArray[np.float64]:
 
 if __name__ == "__main__":
     print("| volume | encoding | base network, dB | palette network, dB | training, CPU | an image, CPU | file |")
-    for word in sys.argv[1:] or ["stirred"]:
+    words, preset, size = sys.argv[1:], "balanced", 240
+    if words and words[0] in PRESETS:
+        preset = words.pop(0)
+    if words and words[0].isdigit():
+        size = int(words.pop(0))
+    for word in words or ["stirred"]:
         name, _, files = word.partition("=")
         volume, tf = files.split(",") if files else (stirred_volume(), stirred_transfer_function())
-        train, test = make_views(volume, tf, n=60, test=10, size=240, mapper="cpu")
+        train, test = make_views(volume, tf, n=60, test=10, size=size, mapper="cpu")
         assert test is not None
         for encoding in ("lattice", "values"):
-            print(row(name, train, test, encoding), flush=True)
+            print(row(name, train, test, encoding, preset), flush=True)

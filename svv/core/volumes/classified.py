@@ -88,7 +88,10 @@ class ValueGrid:
 
     def __post_init__(self) -> None:
         check_edges(self.edges)
-        if self.colours is not None and not (self.colours.ndim == 2 and self.colours.shape[1] == 3 <= len(self.colours)):
+        shown = self.colours
+        if shown is not None and not (
+            shown.ndim == 2 and shown.shape[1] == 3 <= len(shown) and np.isfinite(shown).all()
+        ):
             raise BadInput("The colours of values must be three or more, RGB.")
         if self.cells < 1 or self.cells & (self.cells - 1):
             raise BadInput(f"The cells of a grid of values must be a power of two, not {self.cells}.")

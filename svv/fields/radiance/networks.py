@@ -28,6 +28,12 @@ from svv.kernels.types import Samples
 DIRECTION_WIDTH = 16
 """Number of spherical harmonics of degree 4."""
 
+CONSTANT_HARMONIC, LINEAR_HARMONIC = 0.28209479177387814, 0.48860251190291987
+"""Value of the first one, and factor of the next three, which are -y, z and -x of a direction."""
+
+FACING_WIDTH = 2
+"""Number of inputs that tell how far a normal turns to a ray: the cosine's absolute value, and its square."""
+
 
 @dataclass(frozen=True)
 class FieldSettings:
@@ -55,6 +61,9 @@ class FieldSettings:
     ``axis``: along the camera's axis for all rays of a view, as in VTK's CPU ray caster."""
     finer: tuple[int, ...] = ()
     """Lattice levels beyond ``resolutions`` that the scene's original colours do not need but its paint may."""
+
+    facing: bool = False
+    """Whether features are a value and a normal, and the base network is given how far the normal turns to the ray."""
 
     def encode(self, occupancy: Occupancy) -> Encoding:
         """Return a new table for this scene."""
@@ -134,7 +143,9 @@ class BaseField(nn.Module):
             levels = density_resolutions or settings.resolutions
             self.density = SparseLattice(occupancy.occupied, occupancy.cells, levels, 1)
             self.geometry_width = self.encoding.width
-        self.colour_mlp = mlp(self.geometry_width + DIRECTION_WIDTH, settings.width, 2, 3)
+        self.facing = settings.facing
+        inputs = self.geometry_width + DIRECTION_WIDTH + FACING_WIDTH * self.facing
+        self.colour_mlp = mlp(inputs, settings.width, 2, 3)
 
     @property
     def encodings(self) -> list[Encoding]:
@@ -168,7 +179,12 @@ class BaseField(nn.Module):
 
     def forward(self, geometry: Tensor, directions: Tensor) -> Tensor:
         """Return RGB in (0, 1): (S, G) and encoded directions (S, 16) -> (S, 3)."""
-        return torch.sigmoid(self.colour_mlp(torch.cat([geometry, directions], dim=1)))
+        inputs = [geometry, directions]
+        if self.facing:
+            minus_y, z, minus_x = directions[:, 1:4].unbind(1)
+            cosine = (geometry[:, 3] * z - geometry[:, 2] * minus_y - geometry[:, 1] * minus_x) / LINEAR_HARMONIC
+            inputs += [cosine.abs()[:, None], cosine.square()[:, None]]
+        return torch.sigmoid(self.colour_mlp(torch.cat(inputs, dim=1)))
 
 
 @dataclass(frozen=True)

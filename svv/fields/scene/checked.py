@@ -24,7 +24,7 @@ from svv.core.json_values import (
     whole_in,
 )
 from svv.core.volumes.classified import grid_shape
-from svv.fields.radiance.networks import DIRECTION_WIDTH, ENCODINGS, FieldSettings
+from svv.fields.radiance.networks import DIRECTION_WIDTH, ENCODINGS, FACING_WIDTH, FieldSettings
 from svv.io.files.declared_sizes import check_fits
 
 MOST_CELLS = 1 << 14
@@ -135,7 +135,7 @@ def check_sizes(
     """Check that networks of the sizes that the header declares are in the file."""
     hidden, features = tensors["base.colour_mlp.0.weight"].shape
     geometry = len(settings.resolutions) * settings.features if settings.encoding == "lattice" else 15
-    if hidden != settings.width or features != geometry + DIRECTION_WIDTH:
+    if hidden != settings.width or features != geometry + DIRECTION_WIDTH + FACING_WIDTH * settings.facing:
         raise ValueError(f"networks of the width {settings.width} are not in the file")
     every = _levels(settings.resolutions + settings.finer)
     known = {

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
     from svv.job.moving import Moving
+    from svv.pv.results.stored import Stored
     from svv.render.baking.baked_volume import BakedVolume
 
 
@@ -244,7 +245,7 @@ def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
     return scene.on(device_named(options_in(DeviceOptions, values).device))
 
 
-def regions_said(scene: Scene) -> str:
+def regions_said(scene: Scene | Stored) -> str:
     """Say how many regions a scene has and what it was learned from, which scenes of older versions do not tell."""
     origin = f", learned from {scene.made['learned_from']}" if "learned_from" in scene.made else ""
     return f"{len(scene.regions)} regions{origin}"

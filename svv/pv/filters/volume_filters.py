@@ -366,11 +366,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}"
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
-            shown, told = as_edited_since(self, whole, name, present)
-            assert isinstance(shown, Stored)
-            drawn, sharp = self._learner.result(shown, values, values["Late"])
-            self.drawn_beside(inputs[0], outputs[0], drawn)
-            return said + told + ("" if sharp else SHARPENS)
+            return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))
         camera = camera_for(whole.rig, values)
         if made is not None and made.data == present.data:
             self.kept("moving", (name, present.data), lambda: moving_from(whole, inputs[0], values, present.time))
@@ -379,10 +375,19 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             make = partial(followed, whole, inputs[0], values, present, moving)
             scene, moved = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
         scene, told = as_edited_since(self, scene, name, present, moved)
+        assert not isinstance(scene, Stored)
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         self.kept("glance", None, lambda: None)  # no longer needed
         return said + told
+
+    def _drawn(self, scene: Stored, name: str, present: Moment, put: tuple[Data, Data]) -> str:
+        """Output an image of a scene that another process draws, for input and output; return what to say about it."""
+        shown, told = as_edited_since(self, scene, name, present)
+        assert isinstance(shown, Stored)
+        drawn, sharp = self._learner.result(shown, self.values, self.values["Late"])
+        self.drawn_beside(*put, drawn)
+        return told + ("" if sharp else SHARPENS)
 
     def release(self) -> None:
         super().release()

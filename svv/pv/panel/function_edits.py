@@ -28,11 +28,12 @@ def watch(filter: Shows, table: object) -> None:
         filter: The filter.
         table: The colour transfer function with its opacity function; anything else has no edits.
     """
-    observe = getattr(table, "AddObserver", None)
-    opacity = getattr(table, "GetScalarOpacityFunction", lambda: None)()
-    if observe is not None and opacity is not None:
+    from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction  # not needed for the panel
+
+    if isinstance(table, vtkDiscretizableColorTransferFunction) and table.GetScalarOpacityFunction() is not None:
+        opacity = table.GetScalarOpacityFunction()
         told = _teller(filter, table, opacity)
-        observe("ModifiedEvent", told)
+        table.AddObserver("ModifiedEvent", told)
         opacity.AddObserver("ModifiedEvent", told)
 
 

@@ -102,10 +102,10 @@ def digest_of_listed(file: Path) -> str:
 
 
 def digest_of_scene(scene: Scene) -> str:
-    """Return a hash of what was learned: box, palette, and networks except the paintings'. Edits do not change it, nor
-    do other opacities of the transfer function.
+    """Return a hash of what was learned: box, palette, and networks except the paintings'.
 
-    Parts count as well, although no network learned them: paintings belong to regions.
+    Neither edits change it nor other opacities of the transfer function. Parts count as well, although no network
+    learned them: paintings belong to regions.
     """
     if scene.layers:
         from svv.fields.scene.joined import members  # imports torch, which would delay the start of ParaView's window

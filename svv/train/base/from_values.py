@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from svv.core.volumes.classified import ValueGrid
-from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField
+from svv.fields.radiance.networks import CONSTANT_HARMONIC, BaseField, FieldSettings, PaletteField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.values.of_values import Places, features_at, fill_palette
 from svv.io.views.viewset import ViewSet
@@ -36,7 +36,7 @@ STEEPNESS = 8.0
 
 def field_of(field: FieldSettings, grid: ValueGrid) -> FieldSettings:
     """Return the shape of the networks over the values of a grid."""
-    return replace(field, encoding="lattice", resolutions=(grid.cells,), features=FEATURES, finer=())
+    return replace(field, encoding="lattice", resolutions=(grid.cells,), features=FEATURES, finer=(), facing=True)
 
 
 class ValueReconstruction(Reconstruction):
@@ -60,6 +60,12 @@ class ValueReconstruction(Reconstruction):
         with torch.no_grad():
             self.field.encoding.table.copy_(torch.cat([value[:, None], normal], dim=1))
         self.field.encoding.requires_grad_(False)
+        first = self.field.colour_mlp[0]
+        assert isinstance(first, nn.Linear)
+        with torch.no_grad():  # half of the units
+            side, start = _thresholds(len(first.weight) // 2, self.device)
+            first.weight[: len(side), 0] = side
+            first.weight[: len(side), FEATURES] = -side * start / CONSTANT_HARMONIC
         self._place()
 
     def _place(self) -> None:
@@ -126,13 +132,18 @@ def palette_given(network: PaletteField, base: BaseField) -> None:
     first = network.palette_mlp[0]
     assert isinstance(first, nn.Linear)
     with torch.no_grad():
-        start = torch.linspace(0.0, 1.0, len(first.weight), device=first.weight.device)
-        side = STEEPNESS * torch.where(torch.arange(len(start), device=start.device) % 2 == 0, 1.0, -1.0)
+        side, start = _thresholds(len(first.weight), first.weight.device)
         first.weight.zero_()
         first.weight[:, 0], first.weight[:, 1] = -side * start, side * (1.0 - start)  # side (v - start)
     if network.phong is not None:
         network.phong.normals.requires_grad_(False)
     network.encoding.requires_grad_(False)
+
+
+def _thresholds(count: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return slopes and thresholds of units that begin as slope (v - threshold) of a value v. (count,) each"""
+    start = torch.linspace(0.0, 1.0, count, device=device)
+    return STEEPNESS * torch.where(torch.arange(count, device=device) % 2 == 0, 1.0, -1.0), start
 
 
 def colours_told(grid: ValueGrid, device: torch.device) -> tuple[Tensor, Tensor] | None:

@@ -1,4 +1,4 @@
-"""Edits of a transfer function in ParaView's colour map editor, told to the filters that show them at once."""
+"""Edits of what a filter was given, told to the filter: of its transfer function, and of surfaces with handles."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ if TYPE_CHECKING:
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
 
 
-class Shows(Protocol):
+class Modifiable(Protocol):
+    """A filter."""
+
+    def Modified(self) -> None: ...
+
+
+class Shows(Modifiable, Protocol):
     """A filter with a transfer function."""
 
     shows_edits: bool
     """Whether an edit of the function changes what it shows without any work being asked for."""
-
-    def Modified(self) -> None: ...
 
 
 def watch(filter: Shows, table: object) -> None:
@@ -62,3 +66,15 @@ def _points(table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseF
             function.GetNodeValue(number, node := [0.0] * width)
             found.append(tuple(node))
     return found
+
+
+def marker(filter: Modifiable) -> Callable[..., None]:
+    """Return an observer that marks a filter as modified as long as it exists."""
+    reference = weakref.ref(filter)
+
+    def mark(*_: object) -> None:
+        this = reference()
+        if this is not None:
+            this.Modified()
+
+    return mark

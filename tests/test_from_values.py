@@ -301,7 +301,9 @@ def test_the_base_network_is_told_how_far_a_normal_turns_to_the_ray() -> None:
     """Whatever the direction in space: it need not find the light by itself."""
     occupancy = Occupancy(Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0)), 2, np.ones((2, 2, 2), np.uint8))
     base = BaseField(FieldSettings(resolutions=(2,), facing=True), occupancy).requires_grad_(False)
-    base.colour_mlp[0].weight[:, :-2] = 0.0
+    first = base.colour_mlp[0]
+    assert isinstance(first, torch.nn.Linear)
+    first.weight[:, :-2] = 0.0
     normal, ray = (normalize(torch.from_numpy(np.random.default_rng(k).normal(size=(9, 3)))).float() for k in (0, 1))
     cosine = (normal * ray).sum(dim=1)
     along = torch.tensor([[1.0, 0.0, 0.0]]).expand(9, 3)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 from svv.errors import BadInput
 from svv.io.files.cache import Cache
 from svv.io.files.keyed_results import digest
+from svv.pv.panel_values import Values
 from svv.pv.results.keys import RETUNED, digest_of_scene, name_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
-from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -13,6 +13,7 @@ from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
 from svv.options.editing import PaintEdit
+from svv.pv.filters.picking import Picking, point_seen
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
 from svv.pv.panel.first_screen import few_first, picked
 from svv.pv.panel.groups import (
@@ -29,7 +30,7 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, button, file, integer, panel, status, switch, text
 from svv.pv.results.cached import Keeping
-from svv.pv.vtk_types import Data, OutInfo, Request
+from svv.pv.vtk_types import Data, OutInfo, Request, Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -104,7 +105,7 @@ class SceneOutput(Keeping):
     )
 )
 @takes_scene
-class StyleRFEdit(SceneOutput):
+class StyleRFEdit(SceneOutput, Picking):
     """Edit a scene instantly, without training: change the colour, opacity and lighting of its regions, hide, isolate
     and outline them, and move its light if it has a movable one. The rows of the input's table are the regions.
     """
@@ -116,23 +117,10 @@ class StyleRFEdit(SceneOutput):
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
-        self._picked = ""
 
-    def pick(self, where: str) -> None:
-        """Find the point that is visible where a click went, for :meth:`GetPicked`."""
-        from svv.pv.filters.editing import point_seen
-
-        self._picked = ""
+    def answer(self, seen: Values) -> str:
         scene = self.last("given")
-        if where and scene is not None:
-            try:
-                self._picked = point_seen(scene, where)
-            except BadInput as error:
-                self.say(str(error))
-
-    def GetPicked(self) -> str:
-        """Return the point in space that the last click went to; empty if nothing is visible there."""
-        return self._picked
+        return "" if scene is None else point_seen(scene, seen)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.editing import as_edited, told

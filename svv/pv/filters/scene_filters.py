@@ -22,6 +22,7 @@ from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
 from svv.pv.filters.edit_filters import save_properties
+from svv.pv.filters.picking import Picking, point_seen
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
 from svv.pv.live.scene_beside import SceneBeside
@@ -39,6 +40,7 @@ from svv.pv.panel.groups import (
     learning_properties,
     menu,
     point_properties,
+    pointing_properties,
     preview_file,
     style_properties,
     takes_scene,
@@ -91,8 +93,8 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
 @smproxy.filter(label="StyleRF Palette", support_reload=False)
 @menu
 @panel(*few_first(
-    (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "Points", "Merge",
-     "Colour0Add", "Live", "SaveFile"),
+    (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "PointRegion", "Points",
+     "Merge", "Colour0Add", "Live", "SaveFile"),
     Property("Views", '''<InputProperty name="Views" label="Views" command="SetInputConnection" port_index="1">
         <ProxyGroupDomain name="groups"><Group name="sources"/><Group name="filters"/></ProxyGroupDomain>
         <DataTypeDomain name="input_type"><DataType value="vtkDataSet"/></DataTypeDomain>
@@ -100,9 +102,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
         <Hints><Optional/></Hints></InputProperty>''', None, {}),
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
-    text("Points", "Places in a scene learned from views alone, each with the region that is there, or another place "
-         "of the same region: x,y,z=1; x,y,z=x,y,z. Click Part of StyleRF Edit writes what is clicked on into Parts, "
-         "from where it can be copied. The number after the last region is a new one."),
+    *pointing_properties(),
     text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
     *(p for region in range(PALETTE) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
@@ -110,13 +110,15 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     *learning_properties(PaletteOptions()),
     device(),
     button("TrainAgain", "Train again, even if nothing has changed."),
+    button("UndoPalette", "Undo the last change that was applied, such as a click."),
+    button("RedoPalette", "Redo the last change that was undone."),
     button("ResetPalette", "Reset this panel, so that the scene passes through unchanged."),
     *save_properties(),
     *kept_as(),
     status(),
 ))  # fmt: skip
 @takes_scene
-class StyleRFPalette(SceneBeside):
+class StyleRFPalette(SceneBeside, Picking):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
     base network is kept; paintings are dropped, because they belong to the old regions.
     """
@@ -127,6 +129,7 @@ class StyleRFPalette(SceneBeside):
     def __init__(self) -> None:
         super().__init__(2, 1, "vtkTable")
         self._views: Data | None = None
+        self._first = ""
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
         """Make both inputs optional: the scene, and the views."""
@@ -143,6 +146,31 @@ class StyleRFPalette(SceneBeside):
     def ResetPalette(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
 
+    UndoPalette = RedoPalette = ResetPalette
+
+    def ClickSame(self) -> None:
+        """Forget the first of two clicks: the client, which handles this button, has started or stopped clicks."""
+        self._first = ""
+
+    ClickRegion = ClickSame
+
+    def answer(self, seen: Values) -> str:
+        from svv.pv.filters.editing import check_pointed
+
+        scene = self.last("before")
+        if scene is None:
+            return ""
+        place = point_seen(self.last("given") or scene, seen)
+        if seen["button"] == "ClickSame" and not self._first:
+            check_pointed(scene, f"{place}=0")
+            self._first = place
+            self._status = f"{place}: now click on another place of the same region."
+            return ""
+        first, self._first = self._first, ""
+        said = f"{first}={place}" if first else f"{place}={seen['region']}"
+        check_pointed(scene, "; ".join(filter(str.strip, (self.values["Points"], said))))
+        return said
+
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         self._views = inputs[1]
         return super().work(inputs, outputs, out_info)
@@ -151,6 +179,7 @@ class StyleRFPalette(SceneBeside):
         from svv.pv.filters.editing import correct, correction_in
 
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
+        self.kept("before", object(), lambda: scene)
         if not correction:
             self._learner.stop_here()
             self._learner.forget()

@@ -135,8 +135,9 @@ class StyleRFEdit(SceneOutput, Picking):
 @panel(*save_properties(), status())
 @takes_scenes
 class StyleRFJoin(SceneOutput):
-    """Join scenes of several transfer functions of one volume, to show them alone or together: select all of them, then
-    add this filter. Their regions become regions of one scene, in the order of the inputs, and extinctions add.
+    """Join scenes of several arrays or transfer functions of one volume, or of members of an ensemble, to show them
+    alone or together: select all of them, then add this filter. Their regions become regions of one scene, in the order
+    of the inputs, and extinctions add. Regions of different arrays are named after them.
     """
 
     def __init__(self) -> None:
@@ -148,11 +149,14 @@ class StyleRFJoin(SceneOutput):
         return super().FillInputPortInformation(port, info)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.fields.scene.joined import joined, members
+        from svv.fields.scene.joined import joined, members, named
         from svv.pv.filters.editing import told
 
         given = [self.GetInputDataObject(0, number) for number in range(self.GetNumberOfInputConnections(0))]
         scenes = [finished_scene_of(data) for data in given]
+        arrays = [scene.made.get("source", {}).get("volume") for scene in scenes]
+        if None not in arrays and len(set(arrays)) == len(arrays):
+            scenes = [named(scene, array) for scene, array in zip(scenes, arrays, strict=True)]
         scene = self.kept("joined", tuple(map(key_of_scene, given)), lambda: joined(scenes))
         self.give(scene, outputs[0])
         counts = " + ".join(str(len(member.regions)) for member in members(scene))

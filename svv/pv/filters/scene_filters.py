@@ -373,7 +373,8 @@ class StyleRFStylize(SceneBeside):
             return said
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
-        self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
+        paint = any(layer.styled is not None for layer in result.every_layer)
+        self.give(result.with_strength(values["Strength"]) if paint else result, outputs[0])
         return said
 
     def _begin_with_paintings(self, scene: Scene, base: str) -> None:

@@ -30,10 +30,10 @@ from svv.train.base.reconstruct import Reconstruction, reconstruct
 from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset
+from svv.train.palette.doubts import doubts, hues_within
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
 from svv.train.palette.ranges import KnownRegions, Labelled, regions_for, regions_of
 from svv.train.palette.recolour import palette_of, recolour
-from svv.train.palette.doubts import doubts, hues_within
 from svv.train.palette.regions_from_views import regions_in
 from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks

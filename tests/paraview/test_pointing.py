@@ -47,7 +47,9 @@ def test_clicks_say_of_which_region_a_place_is(inside: Callable, tmp_path: Path)
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.4, 48)
     images = np.stack([to_bytes(balls.render(camera).rgba) for camera in cameras])
     ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12))).write(tmp_path / "views", "train")
-    said = inside(SHOWN + """
+    said = inside(
+        SHOWN
+        + """
 said["before"] = [status(palette), sides()]
 said["off"] = [click(LEFT), palette.Points]
 palette.PointRegion = 1
@@ -80,7 +82,8 @@ Hide(image, flat)
 show_image(plain, flat)
 palette.GetProperty("PointRegion").SMProperty.SetUncheckedElement(0, 1)
 said["from behind"] = [click(LEFT), palette.Points]
-""")
+"""
+    )
     whole, other = said["before"]
     assert "palette is unchanged" in whole and other == [0, 0]
     assert said["off"][1] == ""

@@ -18,7 +18,6 @@ from svv.options.making import DeviceName, NetworkName, TrainOptions
 from svv.progress import shown
 
 if TYPE_CHECKING:
-    from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
 
 TRAIN = (

@@ -60,5 +60,3 @@ def point_seen(scene: Scene, seen: Values) -> str:
     from svv.pv.filters.engine import camera_for
 
     return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene.rig, seen), seen["pixel"]))
-
-

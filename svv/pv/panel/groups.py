@@ -261,8 +261,8 @@ def part_properties() -> Sequence[Property]:
 def pointing_properties() -> Sequence[Property]:
     """Return the properties for correcting regions by pointing at places."""
     return group("Points", [
-        integer("PointRegion", 0, "Region that is at the places of Click Region; the number after the last region makes "
-                "a new one.", 0, PALETTE - 1),
+        integer("PointRegion", 0, "Region that is at the places of Click Region; the number after the last region is a "
+                "new one.", 0, PALETTE - 1),
         button("ClickRegion", "Clicks in a view say that the region there is Point Region, until the button is pressed "
                "again: in the image of the scene, or in the 3D view. The connected piece there becomes that region; if "
                "one piece holds two regions, click on both."),

@@ -151,8 +151,8 @@ def divided(
 ) -> tuple[Regions, list[tuple[int, float]], list[tuple[int, NDArray[np.bool_]]]]:
     """Return regions of which those are divided whose halves explain held-out rays much better.
 
-    Two materials of similar hues may be one region, because the pixels' palette mixes one of them from others. Each half
-    of a region, along the direction in which its colours differ most, then has a colour of its own.
+    Two materials of similar hues may be one region, because the pixels' palette mixes one of them from others. Each
+    half of a region, along the direction in which its colours differ most, then has a colour of its own.
 
     Args:
         seen: What rays see of the vertices.

@@ -26,7 +26,7 @@ def doubts(colours: NDArray[np.floating], confidence: Sequence[float]) -> list[s
 def hues_within(mixed: Sequence[tuple[int, NDArray[np.floating]]]) -> list[str]:
     """Return a sentence for each region that holds a light of another hue than its own, RGB >= 0. (3,)"""
     return [
-        f"Region {number} holds more than one hue, and there are as many regions as there can be. Merge two others (svv "
-        f"palette --merge), then split it with svv palette --add '{to_hex(light / light.max())}'."
+        f"Region {number} holds more than one hue, and there are as many regions as there can be. Merge two others "
+        f"(svv palette --merge), then split it with svv palette --add '{to_hex(light / light.max())}'."
         for number, light in mixed
     ]

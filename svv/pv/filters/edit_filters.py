@@ -13,7 +13,7 @@ from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
 from svv.options.editing import PaintEdit
-from svv.pv.filters.picking import Picking, point_seen
+from svv.pv.filters.picking import Click, Picking, point_seen
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
 from svv.pv.panel.first_screen import few_first, picked
 from svv.pv.panel.groups import (
@@ -30,7 +30,7 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, button, file, integer, panel, status, switch, text
 from svv.pv.results.cached import Keeping
-from svv.pv.vtk_types import Data, OutInfo, Request, Values
+from svv.pv.vtk_types import Data, OutInfo, Request
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -118,7 +118,7 @@ class StyleRFEdit(SceneOutput, Picking):
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
 
-    def answer(self, seen: Values) -> str:
+    def answer(self, seen: Click) -> str:
         scene = self.last("given")
         return "" if scene is None else point_seen(scene, seen)
 

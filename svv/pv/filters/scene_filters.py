@@ -22,7 +22,7 @@ from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
 from svv.pv.filters.edit_filters import save_properties
-from svv.pv.filters.picking import Picking, point_seen
+from svv.pv.filters.picking import Pointing
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
 from svv.pv.live.scene_beside import SceneBeside
@@ -116,7 +116,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     status(),
 ))  # fmt: skip
 @takes_scene
-class StyleRFPalette(SceneBeside, Picking):
+class StyleRFPalette(SceneBeside, Pointing):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
     base network is kept; paintings are dropped, because they belong to the old regions.
     """
@@ -127,7 +127,6 @@ class StyleRFPalette(SceneBeside, Picking):
     def __init__(self) -> None:
         super().__init__(2, 1, "vtkTable")
         self._views: Data | None = None
-        self._first = ""
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
         """Make both inputs optional: the scene, and the views."""
@@ -145,29 +144,6 @@ class StyleRFPalette(SceneBeside, Picking):
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
 
     UndoPalette = RedoPalette = ResetPalette
-
-    def ClickSame(self) -> None:
-        """Forget the first of two clicks: the client, which handles this button, has started or stopped clicks."""
-        self._first = ""
-
-    ClickRegion = ClickSame
-
-    def answer(self, seen: Values) -> str:
-        from svv.pv.filters.editing import check_pointed
-
-        scene = self.last("before")
-        if scene is None:
-            return ""
-        place = point_seen(self.last("given") or scene, seen)
-        if seen["button"] == "ClickSame" and not self._first:
-            check_pointed(scene, f"{place}=0")
-            self._first = place
-            self._status = f"{place}: now click on another place of the same region."
-            return ""
-        first, self._first = self._first, ""
-        said = f"{first}={place}" if first else f"{place}={seen['region']}"
-        check_pointed(scene, "; ".join(filter(str.strip, (self.values["Points"], said))))
-        return said
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         self._views = inputs[1]

@@ -219,12 +219,12 @@ class _Points:
     def divided(
         self, region: NDArray[np.int64], hues: Array, most: int
     ) -> tuple[NDArray[np.int64], Array, list[str], list[tuple[int, Array]]]:
-        """Return regions of one hue each (V,), their hues, what was done, and what holds another colour nevertheless."""
+        """Return regions of one hue each (V,), their hues, what was done, and what holds another hue nevertheless."""
         light = self._blurred(self._sum(self.weight[:, None] * self.colour))
         found, done, left = divided(self._seen, region, len(hues), light, most, self._until)
-        said = [f"{to_hex(hues[number])} is two regions: they explain the hues of held-out rays {gain:.0%} better"
-                for number, gain in done]  # fmt: skip
-        for number, _ in done:
+        said = []
+        for number, gain in done:
+            said.append(f"{to_hex(hues[number])} is two regions: they explain held-out rays {gain:.0%} better")
             hues = np.concatenate((hues, hues[number : number + 1]))
         return found, hues, said, [(number, light[half].sum(axis=0)) for number, half in left]
 

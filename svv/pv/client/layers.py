@@ -42,12 +42,12 @@ def add_layer(volume: Proxy | None = None) -> Proxy:
     volume = volume or simple.GetActiveSource()
     if volume is None:
         raise BadInput("Select a volume in the Pipeline Browser first.")
-    shown = shown_as(volume_display(volume))
     there = [one for one in _all(TRAIN) if one.Input is not None and one.Input.SMProxy == volume.SMProxy]
-    array = shown["Scalars"]
-    if any(list(one.Scalars) == array for one in there):
+    display = volume_display(volume)
+    shown, (association, name) = shown_as(display), display.ColorArrayName
+    if any(list(one.Scalars) == [association, name] for one in there):
         raise BadInput(
-            f"{array[1]} is a layer already: colour the volume by another array. To show it with two transfer "
+            f"{name} is a layer already: colour the volume by another array. To show it with two transfer "
             "functions, add StyleRF Train and StyleRF Join by hand."
         )
     if len(there) >= MOST:
@@ -56,9 +56,9 @@ def add_layer(volume: Proxy | None = None) -> Proxy:
         )
     settings = values_of(there[-1].SMProxy) if there else {}
     train = simple.StyleRFTrain(Input=volume)
-    for name, value in settings.items():
-        if name not in (*shown, "SceneFile"):
-            train.GetProperty(name).SetData(value)
+    for own, value in settings.items():
+        if own not in (*shown, "SceneFile"):
+            train.GetProperty(own).SetData(value)
     train.SMProxy.UpdateVTKObjects()
     if there:
         _join_with(train, there)

@@ -347,8 +347,9 @@ class StyleRFStylize(SceneBeside):
             return said
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
-        paint = any(layer.styled is not None for layer in result.every_layer)
-        self.give(result.with_strength(values["Strength"]) if paint else result, outputs[0])
+        if any(layer.styled is not None for layer in result.every_layer):
+            result = result.with_strength(values["Strength"])
+        self.give(result, outputs[0])
         return said
 
     def _begin_with_paintings(self, scene: Scene, base: str) -> None:

@@ -166,13 +166,13 @@ def _placed(
                 f"Two points contradict each other: {_said(place[0])} is said to be region {one[1]} and region "
                 f"{other[1]}; leave one out."
             )
-    for pair, (first, second), (place, other) in zip(ends, pairs, same, strict=True):
+    for cells_of, (first, second), (here, there) in zip(ends, pairs, same, strict=True):
         if first == second:
             raise BadInput(f"Both places are region {first} already: point at places of two regions.")
-        told = [{number for cell, number in seeds if _beside(cell, end)} for end in pair]
+        told = [{number for cell, number in seeds if _beside(cell, end)} for end in cells_of]
         if all(told) and told[0] != told[1]:
             raise BadInput(
-                f"Points contradict each other: {_said(place)} and {_said(other)} are said to be one region, and to be "
+                f"Points contradict each other: {_said(here)} and {_said(there)} are said to be one region, and to be "
                 f"regions {min(told[0])} and {min(told[1])}; leave one out."
             )
     return (cells, region, opacity), seeds, pairs

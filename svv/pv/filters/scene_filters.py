@@ -92,7 +92,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
 @menu
 @panel(*few_first(
     (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "PointRegion", "Points",
-     "Merge", "Colour0Add", "Live", "SaveFile"),
+     "Colour0Add", "Live", "SaveFile"),
     Property("Views", '''<InputProperty name="Views" label="Views" command="SetInputConnection" port_index="1">
         <ProxyGroupDomain name="groups"><Group name="sources"/><Group name="filters"/></ProxyGroupDomain>
         <DataTypeDomain name="input_type"><DataType value="vtkDataSet"/></DataTypeDomain>

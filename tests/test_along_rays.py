@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.train.palette.along_rays import Seen, agreement, unmixed
+from svv.train.palette.along_rays import Seen, agreement, divided, unmixed
 
 SIDE = 10
 """Vertices along each side of the cube."""
@@ -89,3 +89,37 @@ def test_the_numbers_of_regions_do_not_matter() -> None:
 def test_agreement_is_intersection_over_union() -> None:
     sure = agreement(np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]]))
     assert sure == pytest.approx([1.5 / 2.0, 1.0 / 1.5])
+
+
+def light_of(region: np.ndarray, colours: np.ndarray, tint: float) -> np.ndarray:
+    """Light of vertices, some more than others, tinted by the first colour as behind a shell."""
+    mixed = (1.0 - tint * (region > 0))[:, None] * colours[region] + tint * (region > 0)[:, None] * colours[0]
+    return np.asarray(mixed * np.random.default_rng(0).uniform(0.5, 1.5, (len(region), 1)))
+
+
+@settings(max_examples=3)
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.3]))
+def test_two_materials_that_were_one_region_are_divided(seed: int, tint: float) -> None:
+    seen, _, region = seen_from_all_sides(seed)
+    joined = np.minimum(region, 1)  # the second and the third are one
+    found, done, left = divided(seen, joined, 2, light_of(region, COLOURS, tint), 8)
+    assert [number for number, _ in done] == [1] and done[0][1] > 0.2 and not left
+    assert (np.where(found == 0, 0, np.where(found == found[region == 1][0], 1, 2)) == region).mean() > 0.95
+
+
+@settings(max_examples=3)
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.3]), st.sampled_from([0.0, 0.15]))
+def test_one_material_is_not_divided(seed: int, tint: float, noise: float) -> None:
+    seen, _, region = seen_from_all_sides(seed, noise)
+    found, done, left = divided(seen, region, 3, light_of(region, COLOURS, tint), 8)
+    assert not done and not left
+    np.testing.assert_array_equal(found, region)
+
+
+def test_where_there_are_as_many_regions_as_there_can_be_the_half_is_named() -> None:
+    seen, _, region = seen_from_all_sides(0)
+    joined = np.minimum(region, 1)
+    found, done, ((number, half),) = divided(seen, joined, 2, light_of(region, COLOURS, 0.0), 2)
+    np.testing.assert_array_equal(found, joined)
+    assert not done and number == 1 and len(set(region[half])) == 1
+    assert divided(seen, joined, 2, light_of(region, COLOURS, 0.0), 8, until=0.0)[1] == [], "there is no time left"

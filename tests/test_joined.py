@@ -157,3 +157,29 @@ def test_a_file_without_its_tables_is_damaged() -> None:
     for name in ("base.density.table", "pcn.encoding.table"):
         with pytest.raises(KeyError):
             Scene.from_arrays(header, {key: array for key, array in tensors.items() if not key.startswith(name)})
+
+
+def test_layers_of_one_volume_that_show_different_places_are_joined_and_framed_together(
+    both: tuple[Scene, Scene, Scene],
+) -> None:
+    """Arrays of a data set need not be visible where others are: cloud is above rain."""
+    first, second, _ = both
+    grid = {
+        "dimensions": [11, 11, 11], "spacing": [1.0, 1.0, 1.0], "origin": [-2.0, 8.0, -2.0],
+        "direction": [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "type": "uint8", "range": [0.0, 1.0],
+    }  # fmt: skip
+    far = replace(
+        second, occupancy=replace(second.occupancy, box=Box((5.0, 0.0, 0.0), 1.0, (1.0,) * 3)),
+        camera_rig=replace(second.rig, centre=(5.5, 0.5, 0.5)),
+    )  # fmt: skip
+    known = [replace(scene, made={**scene.made, "source": {"grid": grid}}) for scene in (first, far)]
+    whole = joined(known)
+    assert joined([first, second]).rig == first.rig, "where nothing is cut off, the first rig stays"
+    for scene in (first, far):
+        away = np.linalg.norm(np.subtract(scene.rig.centre, whole.rig.centre))
+        assert away + 0.5 * scene.rig.view_width <= 0.5 * whole.rig.view_width * (1 + 1e-6)
+    assert whole.rig.view_width < first.rig.view_width + far.rig.view_width + 6.0
+    elsewhere = {**grid, "origin": [100.0, 0.0, 0.0]}
+    apart = replace(known[1], made={"source": {"grid": elsewhere}})
+    with pytest.raises(BadInput, match="different places"):
+        joined([known[0], apart])

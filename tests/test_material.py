@@ -20,9 +20,10 @@ from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.palette import regions_from_views
+from svv.train.palette.doubts import doubts, hues_within
 from svv.train.palette.ranges import KnownRegions, Owners
 from svv.train.palette.recolour import palette_of
-from svv.train.palette.regions_from_views import Labels, doubts, owners_of, regions_in
+from svv.train.palette.regions_from_views import Labels, owners_of, regions_in
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import Batch, RayPool
 from svv_bench.stability.measures import palette_error
@@ -112,6 +113,11 @@ def test_a_region_of_low_confidence_is_named_with_what_to_do() -> None:
     (said,) = doubts(colours, (0.9, 0.31))
     assert said.startswith("Region 1 (#0000ff) may be wrong") and "31%" in said and "svv palette" in said
     assert doubts(colours, (0.7, 1.0)) == [] and doubts(colours, ()) == []
+
+
+def test_a_region_of_two_hues_is_named_with_the_command_that_splits_it() -> None:
+    (said,) = hues_within([(2, np.array([3.0, 1.5, 0.0]))])
+    assert said.startswith("Region 2 holds more than one hue") and "svv palette --add '#ff8000'" in said
 
 
 # --- scenes ------------------------------------------------------------------------------------------------------

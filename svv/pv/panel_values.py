@@ -98,6 +98,7 @@ class Values(DisplayValues, total=False):
     StrokeLight: Triple
     StrokePalette: str
     Merge: str
+    PointRegion: int
     Points: str
     Look: str
     LookFile: str

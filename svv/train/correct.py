@@ -7,12 +7,14 @@ them, and a user who knows better separates them.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -31,7 +33,7 @@ from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
 from svv.train.base.sampling import with_fewest_samples
-from svv.train.config import Preset, given, preset
+from svv.train.config import Preset, RecolourSettings, given, preset
 from svv.train.palette.pointed import InCells, pointed
 from svv.train.palette.ranges import Labelled, Owners, membership, regions_for
 from svv.train.palette.recolour import recolour
@@ -44,6 +46,9 @@ from svv.train.run.loop import Running
 
 AGAIN = 50
 """Most steps of stage 2 where it starts from a trained network: only borders of regions change."""
+
+FOLLOWED = 0.8
+"""Least part of what was pointed at that a network must give to its new region."""
 
 ELSEWHERE = 0.05
 """Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
@@ -104,8 +109,6 @@ def correct_palette(
     unmixing = Unmixing(palette, scene.device) if owners is None or owners.shared else None
     values = _values_for(scene, volume, owners)
     how = chosen.recolour if values is None else replace(chosen.recolour, feature_rate=0.0)
-    if start is not None:
-        how = replace(how, iterations=min(how.iterations, AGAIN))
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries],
@@ -113,10 +116,9 @@ def correct_palette(
         saved = Checkpoint(checkpoint, key)
     forget_gpu_peak(scene.device)
     with measured() as cost:
-        network, shares, spent = recolour(
-            views, scene, palette, how,
-            Running(seed, time_limit, part(progress, 0.0, 0.98), saved, notes), owners, unmixing, values, start,
-        )  # fmt: skip
+        running = Running(seed, time_limit, part(progress, 0.0, 0.98), saved, notes)
+        run = partial(recolour, views, scene, palette, owners=owners, given=unmixing, values=values)
+        network, shares, spent, kept = _trained(run, how, running, owners, start)
         begin = time.monotonic()
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
         regions = regions_for(network, shares, shown)
@@ -125,10 +127,10 @@ def correct_palette(
             parts=None, values=None if values is None else scene.values, steps=None if values is None else scene.steps,
         )  # fmt: skip
         reason = "images use the samples that they used before"
-        if start is None:
+        if not kept:
             plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
-    notes += _dropped(scene)
+    notes += _not_followed(owners, network) + _dropped(scene)
     edits = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
     result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, edits, strict=True)))
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
@@ -140,6 +142,33 @@ def correct_palette(
     )
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
+
+
+def _trained(
+    run: Callable[..., tuple[PaletteField, NDArray[np.float64], float]], how: RecolourSettings, running: Running,
+    owners: Labelled | None, start: PaletteField | None,
+) -> tuple[PaletteField, NDArray[np.float64], float, bool]:  # fmt: skip
+    """Train from a network, or afresh if that does not follow its new regions; the last result is whether it did."""
+    spent = 0.0
+    if start is not None and isinstance(owners, InCells):
+        few = replace(how, iterations=min(how.iterations, AGAIN))
+        network, shares, spent = run(settings=few, running=running, start=start)
+        if owners.followed_by(network) >= FOLLOWED:
+            return network, shares, spent, True
+        running = replace(running, saved=None)  # what is saved is the network that did not follow
+    network, shares, again = run(settings=how, running=running)
+    return network, shares, spent + again, False
+
+
+def _not_followed(owners: Labelled | None, network: PaletteField) -> list[str]:
+    """Say if a network does not show places as the regions that they are said to be."""
+    part = owners.followed_by(network) if isinstance(owners, InCells) else 1.0
+    if part >= FOLLOWED:
+        return []
+    return [
+        f"only {part:.0%} of what was pointed at is shown as its new region, from whose colour it differs too much: "
+        "point at it as a new region, or set the region's colour first"
+    ]
 
 
 def _planned(
@@ -189,7 +218,7 @@ def _by_places(
     region = np.where(found.region < 0, -1, now[found.region.clip(min=0)])
     same = len(entries) == count and not groups and scene.values is None
     start = scene.palette_network if same else None
-    return entries, InCells(region, found.cells, scene.device), said, start
+    return entries, InCells(region, found.cells, scene.device, found.moved), said, start
 
 
 def _joined(count: int, groups: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:

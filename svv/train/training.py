@@ -30,10 +30,11 @@ from svv.train.base.reconstruct import Reconstruction, reconstruct
 from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset
+from svv.train.palette.doubts import doubts, hues_within
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
 from svv.train.palette.ranges import KnownRegions, Labelled, regions_for, regions_of
 from svv.train.palette.recolour import palette_of, recolour
-from svv.train.palette.regions_from_views import doubts, regions_in
+from svv.train.palette.regions_from_views import regions_in
 from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
@@ -223,7 +224,7 @@ class Training:
             self.notes.append(reason)
         if known is not None:
             palette, self.confidence = known.palette, known.confidence
-            self.warnings += doubts(palette.colours, known.confidence)
+            self.warnings += [*doubts(palette.colours, known.confidence), *hues_within(known.mixed)]
         assert palette is not None
         self.notes.extend(palette.steps)
         if self.chosen.fitted:

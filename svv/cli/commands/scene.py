@@ -18,7 +18,6 @@ from svv.options.making import DeviceName, NetworkName, TrainOptions
 from svv.progress import shown
 
 if TYPE_CHECKING:
-    from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
 
 TRAIN = (
@@ -61,7 +60,7 @@ def train(
     it. After Ctrl-C, the same command resumes.
     torchrun trains with several processes on one machine or more.
     """
-    from svv.fields.scene.joined import joined
+    from svv.fields.scene.joined import joined, named
     from svv.io.cinema.views import read_views
     from svv.io.scene_file import checkpoint_of, sketch_of
     from svv.io.views.equal_views import equal_views
@@ -100,15 +99,8 @@ def train(
                 finish(scene, report, file, told, checkpoint_of(file))
                 sketch_of(file).unlink(missing_ok=True)
             if len(made) > 1:
-                joined([_named(scene, folder.name) for folder, (scene, _) in zip(folders, made, strict=True)]).save(out)
+                joined([named(scene, folder.name) for folder, (scene, _) in zip(folders, made, strict=True)]).save(out)
                 print(f"{out}: the scenes of {len(made)} layers")
-
-
-def _named(scene: Scene, name: str) -> Scene:
-    """Return a scene whose regions have the name of its layer, with numbers if there are several."""
-    count = len(scene.regions)
-    names = [name if count < 2 else f"{name} {number + 1}" for number in range(count)]
-    return replace(scene, regions=tuple(replace(r, name=r.name or n) for r, n in zip(scene.regions, names)))
 
 
 def _sketch(views: ViewSet, options: TrainOptions, file: Path, progress: Progress) -> None:

@@ -12,14 +12,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
+from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress
 from svv.fields.scene.edits import split_at as split_alone
 from svv.fields.scene.edits import with_part
 from svv.fields.scene.history import History
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
+from svv.io.views.view_meta import VolumeGrid
 
 MOST = 8
 """Maximum number of joined scenes."""
@@ -62,13 +66,60 @@ def joined(scenes: Sequence[S]) -> S:
             parent = None if region.part_of is None else count + region.part_of
             regions.append(replace(region, layer=number, part_of=parent))
     plain = [replace(scene, unsplit=(), history=History(), others=()) for scene in scenes]
-    return replace(plain[0], regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
+    first = replace(plain[0], camera_rig=_rig_around(scenes))
+    return replace(first, regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
+
+
+def named(scene: S, name: str) -> S:
+    """Return a scene whose regions have the name of its layer, with numbers if there are several; names stay.
+
+    >>> whole = joined([named(cloud, "cloud"), named(rain, "rain")])
+    >>> [region.name for region in whole.regions]
+    ['cloud', 'rain 1', 'rain 2']
+    """
+    count = len(scene.regions)
+    names = [name if count < 2 else f"{name} {number + 1}" for number in range(count)]
+    return replace(scene, regions=tuple(replace(r, name=r.name or n) for r, n in zip(scene.regions, names)))
 
 
 def _near(first: Model, other: Model) -> bool:
-    """Return whether the boxes of two scenes overlap."""
-    low, high = (torch.tensor(scene.occupancy.box.bounds) for scene in (first, other))
-    return bool((torch.minimum(low[1], high[1]) - torch.maximum(low[0], high[0]) > 0).all())
+    """Return whether the boxes of two scenes overlap, or the volumes that they were drawn from."""
+    boxes = first.occupancy.box.bounds, other.occupancy.box.bounds
+    volumes = _volume_of(first), _volume_of(other)
+    return _overlap(*boxes) or (volumes[0] is not None and volumes[1] is not None and _overlap(volumes[0], volumes[1]))
+
+
+def _volume_of(scene: Model) -> NDArray[np.float64] | None:
+    """Return the corners of the volume from which a scene's views were drawn (2, 3); None if they do not tell."""
+    grid = scene.made.get("source", {}).get("grid")
+    return None if grid is None else VolumeGrid.from_json(grid).corners
+
+
+def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    return bool((np.minimum(one[1], other[1]) > np.maximum(one[0], other[0])).all())
+
+
+def _rig_around(scenes: Sequence[Model]) -> CameraRig | None:
+    """Return the first scene's rig, moved so that it sees whatever one of the rigs sees; None if it has none."""
+    first = scenes[0].camera_rig
+    if first is None:
+        return None
+    centre, whole = np.array(first.centre), first.view_width  # of a sphere that encloses those of the rigs
+    for rig in (scene.camera_rig for scene in scenes[1:]):
+        if rig is None or not rig.view_width:
+            continue
+        away = np.subtract(rig.centre, centre)
+        far, own = float(np.linalg.norm(away)), rig.view_width
+        if 2.0 * far + own <= whole * (1.0 + 1e-6):
+            continue
+        wide = max(0.5 * (2.0 * far + whole + own), own)
+        centre = centre + away * ((wide - whole) / (2.0 * far) if wide > own else 1.0)
+        whole = wide
+    if whole == first.view_width:
+        return first
+    times, (x, y, z) = whole / first.view_width, centre.tolist()
+    span = None if first.span_x is None else whole
+    return replace(first, centre=(x, y, z), radius=first.radius * times, span_x=span)
 
 
 def members(scene: S) -> tuple[S, ...]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig
@@ -42,6 +46,13 @@ class VolumeGrid:
     """NumPy's name of the voxel type, such as ``uint8``."""
     range: tuple[float, float]
     """Smallest and largest value."""
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Lowest and highest corners of the box around its voxels, world units. (2, 3)"""
+        ends = [(0.0, (count - 1) * apart) for count, apart in zip(self.dimensions, self.spacing, strict=True)]
+        every = np.array(list(itertools.product(*ends))) @ np.array(self.direction).T + self.origin
+        return np.stack([every.min(axis=0), every.max(axis=0)])
 
     @classmethod
     def from_json(cls, content: object, name: str = "grid") -> VolumeGrid:

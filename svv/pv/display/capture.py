@@ -31,7 +31,7 @@ BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 
 OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
     (KEEPING, "UpdateDataEvent", take_names),
-    (("StyleRFEdit",), "UpdatePropertyEvent", part_picking.pressed),
+    (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
     (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
     (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
     (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),

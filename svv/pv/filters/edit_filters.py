@@ -13,6 +13,7 @@ from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
 from svv.options.editing import PaintEdit
+from svv.pv.filters.picking import Click, Picking, point_seen
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
 from svv.pv.panel.first_screen import few_first, picked
 from svv.pv.panel.groups import (
@@ -104,7 +105,7 @@ class SceneOutput(Keeping):
     )
 )
 @takes_scene
-class StyleRFEdit(SceneOutput):
+class StyleRFEdit(SceneOutput, Picking):
     """Edit a scene instantly, without training: change the colour, opacity and lighting of its regions, hide, isolate
     and outline them, and move its light if it has a movable one. The rows of the input's table are the regions.
     """
@@ -116,23 +117,10 @@ class StyleRFEdit(SceneOutput):
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
-        self._picked = ""
 
-    def pick(self, where: str) -> None:
-        """Find the point that is visible where a click went, for :meth:`GetPicked`."""
-        from svv.pv.filters.editing import point_seen
-
-        self._picked = ""
+    def answer(self, seen: Click) -> str:
         scene = self.last("given")
-        if where and scene is not None:
-            try:
-                self._picked = point_seen(scene, where)
-            except BadInput as error:
-                self.say(str(error))
-
-    def GetPicked(self) -> str:
-        """Return the point in space that the last click went to; empty if nothing is visible there."""
-        return self._picked
+        return "" if scene is None else point_seen(scene, seen)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.editing import as_edited, told
@@ -147,8 +135,9 @@ class StyleRFEdit(SceneOutput):
 @panel(*save_properties(), status())
 @takes_scenes
 class StyleRFJoin(SceneOutput):
-    """Join scenes of several transfer functions of one volume, to show them alone or together: select all of them, then
-    add this filter. Their regions become regions of one scene, in the order of the inputs, and extinctions add.
+    """Join scenes of several arrays or transfer functions of one volume, or of members of an ensemble, to show them
+    alone or together: select all of them, then add this filter. Their regions become regions of one scene, in the order
+    of the inputs, and extinctions add. Regions of different arrays are named after them.
     """
 
     def __init__(self) -> None:
@@ -160,11 +149,14 @@ class StyleRFJoin(SceneOutput):
         return super().FillInputPortInformation(port, info)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.fields.scene.joined import joined, members
+        from svv.fields.scene.joined import joined, members, named
         from svv.pv.filters.editing import told
 
         given = [self.GetInputDataObject(0, number) for number in range(self.GetNumberOfInputConnections(0))]
         scenes = [finished_scene_of(data) for data in given]
+        arrays = [scene.made.get("source", {}).get("volume") for scene in scenes]
+        if None not in arrays and len(set(arrays)) == len(arrays):
+            scenes = [named(scene, array) for scene, array in zip(scenes, arrays, strict=True)]
         scene = self.kept("joined", tuple(map(key_of_scene, given)), lambda: joined(scenes))
         self.give(scene, outputs[0])
         counts = " + ".join(str(len(member.regions)) for member in members(scene))

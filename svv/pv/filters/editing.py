@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from svv.core.colour.correction import Correction, Point
-from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, silent
 from svv.options.editing import (
     SPLIT_LEVEL,
@@ -145,22 +144,6 @@ def places_in(text: str, name: str) -> list[tuple[float, float, float]]:
     return places
 
 
-def point_seen(scene: Scene, where: str) -> str:
-    """Return the point of a scene that is visible at a pixel, as the property Parts holds it.
-
-    Args:
-        scene: The edited scene.
-        where: Camera and pixel as JSON, from :func:`svv.pv.client.part_picking.seen_at`.
-
-    Raises:
-        BadInput: Nothing is visible there.
-    """
-    from svv.pv.filters.engine import camera_for
-
-    seen = parsed(where)
-    return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene.rig, seen), seen["pixel"]))
-
-
 def correction_in(values: Values) -> Correction:
     """Return the correction that the panel asks for; an empty one is false.
 
@@ -201,6 +184,22 @@ def pointed_in(text: str) -> tuple[tuple[tuple[Point, int], ...], tuple[tuple[Po
             )
         same.append((found[0], others[0]))
     return tuple(points), tuple(same)
+
+
+def check_pointed(scene: Scene, text: str) -> None:
+    """Check places that are pointed at, before more of them follow.
+
+    Args:
+        scene: The scene as it came.
+        text: The property Points.
+
+    Raises:
+        BadInput: The reasons of :func:`svv.train.palette.pointed.check_places`, or the scene is joined.
+    """
+    from svv.train.palette.pointed import check_places
+
+    scene.check_alone("Palette correction")
+    check_places(scene, *pointed_in(text))
 
 
 def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress, checkpoint: Path | None = None) -> Scene:

@@ -22,6 +22,7 @@ from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
 from svv.pv.filters.edit_filters import save_properties
+from svv.pv.filters.picking import Pointing
 from svv.pv.filters.retuned import tuned_like
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
@@ -40,6 +41,7 @@ from svv.pv.panel.groups import (
     learning_properties,
     menu,
     point_properties,
+    pointing_properties,
     preview_file,
     style_properties,
     takes_scene,
@@ -90,7 +92,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
 @smproxy.filter(label="StyleRF Palette", support_reload=False)
 @menu
 @panel(*few_first(
-    (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "Points", "Merge",
+    (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "PointRegion", "Points",
      "Colour0Add", "Live", "SaveFile"),
     Property("Views", '''<InputProperty name="Views" label="Views" command="SetInputConnection" port_index="1">
         <ProxyGroupDomain name="groups"><Group name="sources"/><Group name="filters"/></ProxyGroupDomain>
@@ -99,9 +101,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
         <Hints><Optional/></Hints></InputProperty>''', None, {}),
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
-    text("Points", "Places in a scene learned from views alone, each with the region that is there, or another place "
-         "of the same region: x,y,z=1; x,y,z=x,y,z. Click Part of StyleRF Edit writes what is clicked on into Parts, "
-         "from where it can be copied. The number after the last region is a new one."),
+    *pointing_properties(),
     text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
     *(p for region in range(PALETTE) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
@@ -109,13 +109,15 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     *learning_properties(PaletteOptions()),
     device(),
     button("TrainAgain", "Train again, even if nothing has changed."),
+    button("UndoPalette", "Undo the last change that was applied, such as a click."),
+    button("RedoPalette", "Redo the last change that was undone."),
     button("ResetPalette", "Reset this panel, so that the scene passes through unchanged."),
     *save_properties(),
     *kept_as(),
     status(),
 ))  # fmt: skip
 @takes_scene
-class StyleRFPalette(SceneBeside):
+class StyleRFPalette(SceneBeside, Pointing):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
     base network is kept; paintings are dropped, because they belong to the old regions.
     """
@@ -142,6 +144,8 @@ class StyleRFPalette(SceneBeside):
     def ResetPalette(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
 
+    UndoPalette = RedoPalette = ResetPalette
+
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         self._views = inputs[1]
         return super().work(inputs, outputs, out_info)
@@ -150,6 +154,7 @@ class StyleRFPalette(SceneBeside):
         from svv.pv.filters.editing import correct, correction_in
 
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
+        self.kept("before", object(), lambda: scene)
         if not correction:
             self._learner.stop_here()
             self._learner.forget()
@@ -343,7 +348,9 @@ class StyleRFStylize(SceneBeside):
             return said
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
-        self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
+        if any(layer.styled is not None for layer in result.every_layer):
+            result = result.with_strength(values["Strength"])
+        self.give(result, outputs[0])
         return said
 
     def _begin_with_paintings(self, scene: Scene, base: str) -> None:

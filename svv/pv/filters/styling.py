@@ -77,6 +77,11 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
     from svv.fields.values.followed_scene import on_cells_of
 
     base, own = digest_of_scene(scene), {}
+    if scene.layers:
+        if shown and shown not in paintings:
+            raise BadInput(f"There is no painting '{shown}': a joined scene shows one that this filter has painted.")
+        chosen = paintings.get(shown or name)
+        return scene if chosen is None or chosen.base != base else _layers_painted(scene, chosen.scene)
     for given, painting in paintings.items():
         if painting.base != base:
             continue
@@ -85,8 +90,21 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
         network = on_cells_of(scene, variant.network, painting.scene)
         scene = scene.painted(network, styles, variant.made, variant.name)
         own[given] = variant.name
-    chosen = shown or own.get(name)
-    return scene if chosen is None else scene.with_variant(chosen)
+    variant_shown = shown or own.get(name)
+    return scene if variant_shown is None else scene.with_variant(variant_shown)
+
+
+def _layers_painted(scene: Scene, painting: Scene) -> Scene:
+    """Return a joined scene with the paint that another one of the same layers shows, and with its own edits."""
+    from svv.fields.scene.joined import members, with_members
+
+    changed = []
+    for own, its in zip(members(scene), members(painting), strict=True):
+        if its.styled is not None:
+            styles = {region: r.style for region, r in enumerate(its.regions) if r.style is not None}
+            own = own.painted(its.styled, styles, its.made.get("stylized", {}), its.variant)
+        changed.append(own)
+    return with_members(scene, changed)
 
 
 @dataclass

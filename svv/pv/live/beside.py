@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 ONLY_SHOWN = (
     "Live", "InWindow", "Late", "LiveState", "KeptAs", "FollowCamera", "Moving", "ImageSize", "Camera",
     "ParallelScale", "Frame", "Show", "SeenWith", "Background", "BackgroundColour", "MaskFolder",
+    "PointRegion",
 )  # fmt: skip
 """Properties that do not go to the process, as it shows nothing."""
 

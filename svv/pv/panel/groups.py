@@ -256,6 +256,22 @@ def part_properties() -> Sequence[Property]:
     ])  # fmt: skip
 
 
+def pointing_properties() -> Sequence[Property]:
+    """Return the properties for correcting regions by pointing at places."""
+    return group("Points", [
+        integer("PointRegion", 0, "Region that is at the places of Click Region; the number after the last region is a "
+                "new one.", 0, PALETTE - 1),
+        button("ClickRegion", "Clicks in a view say that the region there is Point Region, until the button is pressed "
+               "again: in the image of the scene, or in the 3D view. The connected piece there becomes that region; if "
+               "one piece holds two regions, click on both."),
+        button("ClickSame", "Two clicks in a view say that both places are one region, until the button is pressed "
+               "again. Their regions are merged."),
+        text("Points", "Places in a scene learned from views alone, each with the region that is there, or another "
+             "place of the same region: x,y,z=1; x,y,z=x,y,z in world coordinates. Clicks add to them."),
+        *picked(),
+    ])  # fmt: skip
+
+
 def light_properties() -> Sequence[Property]:
     """Return the properties of the light, for scenes trained with the lighting ``phong``."""
     return group("Light", [

@@ -10,7 +10,8 @@ from svv.pv.client.observers import Watched, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy
 
 BUTTONS = {
-    "UndoEdit": "undo", "RedoEdit": "redo", "ResetEdits": "reset", "ResetPalette": "reset",
+    "UndoEdit": "undo", "RedoEdit": "redo", "ResetEdits": "reset",
+    "UndoPalette": "undo", "RedoPalette": "redo", "ResetPalette": "reset",
 }  # fmt: skip
 """Action of each button of the StyleRF panels."""
 
@@ -71,19 +72,19 @@ def watch(filter: Proxy) -> None:
     proxy.AddObserver("UpdatePropertyEvent", history.pressed)
 
 
-NO_SETTINGS = ("SaveFile", "KeptAs", "Pick")
-"""Properties that no button sets: the file for the scene, the names that the filter itself fills in, and the place of
-the last click."""
+NO_SETTINGS = ("SaveFile", "KeptAs", "Pick", "PointRegion")
+"""Properties that no button sets: the file for the scene, the names that the filter itself fills in, the place of
+the last click, and what the next one means."""
 
 
 def values_of(proxy: SMProxy) -> PanelValues:
-    """Return a proxy's settings by property, without its inputs and :data:`NO_SETTINGS`."""
+    """Return a proxy's settings by property, without its inputs, what client code sets, and :data:`NO_SETTINGS`."""
     filter = python_proxy(proxy)
     found = {}
     for name in filter.ListProperties():
         own = filter.GetProperty(name)
         plain = own.SMProperty
-        settable = plain.IsA("vtkSMVectorProperty") and not plain.GetInformationOnly()
+        settable = plain.IsA("vtkSMVectorProperty") and not (plain.GetInformationOnly() or plain.GetIsInternal())
         if settable and plain.GetXMLName() not in NO_SETTINGS:
             data = own.GetData()
             found[name] = list(data) if isinstance(data, list | tuple) else data

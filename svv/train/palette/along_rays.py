@@ -9,7 +9,8 @@ borders lie where little is seen. It is solved in turn with the regions' colours
 normals, which noise turns, so an error along a pixel's own colour counts less than one across it.
 
 How much neighbours must agree depends on the scene, and rays that are held out decide: the smoothness with the smallest
-error across their colours is chosen, or none if no solution explains them better than the regions did before.
+error across their colours is chosen, or none if no solution explains them better than the regions did before. They also
+decide how many regions there are: one is divided if its halves explain them much better.
 
 Letters: S samples, R rays, V vertices, E edges between neighbours, P regions.
 """
@@ -25,12 +26,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.sparse import coo_matrix, csr_matrix
+from skimage.filters import threshold_otsu
 
 Array = NDArray[np.float64]
 Regions = NDArray[np.int64]
 
 SMOOTHNESS = (0.001, 0.005, 0.02, 0.1)
 """Weights of neighbours' differences that are tried, in ascending order, until held-out rays are explained worse."""
+
+DIVIDING_GAIN = 0.15
+"""Part of the error of held-out rays by which a region's halves must be better than the region."""
+
+LEAST_SPREAD = 0.03
+"""Root mean square angle of a region's colours from their mean, in radians, below which it is of one hue."""
 
 HELD_OUT = 5
 """Spacing of held-out rays: one of every five."""
@@ -136,6 +144,72 @@ def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer]
             break
         last = error
     return Unmixed(best, 0.0 if best is region else 1.0 - least / max(before, 1e-12))
+
+
+def divided(
+    seen: Seen, region: Regions, count: int, light: Array, most: int, until: float = math.inf
+) -> tuple[Regions, list[tuple[int, float]], list[tuple[int, NDArray[np.bool_]]]]:
+    """Return regions of which those are divided whose halves explain held-out rays much better.
+
+    Two materials of similar hues may be one region, because the pixels' palette mixes one of them from others. Each
+    half of a region, along the direction in which its colours differ most, then has a colour of its own.
+
+    Args:
+        seen: What rays see of the vertices.
+        region: Region of each vertex. (V,)
+        count: Number of regions P.
+        light: Light of each vertex, RGB. (V, 3)
+        most: Number of regions at which no more are divided.
+        until: When to stop, on the clock of :func:`time.monotonic`.
+
+    Returns:
+        Regions, of which new ones have the numbers after the last; the number of each that was divided, with the part
+        by which held-out rays are explained better; and each that should be divided, beyond the most, with one half.
+    """
+    kept = np.arange(len(seen.pixel)) % HELD_OUT > 0
+    known, held = seen.part(kept), seen.part(~kept)
+    error = held.error_across(region, known.light(region, count))
+    done, left, number = [], [], 0
+    while number < count and time.monotonic() < until:
+        half = _half(light, region == number)
+        found = region if half is None else np.where(half, count, region)
+        after = error if half is None else held.error_across(found, known.light(found, count + 1))
+        gain = 1.0 - after / max(error, 1e-12)
+        if half is None or gain < DIVIDING_GAIN:
+            number += 1
+        elif count >= most:
+            left.append((number, half))
+            number += 1
+        else:
+            region, count, error = found, count + 1, after
+            done.append((number, gain))
+    return region, done, left
+
+
+def _half(light: Array, mine: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    """Return one half of a region's vertices ``mine`` (V,) by their colours, ``light`` (V, 3); None if all are alike.
+
+    Otsu's method (1979) divides them along the direction in which they differ most.
+    """
+    colour = light[mine].clip(min=0.0)
+    length = np.linalg.norm(colour, axis=1)
+    mean = colour.sum(axis=0)
+    if not length.sum() > 0.0:
+        return None
+    mean /= np.linalg.norm(mean)
+    unit = colour / np.maximum(length, 1e-9)[:, None]
+    away = unit - (unit @ mean)[:, None] * mean
+    spread, axes = np.linalg.eigh((away * length[:, None]).T @ away / length.sum())
+    if spread[-1] < LEAST_SPREAD**2:
+        return None
+    along = away @ axes[:, -1]
+    low, high = np.quantile(along, (0.005, 0.995))
+    held, edges = np.histogram(along, 256, (low, max(high, low + 1e-6)), weights=length)
+    if np.count_nonzero(held) < 2:
+        return None
+    half = np.zeros_like(mine)
+    half[mine] = along > threshold_otsu(hist=(held, 0.5 * (edges[1:] + edges[:-1])))
+    return half
 
 
 class _Solver:

@@ -25,6 +25,7 @@ from svv.core.colour.correction import RGB, Point
 from svv.core.colour.palette import PaletteSettings
 from svv.core.geometry.components import large, least_opacity, nearest_piece, pieces
 from svv.errors import BadInput
+from svv.fields.radiance.networks import PaletteField
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.splitting import REACH, regions_in_cells
 from svv.options.editing import SPLIT_LEVEL
@@ -47,8 +48,14 @@ class InCells:
     shared = False
     """Whether several regions share a point: never."""
 
-    def __init__(self, region: NDArray[np.integer], cells: int, device: torch.device) -> None:
-        """Keep the region of each cell (X, Y, Z); ``cells`` per box unit. Cells with -1 have that of the nearest."""
+    def __init__(
+        self, region: NDArray[np.integer], cells: int, device: torch.device, moved: NDArray[np.floating] | None = None
+    ) -> None:
+        """Keep the region of each cell (X, Y, Z); ``cells`` per box unit. Cells with -1 have that of the nearest.
+
+        ``moved`` (X, Y, Z): opacity of cells whose region has changed, 0 of others.
+        """
+        self._moved = np.zeros(region.shape, np.float32) if moved is None else moved
         nearest = distance_transform_edt(region < 0, return_distances=False, return_indices=True)
         self._region = torch.from_numpy(region[tuple(nearest)].astype(np.int64)).to(device)
         self._cells = cells
@@ -58,6 +65,16 @@ class InCells:
         cell = (position * self._cells).long()
         x, y, z = (v.clamp(0, size - 1) for v, size in zip(cell.unbind(1), self._region.shape, strict=True))
         return self._region[x, y, z]
+
+    @torch.no_grad()
+    def followed_by(self, network: PaletteField) -> float:
+        """Return the part of what has moved, by opacity, that a network gives to its new region; 1 if nothing moved."""
+        there = np.argwhere(self._moved > 0)
+        there = there[:: len(there) // MOST_CELLS + 1]
+        position = torch.from_numpy(((there + 0.5) / self._cells).astype(np.float32)).to(self._region.device)
+        right = network.material(position)[1].argmax(dim=1) == self.of(position)
+        opacity = self._moved[tuple(there.T)]
+        return float(np.average(right.cpu().numpy(), weights=opacity)) if len(there) else 1.0
 
     def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""
@@ -75,6 +92,8 @@ class Pointed:
     """Cells per box unit."""
     merged: tuple[tuple[int, ...], ...]
     """Groups of regions that are one."""
+    moved: NDArray[np.float32]
+    """Opacity of the cells whose region changes, 0 of others. (X, Y, Z)"""
     added: RGB | None
     """Colour of the new region; None if there is none."""
     said: tuple[str, ...]
@@ -91,21 +110,10 @@ def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tu
         same: Pairs of places that are one region.
 
     Raises:
-        BadInput: Nothing is at a place, a region does not exist, points contradict each other, nothing would change, or
-            nothing would be left of a region.
+        BadInput: The reasons of :func:`check_places`, nothing would change, or nothing would be left of a region.
     """
     count = len(scene.palette_regions)
-    for _, number in points:
-        if not 0 <= number <= count:
-            raise BadInput(
-                f"There is no region {number}: the scene has the regions 0 to {count - 1}, and {count} would be new."
-            )
-    if scene.parts is not None and scene.parts.active:
-        raise BadInput("The scene has parts of regions: undo the splits (svv edit --undo), then point.")
-    cells, region, opacity = regions_in_cells(scene.reset())
-    seeds = [(_cell_of(scene, place, region, cells), number) for place, number in points]
-    pairs = [tuple(int(region[_cell_of(scene, place, region, cells)]) for place in pair) for pair in same]
-    _check(seeds, pairs, points)
+    (cells, region, opacity), seeds, pairs = _placed(scene, points, same)
     found, said = region.copy(), []
     for own, piece, mine in _by_piece(seeds, region, opacity):
         found[piece] = _divided(scene, piece, mine, cells, opacity)
@@ -117,20 +125,62 @@ def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tu
         raise BadInput("These places have these regions already: point at a place that has the wrong one.")
     _check_left(region, found, opacity, count)
     added = _colour_of(scene, found == count, cells, opacity) if (found == count).any() else None
-    return Pointed(found, cells, tuple(tuple(sorted(pair)) for pair in pairs), added, tuple(said))
+    moved = np.where(found != region, opacity, np.float32(0.0))
+    return Pointed(found, cells, tuple(tuple(sorted(pair)) for pair in pairs), moved, added, tuple(said))
 
 
-def _check(seeds: Seeds, pairs: Sequence[tuple[int, ...]], points: Sequence[tuple[Point, int]]) -> None:
-    """Raise BadInput if two points contradict each other, or two places of one region are said to be one."""
+def check_places(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]) -> None:
+    """Check what can be told of each place by itself, and of pairs of them; more places may mend everything else.
+
+    Args:
+        scene: A scene with a palette network.
+        points: As for :func:`pointed`.
+        same: As for :func:`pointed`.
+
+    Raises:
+        BadInput: Nothing is at a place, a region does not exist, places contradict each other, both places of a pair
+            have the same region already, or the scene has parts.
+    """
+    _placed(scene, points, same)
+
+
+def _placed(
+    scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]
+) -> tuple[tuple[int, Grid, NDArray[np.float32]], Seeds, list[tuple[int, ...]]]:
+    """Return the scene's regions in cells, the cells of points, and the regions of pairs; raises as `check_places`."""
+    count = len(scene.palette_regions)
+    for _, number in points:
+        if not 0 <= number <= count:
+            raise BadInput(
+                f"There is no region {number}: the scene has the regions 0 to {count - 1}, and {count} would be new."
+            )
+    if scene.parts is not None and scene.parts.active:
+        raise BadInput("The scene has parts of regions: undo the splits (svv edit --undo), then point.")
+    cells, region, opacity = regions_in_cells(scene.reset())
+    seeds = [(_cell_of(scene, place, region, cells), number) for place, number in points]
+    ends = [tuple(_cell_of(scene, place, region, cells) for place in pair) for pair in same]
+    pairs = [tuple(int(region[cell]) for cell in pair) for pair in ends]
     for (one, other), (place, _) in zip(itertools.combinations(seeds, 2), itertools.combinations(points, 2)):
-        if one[1] != other[1] and np.abs(np.subtract(one[0], other[0])).max() <= 1:
+        if one[1] != other[1] and _beside(one[0], other[0]):
             raise BadInput(
                 f"Two points contradict each other: {_said(place[0])} is said to be region {one[1]} and region "
                 f"{other[1]}; leave one out."
             )
-    for first, second in pairs:
+    for cells_of, (first, second), (here, there) in zip(ends, pairs, same, strict=True):
         if first == second:
             raise BadInput(f"Both places are region {first} already: point at places of two regions.")
+        told = [{number for cell, number in seeds if _beside(cell, end)} for end in cells_of]
+        if all(told) and told[0] != told[1]:
+            raise BadInput(
+                f"Points contradict each other: {_said(here)} and {_said(there)} are said to be one region, and to be "
+                f"regions {min(told[0])} and {min(told[1])}; leave one out."
+            )
+    return (cells, region, opacity), seeds, pairs
+
+
+def _beside(one: Cell, other: Cell) -> bool:
+    """Return whether two cells are the same or touch each other."""
+    return bool(np.abs(np.subtract(one, other)).max() <= 1)
 
 
 def _check_left(before: Grid, after: Grid, opacity: NDArray[np.float32], count: int) -> None:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -35,7 +34,7 @@ from svv.fields.radiance.phong import softened_extinction
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.palette.along_rays import Seen, agreement, unmixed
+from svv.train.palette.along_rays import Seen, agreement, divided, unmixed
 from svv.train.palette.ranges import KnownRegions
 from svv.train.run.batches import RayPool
 
@@ -80,9 +79,6 @@ MOST_CELLS = 256
 
 UNTOLD = 3.0
 """Multiple of :data:`ANGLE` below which two regions' hues are too near for a single ray to tell which it shows."""
-
-SURE = 0.7
-"""Confidence below which a region is said to be doubtful."""
 
 SAME_HUE = 0.06
 """Angle in radians between two colours' directions up to which only their brightness tells them apart."""
@@ -219,6 +215,18 @@ class _Points:
         if not found.gain:
             return region, []
         return found.region, [f"unmixed along rays, regions explain the hues of held-out rays {found.gain:.0%} better"]
+
+    def divided(
+        self, region: NDArray[np.int64], hues: Array, most: int
+    ) -> tuple[NDArray[np.int64], Array, list[str], list[tuple[int, Array]]]:
+        """Return regions of one hue each (V,), their hues, what was done, and what holds another hue nevertheless."""
+        light = self._blurred(self._sum(self.weight[:, None] * self.colour))
+        found, done, left = divided(self._seen, region, len(hues), light, most, self._until)
+        said = []
+        for number, gain in done:
+            said.append(f"{to_hex(hues[number])} is two regions: they explain held-out rays {gain:.0%} better")
+            hues = np.concatenate((hues, hues[number : number + 1]))
+        return found, hues, said, [(number, light[half].sum(axis=0)) for number, half in left]
 
     def confidence(self, region: NDArray[np.int64], colours: Array) -> Array:
         """Return how far single rays agree with the regions (V,) of their points, in [0, 1]; ``colours`` (P, 3). (P,)
@@ -360,6 +368,10 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, second
         steps.append(f"{to_hex(hues[number])} is two regions: in full light, their points differ in {said}")
         hues, count = np.concatenate((hues, hues[number : number + 1])), count + 1
     region, gained = points.unmixed(region, count)
+    region, hues, divided, mixed = points.divided(region, hues, most)
+    if divided:
+        region, again = points.unmixed(region, len(hues))
+        gained += [*divided, *again]
     region, kept = points.without_the_faint(region, hues)
     colours, share = points.colours(region, hues[kept]), points.shares(region, len(kept))
     sure, order = points.confidence(region, colours), np.argsort(-share, kind="stable")
@@ -367,18 +379,8 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, second
     steps += [*gained, "palette " + ", ".join(f"{to_hex(c)} ({p:.1%})" for c, p in zip(colours, share, strict=True))]
     return KnownRegions(
         Palette(colours, share, tuple(steps)), ((),) * len(order), points.labels(np.argsort(order)[region]),
-        tuple(sure.tolist()),
+        tuple(sure.tolist()), tuple((int(np.flatnonzero(kept[order] == k)[0]), c) for k, c in mixed if k in kept),
     )  # fmt: skip
-
-
-def doubts(colours: NDArray[np.floating], confidence: Sequence[float]) -> list[str]:
-    """Return a sentence for each region, of a colour (P, 3), whose confidence is below :data:`SURE`."""
-    return [
-        f"Region {number} ({to_hex(colour)}) may be wrong: single views and the scene agree on only {sure:.0%} of it. "
-        "Look at it (svv render --what region), and correct it with svv palette if need be."
-        for number, (colour, sure) in enumerate(zip(colours, confidence))
-        if sure < SURE
-    ]
 
 
 @torch.no_grad()

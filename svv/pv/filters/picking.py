@@ -1,0 +1,100 @@
+"""What filters answer to clicks into views, which :mod:`svv.pv.client.part_picking` passes on to them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from svv.core.json_values import parsed
+from svv.errors import BadInput
+from svv.pv.filters.base import Filter
+from svv.pv.panel_values import Values
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+
+
+class Click(Values, total=False):
+    """What was clicked on: the camera as values of StyleRF Render, and these."""
+
+    pixel: tuple[int, int]
+    button: str
+    region: str
+
+
+class Picking(Filter):
+    """A filter with buttons that let clicks add to a property of its panel."""
+
+    _picked = ""
+
+    def pick(self, where: str) -> None:
+        """Answer a click, for :meth:`GetPicked`.
+
+        Args:
+            where: Button, camera and pixel as JSON; empty: there was no click.
+        """
+        self._picked = ""
+        if where:
+            try:
+                self._picked = self.answer(parsed(where))
+            except BadInput as error:
+                self.say(str(error))
+
+    def GetPicked(self) -> str:
+        """Return what the last click adds to the property of its button; empty if it adds nothing."""
+        return self._picked
+
+    def answer(self, seen: Click) -> str:
+        """Return what a click adds to the property of its button.
+
+        Args:
+            seen: What was clicked on, from :func:`svv.pv.client.part_picking.seen_at`.
+
+        Raises:
+            BadInput: Nothing is visible there, or it cannot be added.
+        """
+        raise NotImplementedError
+
+
+def point_seen(scene: Scene, seen: Click) -> str:
+    """Return the point of a scene that is visible at a pixel, as the properties Parts and Points hold it.
+
+    Args:
+        scene: The scene as it is shown.
+        seen: Camera and pixel, from :func:`svv.pv.client.part_picking.seen_at`.
+
+    Raises:
+        BadInput: Nothing is visible there.
+    """
+    from svv.pv.filters.engine import camera_for
+
+    return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene.rig, seen), seen["pixel"]))
+
+
+class Pointing(Picking):
+    """A filter whose clicks say of which region places are; it keeps the scene as it came under the name "before"."""
+
+    _first = ""
+    """The first of two places that are one region."""
+
+    def ClickSame(self) -> None:
+        """Forget the first of two clicks: the client, which handles this button, has started or stopped clicks."""
+        self._first = ""
+
+    ClickRegion = ClickSame
+
+    def answer(self, seen: Click) -> str:
+        from svv.pv.filters.editing import check_pointed
+
+        scene = self.last("before")
+        if scene is None:
+            return ""
+        place = point_seen(self.last("given") or scene, seen)
+        if seen["button"] == "ClickSame" and not self._first:
+            check_pointed(scene, f"{place}=0")
+            self._first = place
+            self._status = f"{place}: now click on another place of the same region."
+            return ""
+        first, self._first = self._first, ""
+        said = f"{first}={place}" if first else f"{place}={seen['region']}"
+        check_pointed(scene, "; ".join(filter(str.strip, (self.values["Points"], said))))
+        return said

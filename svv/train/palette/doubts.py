@@ -1,0 +1,32 @@
+"""What a user is told of regions that views alone do not tell well, and how to mend them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.colour.colour import to_hex
+
+SURE = 0.7
+"""Confidence below which a region is said to be doubtful."""
+
+
+def doubts(colours: NDArray[np.floating], confidence: Sequence[float]) -> list[str]:
+    """Return a sentence for each region, of a colour (P, 3), whose confidence is below :data:`SURE`."""
+    return [
+        f"Region {number} ({to_hex(colour)}) may be wrong: single views and the scene agree on only {sure:.0%} of it. "
+        "Look at it (svv render --what region), and correct it with svv palette if need be."
+        for number, (colour, sure) in enumerate(zip(colours, confidence))
+        if sure < SURE
+    ]
+
+
+def hues_within(mixed: Sequence[tuple[int, NDArray[np.floating]]]) -> list[str]:
+    """Return a sentence for each region that holds a light of another hue than its own, RGB >= 0. (3,)"""
+    return [
+        f"Region {number} holds more than one hue, and there are as many regions as there can be. Merge two others "
+        f"(svv palette --merge), then split it with svv palette --add '{to_hex(light / light.max())}'."
+        for number, light in mixed
+    ]

@@ -26,8 +26,8 @@ from svv.io.views.view_meta import ViewMeta, known
 from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn
 from svv.options.making import ViewOptions
+from svv.pv.panel_values import Values, with_names
 from svv.pv.paraview_types import Display, Proxy, View
-from svv.pv.vtk_types import Values
 
 Result = TypeVar("Result")
 
@@ -109,7 +109,7 @@ def shown_volume(display: Display) -> ShownVolume:
 
     source = display.Input
     source.UpdatePipeline(simple.GetTimeKeeper().Time)  # as the view shows it
-    values, table = shown_as(display), display.LookupTable
+    values, table = with_names(shown_as(display)), display.LookupTable
     kind, array = display.ColorArrayName[0], display.ColorArrayName[1]
     table.SMProxy.UpdateVTKObjects()
     values["Scalars"], values["ScalarsOnCells"] = array, kind == "CELLS"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Sequence
+from typing import TypeAlias
 
 from vtkmodules.vtkCommonCore import vtkInformation, vtkInformationVector
 from vtkmodules.vtkCommonDataModel import vtkDataObject
@@ -16,5 +16,3 @@ OutInfo: TypeAlias = vtkInformationVector
 """What is known of the outputs."""
 Data: TypeAlias = vtkDataObject
 """The data of a port."""
-Values: TypeAlias = Mapping[str, Any]
-"""What a panel holds, by property; :func:`svv.pv.panel.option_panel.options_in` makes options of known types of it."""

@@ -21,11 +21,11 @@ from svv.dvr.read.grids import (
     to_array,
 )
 from svv.errors import BadInput
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import DisplayValues, Values, by_name, with_names
 
 Array = NDArray[np.float64]
 
-PLAIN: Values = {
+PLAIN: DisplayValues = {
     "InterpolationType": "Linear",
     "UseCropping": False,
     "CroppingOrigin": (0.0, 0.0, 0.0),
@@ -54,13 +54,14 @@ DIVIDED = (
 )
 
 
-def chosen_of(values: Values) -> Values:
+def chosen_of(values: Values) -> DisplayValues:
     """Return those of a panel's values with which a display changes a volume."""
-    given = {name: values.get(name, plain) for name, plain in PLAIN.items()}
+    given = {name: by_name(values).get(name, plain) for name, plain in PLAIN.items()}
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
     if not given["UseCropping"]:
         given |= {name: PLAIN[name] for name in ("CroppingOrigin", "CroppingScale")}
-    return {name: value for name, value in given.items() if value != PLAIN[name] and (name, value) != CUBIC}
+    plain = {*PLAIN.items(), CUBIC}
+    return with_names({name: value for name, value in given.items() if (name, value) not in plain})
 
 
 CUBIC = ("InterpolationType", "Cubic")
@@ -80,7 +81,7 @@ def volume_shown(data: vtkImageData, values: Values, name: str = "The input") ->
     """
     data, chosen = without_duplicates(data), (values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
     image, (_, on_cells) = as_volume(data, *chosen), pick_scalars(data, *chosen)
-    given = {**PLAIN, **chosen_of(values)}
+    given: DisplayValues = {**PLAIN, **chosen_of(values)}
     crop = _crop(data, image, given, on_cells) if given["UseCropping"] else None
     if on_cells:
         image, crop = _with_outer_halves(image, crop)
@@ -104,7 +105,7 @@ def scale_of(values: Values) -> float:
     return float(np.cbrt(np.abs(np.prod(values.get("Scale", PLAIN["Scale"])))))
 
 
-def matrix_of(given: Values) -> Array:
+def matrix_of(given: DisplayValues) -> Array:
     """Return the matrix from the data to the world of a display with these properties. (4, 4)"""
     prop = vtkVolume()
     prop.SetPosition(*given["Position"])
@@ -130,7 +131,7 @@ def _with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImag
     return wider, np.array([np.maximum(whole[0], crop[0] + 1.0), np.minimum(whole[1], crop[1] + 1.0)])
 
 
-def _crop(data: vtkImageData, image: vtkImageData, given: Values, on_cells: bool) -> Array:
+def _crop(data: vtkImageData, image: vtkImageData, given: DisplayValues, on_cells: bool) -> Array:
     """Return the corners of the part of its data that a display shows, as indices of the image's voxels. (2, 3)"""
     place = index_to_world(image)
     if np.abs(place[:3, :3] - np.diag(np.diag(place[:3, :3]))).max() > 1e-6 * np.abs(place[:3, :3]).max():

@@ -25,8 +25,9 @@ from svv.pv.client.connection import client_gone
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
 from svv.pv.panel.properties import label_of
+from svv.pv.panel_values import Values, by_name
 from svv.pv.results.time_steps import Steps
-from svv.pv.vtk_types import Data, InInfo, OutInfo, Request, Values
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 if TYPE_CHECKING:
     from svv.io.views.viewset import ViewSet
@@ -73,7 +74,7 @@ class Filter(VTKPythonAlgorithmBase):
 
     def __init__(self, inputs: int, outputs: int, kind: str) -> None:
         super().__init__(nInputPorts=inputs, nOutputPorts=outputs, outputType=kind)
-        self.values = dict(self.defaults)
+        self.values = self.defaults.copy()
         self._status = ""
         self.unfinished = False
         """Whether the input is made from a scene that is still being learned."""
@@ -216,7 +217,7 @@ class Filter(VTKPythonAlgorithmBase):
             file: Name of the property.
             write: Writes it; may raise BadInput and Cancelled.
         """
-        name = self.values[file]
+        name = str(by_name(self.values)[file])
         if self.last(result) is None or not name:
             self.say(f"There is nothing to save yet: choose a file under {label_of(file)}, and press Apply.")
             return

@@ -23,7 +23,7 @@ from svv.options.editing import (
 from svv.options.making import DeviceOptions, PaletteOptions
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 from svv.pv.panel.option_panel import options_in
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import Values, colour_row, region_row
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -76,7 +76,7 @@ def edit_in(values: Values) -> SceneEdit:
         BadInput: A text does not name regions.
     """
     rows = [f"Region{region}" for region in range(REGIONS)]
-    hide = tuple(region for region, name in enumerate(rows) if values[f"{name}Hide"])
+    hide = tuple(region for region in range(REGIONS) if region_row(values, region)["Hide"])
     places: dict[str, dict[str, object] | None] = {
         AS_IT_CAME: None,
         BESIDE: {"azimuth": values["LightAzimuth"], "elevation": values["LightElevation"]},
@@ -168,15 +168,14 @@ def correction_in(values: Values) -> Correction:
         BadInput: A text does not name regions.
     """
     groups = filter(str.strip, values["Merge"].split(";"))
-    chosen = {
-        what: [k for k in range(PALETTE) if values[f"Region{k}{what}"]] for what in ("Remove", "Split", "SetColour")
-    }
+    rows = [region_row(values, k) for k in range(PALETTE)]
+    colours = [colour_row(values, k) for k in range(ADDED)]
     return Correction(
         tuple(tuple(whole_numbers_in(group, "Merge")) for group in groups),
-        tuple(chosen["Remove"]),
-        {k: values[f"Region{k}Colour"] for k in chosen["SetColour"]},
-        tuple(chosen["Split"]),
-        tuple(values[f"Colour{k}Value"] for k in range(ADDED) if values[f"Colour{k}Add"]),
+        tuple(k for k, row in enumerate(rows) if row["Remove"]),
+        {k: row["Colour"] for k, row in enumerate(rows) if row["SetColour"]},
+        tuple(k for k, row in enumerate(rows) if row["Split"]),
+        tuple(colour["Value"] for colour in colours if colour["Add"]),
         *pointed_in(values["Points"]),
     )
 

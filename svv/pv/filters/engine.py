@@ -6,6 +6,7 @@ twice.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,11 +27,11 @@ from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
-from svv.pv.panel.groups import COLOURS, IN_COLOUR, REGIONS, ROW
+from svv.pv.panel.groups import COLOURS, IN_COLOUR, REGIONS
 from svv.pv.panel.option_panel import options_in
+from svv.pv.panel_values import Values, region_row
 from svv.pv.results.keys import digest_of_mask, key_of
 from svv.pv.results.time_steps import Moment
-from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.core.colour.shading import Shading
@@ -91,7 +92,7 @@ def _digest_of(image: vtkImageData, values: Values) -> str:
 
 def _drawing(values: Values) -> list[object]:
     """Return how the volume is displayed, except for the transfer function, and the options of its views."""
-    drawing = [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
+    drawing: list[object] = [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
     display = chosen_of(values)
     # Versions of ParaView crop differently, and may share a folder of kept results.
     ours = [CROPS_INDICES] if "UseCropping" in display and CROPS_INDICES else []
@@ -127,7 +128,7 @@ def transfer_function_of(values: Values) -> TransferFunction:
     if values.get("Refusal"):
         raise BadInput(f"{values['Refusal']} Then run the macro 'StyleRF capture'.")
     table = values["TransferFunction"]
-    if isinstance(table, dict):  # handed from another process
+    if isinstance(table, Mapping):  # handed from another process
         return TransferFunction.from_dict(table, "the transfer function")
     opacity = None if table is None else table.GetScalarOpacityFunction()
     if table is None or opacity is None:
@@ -143,7 +144,9 @@ def shading_of(values: Values) -> Shading:
     """Return the panel's shading."""
     from svv.core.colour.shading import Shading
 
-    return Shading(bool(values["Shade"]), *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
+    return Shading(
+        bool(values["Shade"]), values["Ambient"], values["Diffuse"], values["Specular"], values["SpecularPower"]
+    )
 
 
 def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
@@ -302,10 +305,12 @@ def style_key(values: Values) -> str:
         if not Path(name).is_file():
             raise BadInput(f"There is no style picture {name}: choose another under Style Files.")
         files.append((Path(name).stem, digest_of_file(name)))
-    masks = {f"Region{k}Mask": values.get(f"Region{k}Mask") or "" for k in range(REGIONS)}
-    there = {row: digest_of_mask(name) for row, name in masks.items() if Path(name).is_file()}
-    rows = [there.get(row, values.get(row)) for k in range(REGIONS) for row in (f"Region{k}{what}" for what in ROW)]
-    others = [values.get(name) for name in ("Gallery", "Mapping", "PictureParts")]
+    rows: list[object] = []
+    for row in (region_row(values, k) for k in range(REGIONS)):
+        mask = row.get("Mask", "")
+        there = digest_of_mask(mask) if Path(mask).is_file() else row.get("Mask")
+        rows += [row.get("Style"), row.get("Positive"), row.get("Negative"), there, row.get("Part")]
+    others = [values.get("Gallery"), values.get("Mapping"), values.get("PictureParts")]
     return digest(files, rows, others, chosen(options_in(PaintOptions, values)))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vtkImageData
 
 from svv.dvr.read.meshes import is_mesh, resampled
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import Values
 
 __all__ = ["image_of", "is_mesh", "told"]
 
@@ -19,11 +19,11 @@ def image_of(data: vtkDataObject, values: Values) -> vtkImageData:
     Raises:
         BadInput: It cannot be resampled.
     """
-    array, cells, along = (values.get(name) or None for name in ("Scalars", "ScalarsOnCells", "ResampleTo"))
+    array, cells, along = values.get("Scalars") or None, values.get("ScalarsOnCells", False), values.get("ResampleTo")
     key = (data.__this__, _changed(data), array, cells, along)
     if key not in _last:
         _last.clear()
-        _last[key] = resampled(data, array, bool(cells), along)
+        _last[key] = resampled(data, array, cells, along or None)
     return _last[key]
 
 

@@ -59,10 +59,11 @@ from svv.pv.panel.properties import (
     switch,
     text,
 )
+from svv.pv.panel_values import Values
 from svv.pv.results.cached import FOUND
 from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, settings_in
 from svv.pv.results.time_steps import Moment
-from svv.pv.vtk_types import Data, InInfo, OutInfo, Request, Values
+from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -70,9 +71,6 @@ if TYPE_CHECKING:
 
 PAINTING = "painting "
 """Prefix of the slots in which StyleRF Stylize keeps paintings; the painting's name follows."""
-
-OF_VIEWS = "KeyOfViews"
-"""Name of what tells the process that trains a palette the hash of views, which ParaView may know from their filter."""
 
 SKETCHED_IN = 2.0
 """Time limit of a palette's sketch, seconds."""
@@ -157,7 +155,7 @@ class StyleRFPalette(SceneBeside):
             self.give(scene, outputs[0])
             return "The palette is unchanged: set, add, merge, remove or split a colour, or point at places."
         base = digest_of_scene(scene)
-        source = self.values.get(OF_VIEWS) or key_of_views(inputs[1]) or self._file_key()
+        source = self.values.get("KeyOfViews") or key_of_views(inputs[1]) or self._file_key()
         settings = digest(vars(correction), chosen(options_in(PaletteOptions, self.values)))
         key = (base, source, settings)
 
@@ -191,14 +189,14 @@ class StyleRFPalette(SceneBeside):
         from svv.train.run.sketches import SKETCHES
 
         few = SKETCHES[-1].few(self._views_in_file())
-        values = {**self.values, "Preset": "draft", "TimeLimit": SKETCHED_IN}
+        values: Values = {**self.values, "Preset": "draft", "TimeLimit": SKETCHED_IN}
         return correct(scene, few, values, progress), "The new regions are shown as a sketch."
 
     def handed(self, values: Values) -> tuple[Values, Callable[[Path], None]]:
         """Return the values for the process that trains, with the file of the views, and what writes the scene."""
         own = key_of_views(self._views)
         file = self.values["ViewsFile"] if own is None else str(file_of_views(self._views))
-        return super().handed({**values, "ViewsFile": file, OF_VIEWS: own or self._file_key()})
+        return super().handed({**values, "ViewsFile": file, "KeyOfViews": own or self._file_key()})
 
     def _lives(self) -> bool:
         """Views that are only in the memory of this process, because the cache is full, are learned from here."""

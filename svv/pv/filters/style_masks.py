@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from svv.errors import BadInput, Progress
 from svv.io.pictures.mask_file import Mask, Selection
 from svv.pv.panel.groups import AS_IT_IS, AUTOMATIC, NO_GALLERY, PICTURE, REGIONS
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import Values, region_row
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -37,7 +37,7 @@ def source_of(values: Values, region: int) -> str | None:
     Raises:
         BadInput: The row names a picture that is not among Style Files.
     """
-    word, files = values.get(f"Region{region}Style", AUTOMATIC), values["StyleFiles"]
+    word, files = region_row(values, region).get("Style", AUTOMATIC), values["StyleFiles"]
     if word == AUTOMATIC:
         return None
     if word == AS_IT_IS:
@@ -60,8 +60,8 @@ def _offered(word: str) -> str:
 
 def asks_for_part(values: Values, region: int) -> bool:
     """Return whether a region's row asks for only a part of its picture."""
-    row = f"Region{region}"
-    return any(values.get(row + name) for name in ("Positive", "Negative", "Mask")) or values.get(f"{row}Part", -1) >= 0
+    row = region_row(values, region)
+    return bool(row.get("Positive") or row.get("Negative") or row.get("Mask")) or row.get("Part", -1) >= 0
 
 
 def mask_for(values: Values, region: int, source: str, picture: Colours) -> tuple[Mask | None, Selection | None]:
@@ -72,11 +72,12 @@ def mask_for(values: Values, region: int, source: str, picture: Colours) -> tupl
     """
     from svv.styles.selecting import selected
 
-    row = f"Region{region}"
+    row = region_row(values, region)
     if not asks_for_part(values, region):
         return None, None
-    positive, negative = (points_in(values[row + kind], f"Region {region} {kind}") for kind in ("Positive", "Negative"))
-    number, file = values[f"{row}Part"], values[f"{row}Mask"]
+    positive = points_in(row["Positive"], f"Region {region} Positive")
+    negative = points_in(row["Negative"], f"Region {region} Negative")
+    number, file = row["Part"], row["Mask"]
     if number >= 0:
         if positive or negative or file:
             raise BadInput(

@@ -13,8 +13,8 @@ from svv.options.making import DeviceOptions, PaintOptions
 from svv.pv.filters.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel.option_panel import options_in
+from svv.pv.panel_values import Values
 from svv.pv.results.keys import digest_of_scene
-from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -22,11 +22,12 @@ from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.filters.vtk_data import key_of_views, put_drawn, put_stored, time_of
 from svv.pv.live.drawer import Drawn, Gone
 from svv.pv.live.ordered import Ordered
+from svv.pv.panel_values import Values, with_names
 from svv.pv.results.cached import FOUND, Keeping
 from svv.pv.results.keys import key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
-from svv.pv.vtk_types import Data, OutInfo, Values
+from svv.pv.vtk_types import Data, OutInfo
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -211,7 +212,7 @@ class Beside(Keeping):
 
     def _order(self) -> NoReturn:
         if self._again or not self._learner.asks_for(self._wanted):
-            values = {k: v for k, v in self.values.items() if k not in ONLY_SHOWN}
+            values = with_names({k: v for k, v in self.values.items() if k not in ONLY_SHOWN})
             self._learner.order(self._wanted, *self.handed(values), self._again)
             self._again = False
         raise NotYet

@@ -23,7 +23,7 @@ from svv.pv.filters.base import sentence_on
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.glimpse import Arrays, drawn_small
 from svv.pv.live.messages import DrawnOf, DrawOrder
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import Values, with_names
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -108,7 +108,7 @@ class Drawer:
             shown: What is to be drawn.
             values: The panel's values, as which it is to be drawn.
         """
-        wanted = (shown, {name: values[name] for name in NAMES if name in values})
+        wanted = (shown, with_names({name: value for name, value in values.items() if name in NAMES}))
         again = wanted == self._wanted
         if again and (self.alive or self._died):
             return False

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from svv.core.geometry.cameras import Camera
 from svv.errors import Progress
 from svv.pv.filters.base import Filter
-from svv.pv.vtk_types import Data, Values
+from svv.pv.panel_values import Values
+from svv.pv.vtk_types import Data
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -13,8 +13,8 @@ from svv.dvr.draw.appearance import GHOSTS
 from svv.io.files.atomic import cannot_write
 from svv.io.files.cache import Cache
 from svv.pv.filters.vtk_data import VIEWS, content_of, put_scene, time_of
+from svv.pv.panel_values import Values
 from svv.pv.results.keys import name_of
-from svv.pv.vtk_types import Values
 
 STATE = "state.svv"
 """File in a learner's folder with the newest scene to be shown meanwhile."""

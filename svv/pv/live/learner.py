@@ -32,6 +32,7 @@ from svv.pv.live.handed import STATE, WARM, taken
 from svv.pv.live.messages import Order, Progressed
 from svv.pv.live.sketching import Sketching, measure_pictures
 from svv.pv.panel.option_panel import options_in
+from svv.pv.panel_values import Values
 from svv.pv.results.time_steps import Moment
 from svv.train.run.sketches import sketches_for
 
@@ -318,7 +319,7 @@ class Learner:
 class LearningFilter(Protocol):
     """What the learner needs of a filter that :func:`learning` has made."""
 
-    values: dict[str, Any]
+    values: Values
     failed: str
     """Why its work has failed; empty if it has not."""
     trains: bool

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypedDict
 
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import Values
 
 
 class Order(TypedDict, total=False):

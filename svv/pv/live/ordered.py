@@ -15,9 +15,9 @@ from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.drawer import MOVING_PATIENCE, PATIENCE, Drawer, Drawn, Shown
 from svv.pv.live.handed import STATE, WARM
 from svv.pv.live.messages import Order, Progressed
+from svv.pv.panel_values import Values
 from svv.pv.results.expected import duration
 from svv.pv.results.stored import Stored
-from svv.pv.vtk_types import Values
 
 ENDED = "The process that learned beside ParaView has ended ({why}): press Go On, and it resumes."
 NOT_KEPT = (

@@ -11,8 +11,9 @@ from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.live.beside import Beside
 from svv.pv.live.handed import hand_over_scene
 from svv.pv.live.ordered import Ordered
+from svv.pv.panel_values import Values
 from svv.pv.results.stored import Stored
-from svv.pv.vtk_types import Data, Values
+from svv.pv.vtk_types import Data
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

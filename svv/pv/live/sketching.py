@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.errors import BadInput, Progress, part
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
 from svv.pv.panel.option_panel import options_in
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import Values
 from svv.train.run.sketches import SKETCHES, Sketch
 
 if TYPE_CHECKING:
@@ -32,7 +32,11 @@ SHAPED = "A sketch in the shape of the volume is shown."
 STROKES = "strokes"
 """The manner that is quick."""
 
-SKETCH_PAINT = {"Preset": "draft", "Settings": "stylize.style_views=8; stylize.style_size=100", "PreviewFile": ""}
+SKETCH_PAINT: Values = {
+    "Preset": "draft",
+    "Settings": "stylize.style_views=8; stylize.style_size=100",
+    "PreviewFile": "",
+}
 """Properties of a sketch's painting."""
 
 
@@ -104,7 +108,7 @@ class Sketching:
         from svv.pv.filters.styling import stylize
 
         assert self.scene is not None
-        how: dict[str, object] = {"PreviewFile": ""}
+        how: Values = {"PreviewFile": ""}
         if not self.as_asked:
             asked = options_in(PaintOptions, values).stroke_size
             strokes = min(self._broad.broader * asked, max(self._broad.broadest, asked))

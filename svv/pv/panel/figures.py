@@ -24,8 +24,8 @@ from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of
 from svv.pv.filters.vtk_data import camera_of
 from svv.pv.launch.programs import PYTHON
 from svv.pv.panel.option_panel import options_in
+from svv.pv.panel_values import Values
 from svv.pv.paraview_types import Proxy, View
-from svv.pv.vtk_types import Values
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -53,8 +53,6 @@ PALETTE = 8
 REGIONS = PALETTE + 4
 """Number of regions in a panel: a palette's, and parts. StyleRF Edit ignores those that a scene lacks."""
 
-ROW = ("Style", "Positive", "Negative", "Mask", "Part")
-"""Properties of StyleRF Stylize for each region, without the prefix ``Region<k>``."""
 AUTOMATIC, AS_IT_IS, PICTURE, NO_GALLERY = "by mapping", "as it is", "picture ", "none"
 OFFERED = (*GALLERY, *(DRAWN + kind for kind in INKS))
 """Styles that need no picture from the user."""

@@ -7,7 +7,7 @@ from typing import Any, TypeVar, get_origin
 
 from svv.options.described import Described, described
 from svv.pv.panel.properties import Property, choice, integer, number, numbers, shown_where, switch, text
-from svv.pv.vtk_types import Values
+from svv.pv.panel_values import Values, by_name
 
 Options = TypeVar("Options")
 
@@ -83,9 +83,10 @@ def _property(field: Described, default: Any, prefix: str, advanced: bool) -> Pr
 
 def _meant(field: Described, values: Values, prefix: str) -> object:
     """Return the field's value that corresponds to the property's value."""
-    value, setting = values[prefix + field.property_name], field.setting
+    held, setting = by_name(values), field.setting
+    value = held[prefix + field.property_name]
     if setting.switch is not None:
-        return value if values[prefix + setting.switch.name] else None
+        return value if held[prefix + setting.switch.name] else None
     if (field.optional and value == setting.unset) or (field.optional and value == ""):
         return None
     if get_origin(field.kind) is tuple and isinstance(value, str):

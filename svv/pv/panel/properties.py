@@ -11,11 +11,15 @@ import re
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
 from svv.pv.panel.tooltips import with_picture
+from svv.pv.panel_values import Values, by_name
 from svv.pv.paraview_types import Observed
+
+if TYPE_CHECKING:
+    from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
 
 SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
 """ParaView's names of the surfaces between which :func:`shape` chooses."""
@@ -29,7 +33,7 @@ Class = TypeVar("Class", bound=type)
 class Owner(Protocol):
     """The filter to which properties belong: it holds their values, by name."""
 
-    values: dict[str, Any]
+    values: Values
 
     def Modified(self) -> None: ...
 
@@ -92,8 +96,9 @@ def stored(name: str, convert: Callable[..., object]) -> Callable[..., None]:
 
     def setter(self: Owner, *given: object) -> None:
         value = convert(*given)
-        if self.values[name] != value:
-            self.values[name] = value
+        held = by_name(self.values)
+        if held[name] != value:
+            held[name] = value
             self.Modified()
 
     return setter
@@ -147,7 +152,7 @@ def client_switch(name: str, help: str) -> Property:
     """Return a check box for client code, off by default; the filter's output does not depend on it."""
 
     def setter(self: Owner, value: int) -> None:
-        self.values[name] = bool(value)
+        by_name(self.values)[name] = bool(value)
 
     return replace(switch(name, False, help), setters={f"Set{name}": setter})
 
@@ -190,11 +195,14 @@ def files(name: str, extensions: str, what: str, help: str) -> Property:
 
     def add(self: Owner, value: str) -> None:
         if value:
-            self.values[name] = (*self.values[name], value)
+            held = by_name(self.values)
+            there = held[name]
+            assert isinstance(there, tuple)
+            held[name] = (*there, value)
             self.Modified()
 
     def clear(self: Owner) -> None:
-        self.values[name] = ()
+        by_name(self.values)[name] = ()
         self.Modified()
 
     return Property(name, xml, (), {f"Add{name}": add, f"Clear{name}": clear})
@@ -277,7 +285,7 @@ def transfer_function() -> Property:
         "</Documentation></ProxyProperty>"
     )
 
-    def setter(self: Owner, table: object) -> None:
+    def setter(self: Owner, table: vtkDiscretizableColorTransferFunction | None) -> None:
         if self.values["TransferFunction"] is not table:
             self.values["TransferFunction"] = table
             self.Modified()
@@ -295,8 +303,9 @@ def shape(name: str, help: str) -> Property:
     )
 
     def setter(self: Owner, function: Observed | None) -> None:
-        if self.values[name] is not function:
-            self.values[name] = function
+        held = by_name(self.values)
+        if held[name] is not function:
+            held[name] = function
             self.Modified()
             if function is not None:
                 function.AddObserver("ModifiedEvent", _marker(self))

@@ -1,0 +1,182 @@
+"""What the panels of the StyleRF filters hold: a value for each property, under the property's name.
+
+Options of the engine's steps are read from it by :func:`svv.pv.panel.option_panel.options_in`; all other properties
+are listed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, TypeAlias, TypedDict, cast
+
+from svv.core.json_values import Json
+
+if TYPE_CHECKING:
+    from vtkmodules.vtkCommonDataModel import vtkImplicitFunction
+    from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
+
+    from svv.options.figures import VisionName
+    from svv.options.making import DeviceName, PresetName
+    from svv.pv.paraview_types import PVDataRepresentation
+
+Triple: TypeAlias = tuple[float, float, float]
+
+
+class DisplayValues(TypedDict, total=False):
+    """The properties by which a display changes a volume, which the panels have under the same names."""
+
+    InterpolationType: str
+    UseCropping: bool
+    CroppingOrigin: Triple
+    CroppingScale: Triple
+    Position: Triple
+    Scale: Triple
+    Orientation: Triple
+    Origin: Triple
+
+
+class Values(DisplayValues, total=False):
+    """The values of a panel; which of them it has depends on its filter."""
+
+    # the volume and how it is shown
+    Scalars: str
+    ScalarsOnCells: bool
+    TransferFunction: vtkDiscretizableColorTransferFunction | Json | None
+    """ParaView's own, or as :meth:`svv.dvr.functions.transfer_functions.TransferFunction.to_dict` writes it."""
+    OpacityUnitDistance: float
+    ResampleTo: int
+    Shade: bool
+    Ambient: float
+    Diffuse: float
+    Specular: float
+    SpecularPower: float
+    Refusal: str
+    Notice: str
+    Display: PVDataRepresentation
+    Distance: float
+
+    # views and scenes
+    Views: int
+    ViewSize: int
+    TestViews: int
+    ShownView: int
+    Folder: str
+    FileName: str
+    ViewsFile: str
+    KeyOfViews: str
+    """Hash of the views in ViewsFile for the process that learns from them; ParaView may know it from their filter."""
+    SceneFile: str
+    TrainEachTimeStep: bool
+    TimeLimit: float
+    Device: DeviceName
+    Preset: PresetName
+    Settings: str
+    KeptAs: str
+
+    # learning beside the window
+    Live: bool
+    InWindow: bool
+    Late: bool
+    LiveState: str
+
+    # edits
+    Undo: int
+    AsTrained: bool
+    Variant: str
+    ShowHidden: bool
+    Parts: str
+    Say: str
+    Isolate: str
+    OutlineRegions: str
+    LightFrom: str
+    LightAzimuth: float
+    LightElevation: float
+    LightDirection: Triple
+    MoveStrokeLight: bool
+    StrokeLight: Triple
+    StrokePalette: str
+    Merge: str
+    Points: str
+    Look: str
+    LookFile: str
+    Pairs: str
+    SaveLookFile: str
+
+    # painting
+    StyleFiles: tuple[str, ...]
+    Gallery: str
+    Mapping: str
+    StrokeSize: float
+    PictureParts: int
+    ShownMask: int
+    MaskFolder: str
+    PreviewOnly: bool
+    PreviewFile: str
+    ShowVariant: str
+    Continue: bool
+    Strength: float
+
+    # images and baked volumes
+    Camera: tuple[float, ...]
+    """Position, focal point and view-up vector, and the angle of view in degrees."""
+    ParallelScale: float
+    Frame: int
+    ImageSize: tuple[float, float]
+    Show: str
+    SeenWith: VisionName
+    Background: bool
+    BackgroundColour: Triple
+    Moving: bool
+    FollowCamera: bool
+    Opaque: bool
+    FigureFile: str
+    Cut: bool
+    CutBy: vtkImplicitFunction | None
+    Invert: bool
+
+
+class RegionRow(TypedDict, total=False):
+    """The properties of one region, named ``Region0Style`` and so on, besides those of its options."""
+
+    Hide: bool
+    SetColour: bool
+    Colour: Triple
+    Remove: bool
+    Split: bool
+    Style: str
+    Positive: str
+    Negative: str
+    Mask: str
+    Part: int
+
+
+class ColourRow(TypedDict, total=False):
+    """The properties of a colour to add to the palette, named ``Colour0Add`` and so on."""
+
+    Add: bool
+    Value: Triple
+
+
+def region_row(values: Values, region: int) -> RegionRow:
+    """Return the properties of a region that a panel has, without their prefix."""
+    return cast(RegionRow, _row(values, f"Region{region}", RegionRow))
+
+
+def colour_row(values: Values, number: int) -> ColourRow:
+    """Return the properties of a colour to add that a panel has, without their prefix."""
+    return cast(ColourRow, _row(values, f"Colour{number}", ColourRow))
+
+
+def _row(values: Values, prefix: str, kind: type) -> dict[str, object]:
+    held = by_name(values)
+    return {name: held[prefix + name] for name in kind.__annotations__ if prefix + name in held}
+
+
+def by_name(values: Values) -> dict[str, object]:
+    """Return the values for code that has a property's name from elsewhere; not a copy."""
+    return cast("dict[str, object]", values)
+
+
+def with_names(values: Mapping[str, object]) -> Values:
+    """Return what :func:`by_name` returned, or a part of it, as values again; not a copy."""
+    return cast(Values, values)

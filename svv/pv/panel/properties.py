@@ -280,7 +280,7 @@ def transfer_function() -> Property:
         '<ProxyProperty name="TransferFunction" label="Transfer Function" command="SetTransferFunction" '
         'panel_widget="proxy_editor" null_on_empty="1">'
         '<ProxyGroupDomain name="groups"><Group name="lookup_tables"/></ProxyGroupDomain>'
-        "<Documentation>Colours and opacities of the volume rendering to learn. Taken from the volume as the active "
+        "<Documentation>Colours and opacities of the volume rendering to learn, taken from the volume as the active "
         "view shows it when the filter is created; the colour map editor edits the same transfer function."
         "</Documentation></ProxyProperty>"
     )

@@ -82,9 +82,7 @@ def sketch_from_values(
         Running(options.seed, progress=progress), known.owners, values=volume.values,
     )  # fmt: skip
     made = {"preset": draft.name, "learned_from": "volume and views", "source": views.meta.to_json()}
-    return replace(
-        scene, palette_network=network, regions=regions_for(network, shares, known.ranges), made=made
-    )
+    return replace(scene, palette_network=network, regions=regions_for(network, shares, known.ranges), made=made)
 
 
 def sketches_of(views: ViewSet, options: TrainOptions, progress: Progress) -> Iterator[Scene]:

@@ -92,7 +92,7 @@ class PhongLight(nn.Module):
         return softplus(self.raw) * numbers_on([1.0, 1.0, 1.0, SHININESS_UNIT], self.raw.device)
 
     def start(self, density: SparseLattice | None, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
-        """Initialise from the gradient of the extinction, unless it is None, and the shading recorded with the views."""
+        """Initialise from the gradient of the extinction, unless that is None, and the views' recorded shading."""
         said = START_COEFFICIENTS
         if shading is not None:
             told = shading.ambient, shading.diffuse, shading.specular, shading.specular_power

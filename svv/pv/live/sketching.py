@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 BROAD = "The scene is shown in broad strokes."
 """What the user is told of a trained scene before it is painted as asked."""
 
-SHAPED = (
-    "A sketch is shown, in the volume's own shape and light: what follows makes it exact, and Stop Here keeps it as it is."
-)
+SHAPED = "A sketch is shown, in the volume's own shape and light: what follows makes it exact; Stop Here keeps it."
 """What the user is told of a sketch that needs no finer one: what still runs, and that it need not be waited for."""
 
 STROKES = "strokes"

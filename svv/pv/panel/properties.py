@@ -217,7 +217,7 @@ def button(name: str, help: str, command: str = "") -> Property:
 def status() -> Property:
     """Return the status, which shows what the filter's ``GetStatus`` returns.
 
-    The widget is one that wraps its lines and is as high as they are: a line edit would show the end of a long sentence.
+    The widget is one that wraps its lines and is as high as they are: a line edit shows the end of a long one.
     ParaView made it for expressions, hence the row of greyed buttons below it.
     """
     xml = (

@@ -72,6 +72,7 @@ class Values(DisplayValues, total=False):
     Preset: PresetName
     Settings: str
     KeptAs: str
+    SaveFile: str
 
     # learning beside the window
     Live: bool
@@ -85,6 +86,7 @@ class Values(DisplayValues, total=False):
     Variant: str
     ShowHidden: bool
     Parts: str
+    Pick: str
     Say: str
     Isolate: str
     OutlineRegions: str

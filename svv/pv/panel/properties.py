@@ -11,7 +11,7 @@ import re
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 from xml.sax.saxutils import escape, quoteattr
 
 from svv.pv.panel.tooltips import with_picture
@@ -95,8 +95,7 @@ def stored(name: str, convert: Callable[..., object]) -> Callable[..., None]:
     """Return a setter that converts what it is given, and marks the filter as modified if that is another value."""
 
     def setter(self: Owner, *given: object) -> None:
-        value = convert(*given)
-        held = by_name(self.values)
+        value, held = convert(*given), by_name(self.values)
         if held[name] != value:
             held[name] = value
             self.Modified()
@@ -195,10 +194,7 @@ def files(name: str, extensions: str, what: str, help: str) -> Property:
 
     def add(self: Owner, value: str) -> None:
         if value:
-            held = by_name(self.values)
-            there = held[name]
-            assert isinstance(there, tuple)
-            held[name] = (*there, value)
+            by_name(self.values)[name] = (*cast("tuple[str, ...]", by_name(self.values)[name]), value)
             self.Modified()
 
     def clear(self: Owner) -> None:
@@ -303,9 +299,8 @@ def shape(name: str, help: str) -> Property:
     )
 
     def setter(self: Owner, function: Observed | None) -> None:
-        held = by_name(self.values)
-        if held[name] is not function:
-            held[name] = function
+        if by_name(self.values)[name] is not function:
+            by_name(self.values)[name] = function
             self.Modified()
             if function is not None:
                 function.AddObserver("ModifiedEvent", _marker(self))

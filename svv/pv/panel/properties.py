@@ -211,17 +211,11 @@ def button(name: str, help: str, command: str = "") -> Property:
 
 
 def status() -> Property:
-    """Return the status, which shows what the filter's ``GetStatus`` returns.
-
-    The widget is one that wraps its lines and is as high as they are: a line edit shows the end of a long one.
-    ParaView made it for expressions, hence the row of greyed buttons below it.
-    """
-    xml = (
-        '<StringVectorProperty name="Status" label="Status" command="GetStatus" information_only="1" '
-        'number_of_elements="1" default_values="None" panel_visibility="default">'
-        "<Documentation>What the filter last did, or why it failed.</Documentation>"
-        '<Hints><Widget type="one_liner_wrapped"/></Hints></StringVectorProperty>'
-    )
+    """Return the status, which shows all that ``GetStatus`` returns; a line edit would show the end of a long text."""
+    xml = hidden_text("Status", "GetStatus", "What the filter last did, or why it failed.").xml
+    # ParaView made this widget for expressions, hence the row of greyed buttons below it.
+    hints = '<Hints><Widget type="one_liner_wrapped"/></Hints></StringVectorProperty>'
+    xml = xml.replace("never", "default").replace("</StringVectorProperty>", hints)
     return Property("Status", xml, None, {})
 
 

@@ -17,7 +17,7 @@ from svv.options.making import TrainOptions
 from svv.render.web.page import write_html
 from svv.train.pipeline import LEAST_VIEWS, train_scene
 from svv.train.run.learning import PAGE, RESULT, STATE, VIEWS
-from svv.train.run.sketches import sketches_for
+from svv.train.value_sketch import sketches_of
 
 TELL_EVERY = 0.2
 """Seconds between two reports."""
@@ -79,11 +79,8 @@ class LearningProcess:
 
     def _sketch(self, views: ViewSet, options: TrainOptions, progress: Progress) -> None:
         """Train the sketches. If one cannot be trained, the training itself will say why."""
-        every = sketches_for(options.preset)
         try:
-            for number, sketch in enumerate(every):
-                told = part(progress, number / len(every), (number + 1) / len(every))
-                scene, _ = train_scene(sketch.few(views), sketch.options(options), told)
+            for scene in sketches_of(views, options, progress):
                 self._give(scene, STATE)
         except BadInput:
             return

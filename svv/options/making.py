@@ -139,7 +139,7 @@ class TrainOptions:
     """What lights the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose
     nothing; by default network, or auto with fewer than 32 views."""
     views_only: bool = False
-    """Learn from views only, as the paper does. By default, the volume is used as well, if the views come with it."""
+    """Learn from views only, as the paper does; by default, the volume is used as well, if the views come with it."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed", advanced=True)] = False
     """Leave out what stands still on the screen in all views: colour bars, axes, logos, text."""
     change: Changes = ()

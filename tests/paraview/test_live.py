@@ -352,6 +352,8 @@ filter = StyleRFStylizedView(Input=wavelet)
 filter.UpdatePropertyInformation()
 assert filter.Status.startswith("On this machine: draft (a sketch) about "), filter.Status
 assert "balanced (better) about" in filter.Status
+widget = filter.SMProxy.GetProperty("Status").GetHints().FindNestedElementByName("Widget")
+assert widget.GetAttribute("type") == "one_liner_wrapped"  # it shows a long sentence whole
 shown, buttons, iterator = [], [], filter.SMProxy.NewPropertyIterator()
 iterator.Begin()
 while not iterator.IsAtEnd():

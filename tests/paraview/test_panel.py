@@ -287,3 +287,24 @@ for press, moved in ((0, 0), (1, 20), (0, 0), (1, 0)):  # off, on but dragged, o
     assert said["solid"][0] < -0.2 and "3 regions" in said["solid"][1]
     assert "Parts must be points in space" in said["no point"]
     assert [text[:4] for text in said["clicks"]] == ["", "", "-0.2", ""]
+
+
+def test_what_panels_show_at_first_is_said_in_one_sentence_and_short_labels(inside) -> None:
+    said = inside("""
+import re
+manager = sm.vtkSMProxyManager.GetProxyManager().GetActiveSessionProxyManager()
+said["long"], said["seen"] = [], 0
+for name in (name for name in dir(sm.filters) if name.startswith("StyleRF")):
+    proxy = manager.NewProxy("filters", name)
+    iterator = proxy.NewPropertyIterator()
+    iterator.Begin()
+    while not iterator.IsAtEnd():
+        found, key = iterator.GetProperty(), iterator.GetKey()
+        if found.GetPanelVisibility() == "default" and not found.GetIsInternal() and found.GetDocumentation():
+            help = " ".join(found.GetDocumentation().GetDescription().split("<br/>")[0].split())
+            said["seen"] += 1
+            if not help.endswith(".") or re.search(r"[.] [A-Z(]", help) or len(found.GetXMLLabel()) > 24:
+                said["long"].append([name, key, help])
+        iterator.Next()
+""")
+    assert said["seen"] > 100 and said["long"] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -106,15 +107,11 @@ def train(
 def _sketch(views: ViewSet, options: TrainOptions, file: Path, progress: Progress) -> None:
     """Write sketches of a scene beside its file; if one cannot be trained, the training itself says why."""
     from svv.io.scene_file import sketch_of
-    from svv.train.pipeline import train_scene
-    from svv.train.run.sketches import sketches_for
+    from svv.train.value_sketch import sketches_of
 
-    for one in sketches_for(options.preset):
-        try:
-            scene, _ = train_scene(one.few(views), one.options(options), part(progress, 0.0, 0.02))
-        except BadInput:
-            return
-        scene.save(sketch_of(file))
+    with suppress(BadInput):
+        for scene in sketches_of(views, options, part(progress, 0.0, 0.02)):
+            scene.save(sketch_of(file))
 
 
 def _folders(views: Path) -> list[Path]:

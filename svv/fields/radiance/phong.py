@@ -91,17 +91,19 @@ class PhongLight(nn.Module):
         """Return ambient, diffuse, specular (>= 0) and shininess (> 0) of each region. (P, 4)"""
         return softplus(self.raw) * numbers_on([1.0, 1.0, 1.0, SHININESS_UNIT], self.raw.device)
 
-    def start(self, density: SparseLattice, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
-        """Initialise from the gradient of the extinction and from the shading recorded with the views."""
+    def start(self, density: SparseLattice | None, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
+        """Initialise from the gradient of the extinction, unless that is None, and the views' recorded shading."""
         said = START_COEFFICIENTS
         if shading is not None:
             told = shading.ambient, shading.diffuse, shading.specular, shading.specular_power
             said = dict(zip(COEFFICIENTS, told, strict=True))
         values = [max(float(said[name]), LEAST_COEFFICIENTS[name]) for name in COEFFICIENTS]
         values[3] = min(values[3], 60.0) / SHININESS_UNIT  # a sharper highlight falls between pixels and is not learned
-        self.normals.randomize(0.001, torch.Generator().manual_seed(seed))
         with torch.no_grad():
             self.raw.copy_(self.raw.new_tensor(values).expm1().log())
+            if density is None:
+                return
+            self.normals.randomize(0.001, torch.Generator().manual_seed(seed))
             level = self.normals.levels - 1
             gradient = gradient_of(density, occupancy, self.normals.resolutions[level])
             self.normals.table[self.normals.rows_of_level(level)] = gradient.to(self.raw.device) / NORMAL_SCALE

@@ -79,7 +79,8 @@ def features_of(
     vanishes. The gradient is that of differences from voxel to voxel, interpolated, as ray casters have it: between two
     voxels, interpolated values have a slope that does not change, and at a voxel a kink.
     """
-    at = vertices * (grid.cells / cells)
+    whole = grid.cells % cells == 0
+    at = vertices * (grid.cells // cells if whole else grid.cells / cells)
     field = grid.values()
     low, high = grid.visible
     value = np.clip((_sampled(field, at) - low) / max(high - low, 1e-6), 0.0, 1.0)
@@ -96,7 +97,9 @@ def features_of(
 
 
 def _sampled(field: NDArray[np.float32], at: NDArray[np.generic]) -> NDArray[np.float32]:
-    """Return a field's values at grid coordinates (V, 3), interpolated trilinearly. (V,)"""
+    """Return a field's values at grid coordinates (V, 3), interpolated trilinearly unless these are whole. (V,)"""
+    if np.issubdtype(at.dtype, np.integer):
+        return np.asarray(field[tuple(np.minimum(at, np.array(field.shape) - 1).T)], np.float32)
     return np.asarray(map_coordinates(field, at.T, order=1, mode="nearest"), np.float32)
 
 

@@ -92,8 +92,8 @@ class SceneOutput(Keeping):
         *outline_properties(),
         text(
             "Say",
-            "Say in words what should change: make the core pale jade, thinner, hide region 1, light from the left. "
-            "Applied after everything else; Status shows what was understood. Empty: nothing.",
+            "Say in words what should change, after everything else: make the core pale jade, thinner, hide region 1, "
+            "light from the left; Status shows what was understood.",
         ),
         text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
         integer(

@@ -28,10 +28,10 @@ FILE = "the file below"
 @smproxy.filter(label="StyleRF Look", support_reload=False)
 @menu
 @panel(
-    choice("Look", (FILE, *LOOKS), FILE, "The look: a file, or one that ships, by the name of its picture. The "
+    choice("Look", (FILE, *LOOKS), FILE, "The look: a file, or one that ships, by the name of its picture; the "
            "largest region gets the first of its regions."),
     file("LookFile", "json", "Looks", "A look that Save Look or `svv look save` wrote."),
-    text("Pairs", "Pairs of a region of the scene and one of the look, such as 0=1, 1=0. Empty: regions match by name, "
+    text("Pairs", "Pairs of a region of the scene and one of the look, such as 0=1, 1=0; empty: regions match by name, "
          "by values, then by colour."),
     *(made for made in properties_of(PaintOptions()) if made.name == "Preset"),
     device(),

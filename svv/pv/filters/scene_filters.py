@@ -102,7 +102,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
     *pointing_properties(),
-    text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
+    text("Merge", "Regions to merge into one, such as 0, 1, with semicolons between several groups: 0, 1; 2, 3."),
     *(p for region in range(PALETTE) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
     *live(),
@@ -239,11 +239,11 @@ class StyleRFPalette(SceneBeside, Pointing):
     choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
            "One more style: a picture from the built-in gallery, or a drawing in ink, which needs no picture."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
-           "How pictures are assigned to regions: in turn, or to each region the picture whose mean colour is closest "
-           "to the region's. A region's own row takes precedence."),
+           "How pictures are assigned to regions that name none themselves: in turn, or to each the picture whose mean "
+           "colour is closest to the region's."),
     *picked(properties_of(PaintOptions()), "StrokeSize"),
-    number("Strength", 1.0, "How strongly the painting shows: 0 gives the palette's colours, 1 the full painting. "
-        "Needs no training.", 0.0, 1.0),
+    number("Strength", 1.0, "How strongly the painting shows: 0 gives the palette's colours, 1 the full painting; "
+        "it needs no training.", 0.0, 1.0),
     *titled("Painting", [*without(properties_of(PaintOptions()), "StrokeSize"), preview_file(), device()]),
     switch("PreviewOnly", False, "Show the masks without painting."),
     integer("ShownMask", 0, "Region whose picture and mask the second output shows.", 0, REGIONS - 1),

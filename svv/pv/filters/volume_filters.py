@@ -147,8 +147,8 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     *training_properties("balanced"),
     *take_buttons(),
     file("SceneFile", "svv", "Scenes",
-         "File in which to keep the scene. If it holds a scene trained from the same input, that scene is read, so a "
-         "saved state need not train again. Training that was stopped resumes.", save=True),
+         "File in which the scene is kept, and from which it is read if it was trained from the same input, so that "
+         "a saved state need not train again.", save=True),
     *volume_properties(ViewOptions(test=0)),
     *kept_as(),
     status(),
@@ -238,8 +238,8 @@ class StyleRFRender(ImageOutput):
 @menu
 @panel(
     switch("Opaque", False,
-           "Leave out pixels that are less than half opaque, and make the others opaque. Volumes in the same view are "
-           "then hidden by the picture, too; otherwise ParaView draws them over it."),
+           "Leave out pixels that are less than half opaque, and make the others opaque, so that the picture also "
+           "hides volumes in the same view, which ParaView otherwise draws over it."),
     status(),
 )  # fmt: skip
 @takes_image

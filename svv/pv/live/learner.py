@@ -39,8 +39,8 @@ from svv.train.run.sketches import sketches_for
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
-SKETCHED = (0.06, 0.15, 0.18)
-"""Fractions of the work when the first sketch is done, the finer one, and the same in its volume's shape."""
+SKETCHED, STROKES = (0.06, 0.15), 0.03
+"""Fractions of the work when the first sketch is done, and the finer one; and that which strokes as asked take."""
 
 IDLE = 120.0
 """Seconds without work after which the process ends; the next order starts another one."""
@@ -101,6 +101,8 @@ class Learner:
         self._made: LearningFilter | None = None
         self._sketch = Sketching()
         self._repainting = self._known = False
+        self.sketched = 0.0
+        """Fraction of the work that the sketches of the last order took."""
 
     def run(self) -> None:
         """Obey orders until none has come for a while."""
@@ -231,9 +233,11 @@ class Learner:
         measuring.start()
         try:
             trained = self._trained_before()
+            self.sketched = SKETCHED[0]
             made = None if trained is None else filter.sketch(trained, part(self.heard, 0.0, SKETCHED[-1]))
             self._known = trained is not None
             if made is not None:
+                self.sketched = SKETCHED[-1]
                 self.show(*made)
             elif trained is not None:
                 self._sketch.take(trained)
@@ -246,23 +250,27 @@ class Learner:
             return
 
     def _sketch_anew(self, measuring: Thread) -> None:
-        """Make one sketch after another; the last one also in the shape of its volume."""
+        """Make one sketch after another; the last one also in the strokes that are asked for."""
         sketch, values, begun = self._sketch, self.order["values"], 0.0
         few = sketches_for(options_in(TrainOptions, values).preset)
         for one, until in zip(few, SKETCHED, strict=False):
             told = part(self.heard, begun, until)
-            sketch.learn(one, self._filter.given, values, part(told, 0.0, 0.6))
+            better = sketch.learn(one, self._filter.given, values, part(told, 0.0, 0.6))
             measuring.join()
             shown = self._paint_sketch(part(told, 0.6, 1.0))
             begun = until
-        if sketch.refine(shown, values):
-            self._paint_sketch(part(self.heard, begun, SKETCHED[-1]))
+            if not better:
+                break
+        self.sketched = begun
+        if self._paints and sketch.refine(shown, values):
+            self.sketched += STROKES
+            self._paint_sketch(part(self.heard, begun, self.sketched))
 
     def _paint_anew(self, progress: Progress) -> None:
         """Paint a sketch as another order asks, with broad strokes first."""
         self._sketch.as_asked = False
         shown = self._paint_sketch(part(progress, 0.0, 0.5))
-        if self._sketch.refine(shown, self.order["values"]):
+        if self._paints and self._sketch.refine(shown, self.order["values"]):
             self._paint_sketch(part(progress, 0.5, 1.0))
 
     def trained(self, scene: Scene) -> None:
@@ -290,8 +298,7 @@ class Learner:
         """Paint the sketch, or the trained scene, and show it; return it."""
         sketch = self._sketch
         assert sketch.scene is not None
-        paints = self._paints
-        scene = sketch.painted(self.order["values"], progress) if paints else sketch.shaped(sketch.scene)
+        scene = sketch.painted(self.order["values"], progress) if self._paints else sketch.scene
         self.show(scene, sketch.told)
         return scene
 
@@ -357,7 +364,7 @@ def learning(kind: str, learner: Learner) -> LearningFilter:
         def progress(self, fraction: float, label: str) -> None:
             if self.repaints and not self.trains:
                 raise Cancelled
-            learner.heard(SKETCHED[-1] + (1.0 - SKETCHED[-1]) * fraction, label)
+            learner.heard(learner.sketched + (1.0 - learner.sketched) * fraction, label)
 
         def gives(self, **names: str) -> None:
             super().gives(**names)

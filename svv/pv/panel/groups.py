@@ -159,8 +159,8 @@ def training_properties(preset: PresetName, skip: tuple[str, ...] = ()) -> list[
     return [
         *learning_properties(TrainOptions(preset=preset), skip=("device", *skip)),
         switch("TrainEachTimeStep", False,
-               "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
-               "until Take What Is Shown Now is pressed. The scenes of the most recent steps are kept."),
+               "Train a scene for each time step that is shown; otherwise the scene stays the same as time changes, "
+               "until Take What Is Shown Now is pressed."),
         device(),
     ]  # fmt: skip
 
@@ -208,7 +208,7 @@ def image_properties(size: int) -> list[Property]:
                 "and focal point are all zeros, the orbit around the scene is used.", None, True),
         number("ParallelScale", 0.0, "Half of the image's height in world units if Camera is orthographic, with "
                "parallel rays; 0 for perspective.", 0.0, None, True),
-        integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros. The macro StyleRF "
+        integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros; the macro StyleRF "
                 "play orbit animates through the frames.", 0, 180),
         moving(),
     ]  # fmt: skip
@@ -226,8 +226,8 @@ def seen_with() -> Property:
 def cut_properties() -> Sequence[Property]:
     """Return the properties for cutting a volume open."""
     return [
-        switch("Cut", False, "Cut the volume open at the surface below. (Clip would make tetrahedra of it, which "
-               "ParaView does not draw in its colours.)"),
+        switch("Cut", False, "Cut the volume open at the surface below; Clip would make tetrahedra of it, which "
+               "ParaView does not draw in its colours."),
         *shown_where("Cut", 1, [
             shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
             switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
@@ -261,13 +261,12 @@ def pointing_properties() -> Sequence[Property]:
     return group("Points", [
         integer("PointRegion", 0, "Region that is at the places of Click Region; the number after the last region is a "
                 "new one.", 0, PALETTE - 1),
-        button("ClickRegion", "Clicks in a view say that the region there is Point Region, until the button is pressed "
-               "again: in the image of the scene, or in the 3D view. The connected piece there becomes that region; if "
-               "one piece holds two regions, click on both."),
+        button("ClickRegion", "Clicks in a view, until the button is pressed again, make the connected piece there "
+               "Point Region; if one piece holds two regions, click on both."),
         button("ClickSame", "Two clicks in a view say that both places are one region, until the button is pressed "
-               "again. Their regions are merged."),
+               "again; their regions are merged."),
         text("Points", "Places in a scene learned from views alone, each with the region that is there, or another "
-             "place of the same region: x,y,z=1; x,y,z=x,y,z in world coordinates. Clicks add to them."),
+             "place of the same region: x,y,z=1; x,y,z=x,y,z in world coordinates; clicks add to them."),
         *picked(),
     ])  # fmt: skip
 

@@ -212,12 +212,11 @@ def button(name: str, help: str, command: str = "") -> Property:
 
 
 def status() -> Property:
-    """Return the status line, which shows what the filter's ``GetStatus`` returns."""
-    xml = (
-        '<StringVectorProperty name="Status" label="Status" command="GetStatus" information_only="1" '
-        'number_of_elements="1" default_values="None" panel_visibility="default">'
-        "<Documentation>What the filter last did, or why it failed.</Documentation></StringVectorProperty>"
-    )
+    """Return the status, which shows all that ``GetStatus`` returns; a line edit would show the end of a long text."""
+    xml = hidden_text("Status", "GetStatus", "What the filter last did, or why it failed.").xml
+    # ParaView made this widget for expressions, hence the row of greyed buttons below it.
+    hints = '<Hints><Widget type="one_liner_wrapped"/></Hints></StringVectorProperty>'
+    xml = xml.replace("never", "default").replace("</StringVectorProperty>", hints)
     return Property("Status", xml, None, {})
 
 
@@ -272,7 +271,7 @@ def transfer_function() -> Property:
         '<ProxyProperty name="TransferFunction" label="Transfer Function" command="SetTransferFunction" '
         'panel_widget="proxy_editor" null_on_empty="1">'
         '<ProxyGroupDomain name="groups"><Group name="lookup_tables"/></ProxyGroupDomain>'
-        "<Documentation>Colours and opacities of the volume rendering to learn. Taken from the volume as the active "
+        "<Documentation>Colours and opacities of the volume rendering to learn, taken from the volume as the active "
         "view shows it when the filter is created; the colour map editor edits the same transfer function."
         "</Documentation></ProxyProperty>"
     )

@@ -98,7 +98,7 @@ class Recolouring:
         self.shade_weight = s.shade_weight if self.field.phong is None else PHONG_SHADE_WEIGHT
         self.start = self.field.colours.detach().clone()
         self.networks = network_adam(groups)
-        self.tables = LatticeAdam(encodings)
+        self.tables = LatticeAdam([encoding for encoding in encodings if encoding.table.requires_grad])
         self.budget = RayBudget(s.rays, s.samples)
 
     def step(self, number: int, fraction: float) -> Tensor:
@@ -273,7 +273,7 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     device = base.encoding.table.device
     network.to(device).light_like(base)
     if network.phong is not None and base.density is not None:
-        network.phong.start(base.density, occupancy, views.meta.shading, seed)
+        network.phong.start(base.density if values is None else None, occupancy, views.meta.shading, seed)
     if values is not None:
         palette_given(network, base)
     told = None if values is None else colours_told(values, device)

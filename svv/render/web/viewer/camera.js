@@ -89,3 +89,14 @@ function lensOf(camera, box) {
     lens: [focal, width / 2, height / 2, parallel ? 1 : 0],
   };
 }
+
+// Return the point at a distance along the ray through a place in a camera's picture, in pixels from its upper left.
+function pointOf(camera, x, y, away) {
+  const m = camera.camera_to_world, { width, height } = camera, parallel = camera.span_x !== null;
+  const scale = parallel ? camera.span_x / width : (2 * Math.tan(camera.fov_x / 2)) / width;
+  const across = scale * (x - width / 2), above = scale * (height / 2 - y), length = parallel ? 1 : Math.hypot(across, above, 1);
+  return [0, 1, 2].map((k) => {
+    const [right, up, back, position] = m.slice(4 * k, 4 * k + 4), aside = across * right + above * up;
+    return position + (parallel ? aside : (away / length) * aside) - (away / length) * back;
+  });
+}

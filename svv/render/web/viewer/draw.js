@@ -2,6 +2,8 @@
 
 const CORNERS = "#version 300 es\nvoid main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }";
 
+const FARTHEST = 64; // distance of places in sizes of the first layer's box that a pixel can tell
+
 const KINDS = { none: 0, network: 1, phong: 2 }; // of light, in march.glsl
 
 class Painter {
@@ -61,7 +63,7 @@ class Painter {
   }
 
   // Return the program for a state; compiling takes a moment, so each kind is compiled once.
-  program(state) {
+  program(state, place = false) {
     const { header } = this, { layers } = header, painted = state.painting !== null;
     const strokes = painted && strokesOf(state, header).flat().some((v) => v !== 0);
     const lists = [lightsOf(state, header), opacitiesOf(state), sharesOf(state, header)];
@@ -71,8 +73,8 @@ class Painter {
     const defines = {
       LAYERS: layers.length, REGIONS: state.regions.length, WEIGHTS: this.weights, LIGHTS: Math.max(this.lights, 1), LIT: lit,
       BASIS: this.basis.harmonics, PAINTED: Number(painted), STROKES: Number(strokes),
-      MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
-      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(strokes || !alike || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
+      PLACE: Number(place), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
+      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || strokes || !alike || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
     if (!this.programs.has(key)) this.programs.set(key, this.compiled(defines));
@@ -100,9 +102,9 @@ class Painter {
   }
 
   // Draw the rows [from, to) of a camera's picture, at `part` of its size and with samples `stride` times as far apart,
-  // into the bound framebuffer.
-  draw(state, camera, part, from, to, stride = 1) {
-    const gl = this.gl, { program, at } = this.program(state), { layers } = this.header;
+  // into the bound framebuffer. With `column`, draw only that column, and what its pixels show instead of their colours.
+  draw(state, camera, part, from, to, stride = 1, column = null) {
+    const gl = this.gl, { program, at } = this.program(state, column !== null), { layers } = this.header;
     const width = Math.max(1, Math.round(camera.width * part)), height = Math.max(1, Math.round(camera.height * part));
     gl.useProgram(program);
     this.textures.bind(at);
@@ -120,7 +122,7 @@ class Painter {
     gl.bindVertexArray(this.vertices);
     gl.viewport(0, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
-    gl.scissor(0, from, width, to - from);
+    gl.scissor(column ?? 0, from, column === null ? width : 1, to - from);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.SCISSOR_TEST);
   }

@@ -1,16 +1,18 @@
 // Mouse, touch and keys on the picture.
 
 const TURN = 3.2; // radians for a drag across the shorter side
+const STILL = 4; // pixels that a click may move
 const KEY_TURN = Math.PI / 36, KEY_ZOOM = 1.1, KEY_PAN = 0.03;
 
 class Hands {
-  // moved: called after every movement of the orbit.
-  constructor(canvas, orbit, moved) {
-    Object.assign(this, { canvas, orbit, moved });
+  // moved: called after every movement of the orbit; clicked: with the place of a click, in fractions of the canvas.
+  constructor(canvas, orbit, moved, clicked) {
+    Object.assign(this, { canvas, orbit, moved, clicked });
     this.points = new Map(); // pointers that are down, by their number
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.points.delete(event.pointerId));
+    canvas.addEventListener("pointerup", (event) => this.up(event));
+    canvas.addEventListener("pointercancel", (event) => this.points.delete(event.pointerId));
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.key(event));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -29,12 +31,20 @@ class Hands {
   down(event) {
     this.canvas.setPointerCapture(event.pointerId);
     this.canvas.focus({ preventScroll: true });
-    this.points.set(event.pointerId, { x: event.clientX, y: event.clientY, pans: event.button > 0 || event.shiftKey });
+    const { clientX: x, clientY: y } = event, pans = event.button > 0 || event.shiftKey;
+    this.points.set(event.pointerId, { x, y, pans, still: !pans && this.points.size === 0, first: [x, y] });
+  }
+
+  up(event) {
+    const point = this.points.get(event.pointerId), seen = this.canvas.getBoundingClientRect();
+    this.points.delete(event.pointerId);
+    if (point?.still) this.clicked((point.x - seen.left) / seen.width, (point.y - seen.top) / seen.height);
   }
 
   move(event) {
     const point = this.points.get(event.pointerId);
     if (point === undefined) return;
+    if (Math.hypot(event.clientX - point.first[0], event.clientY - point.first[1]) > STILL) point.still = false;
     const before = [...this.points.values()].map(({ x, y }) => ({ x, y }));
     const dx = (event.clientX - point.x) / this.side, dy = (event.clientY - point.y) / this.side;
     point.x = event.clientX, point.y = event.clientY;

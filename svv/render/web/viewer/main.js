@@ -36,7 +36,14 @@ async function begin() {
     for (const one of heard) one();
   }
   const panel = new Panel(page("controls"), header, state, changed);
-  new Hands(canvas, orbit, changed);
+  // Say what is at a place of the picture, as the commands take it.
+  function clicked(x, y) {
+    const camera = show.camera(), pixel = [x * camera.width, y * camera.height].map(Math.floor), found = show.placeAt(camera, ...pixel);
+    if (found === null) return (page("said").textContent = "Nothing is visible there.");
+    const told = header.regions[found.region], name = told.name ?? `Region ${told.number}`;
+    page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}`;
+  }
+  new Hands(canvas, orbit, changed, clicked);
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => {
     show.stop();
@@ -52,7 +59,7 @@ async function begin() {
   // For scripts, such as tests and notebooks: the state, the picture of a camera as svv writes it, functions to call
   // after each change, what the user has set so far, and a way to set it.
   return {
-    header, state, orbit, panel, changed, heard, picture: (camera) => show.picture(camera), get show() { return show; },
+    header, state, orbit, panel, changed, heard, place: (camera, column, row) => show.placeAt(camera, column, row), picture: (camera) => show.picture(camera), get show() { return show; },
     told: () => ({ view: orbit.view, camera: show.camera(), edits: state }),
     take({ view, edits }) {
       if (view) orbit.view = view;

@@ -3,7 +3,7 @@
 // has samples of its own, and those of all are composited in the order of their distances.
 // Before compiling, draw.js sets LAYERS, REGIONS (of all layers), WEIGHTS and LIGHTS (numbers of textures), LIT (bits: 1 harmonics,
 // 2 Blinn-Phong, 4 not the same in all layers), PAINTED, STROKES, MATCAPS (how many), BY_REGION and constants; it repeats a line that begins with
-// @WEIGHTS or @LIGHTS for each texture, # being its number. Textures are (z, y, x): the scene's arrays are in raster order with z
+// @WEIGHTS or @LIGHTS for each texture, # being its number. With PLACE, the pixel tells what it shows instead of its colour. Textures are (z, y, x): the scene's arrays are in raster order with z
 // fastest; in each, the grids of all layers lie one behind the other along x.
 precision highp float;
 precision highp int;
@@ -55,6 +55,10 @@ out vec4 pixel;
 const float CEILING = 9.0; // greatest logarithm of the extinction
 
 const float BEYOND = 1e30; // farther than any sample
+
+#if PLACE
+int regionShaded; // the region of the place that was shaded last
+#endif
 
 // The number of a layer, that of its first region, and how many it has: of a single layer, compilers know them.
 #if LAYERS == 1
@@ -188,6 +192,9 @@ vec4 shaded(int l, vec3 p) {
   for (int k = 1; k < COUNT; k++) if (weight[k] > weight[region]) region = k;
 #endif
   region += FIRST;
+#if PLACE
+  regionShaded = region;
+#endif
   float factor = uRegion[region].x;
   vec3 colour = vec3(0.0);
 #if PAINTED
@@ -262,6 +269,10 @@ void main() {
   }
   vec3 ahead = step(0.0, d), sum = vec3(0.0);
   float front = 1.0;
+#if PLACE
+  float whole[REGIONS], heaviest[REGIONS], away[REGIONS]; // weight of each region; its heaviest sample, and how far that is
+  for (int k = 0; k < REGIONS; k++) whole[k] = heaviest[k] = away[k] = 0.0;
+#endif
   for (;;) {
     int l = 0; // the layer that is to be shaded at the least distance; at first, none is to be shaded
     for (int k = 1; k < LAYERS; k++) if (times[k] < times[l]) l = k;
@@ -272,6 +283,11 @@ void main() {
       vec4 found = shaded(l, place);
       float through = exp(-waiting * found.a);
       sum += front * (1.0 - through) * found.rgb;
+#if PLACE
+      float own = front * (1.0 - through);
+      whole[regionShaded] += own;
+      if (own > heaviest[regionShaded]) heaviest[regionShaded] = own, away[regionShaded] = times[L];
+#endif
       front *= through;
       factors[L] = found.a, waiting = waitings[L] = 0.0;
       if (front < uStop) break;
@@ -305,6 +321,15 @@ void main() {
   }
   for (int l = 0; l < LAYERS; l++)
     if (waitings[l] > 0.0) front *= exp(-waitings[l] * (factors[l] < 0.0 ? shaded(l, places[l]).a : factors[l]));
+#if PLACE
+  // The region that shows most, from 1; before it, in three bytes, the distance as a fraction of FARTHEST.
+  int shown = 0;
+  for (int k = 1; k < REGIONS; k++) if (whole[k] > whole[shown]) shown = k;
+  float fraction = clamp(away[shown] / FARTHEST, 0.0, 1.0) * 16777215.0;
+  float high = floor(fraction / 65536.0), middle = floor((fraction - 65536.0 * high) / 256.0);
+  pixel = vec4(high, middle, floor(fraction - 65536.0 * high - 256.0 * middle), 1.0 - front > 1.0 / 512.0 ? float(shown + 1) : 0.0) / 255.0;
+  return;
+#endif
   float alpha = 1.0 - front;
   vec3 mean = alpha > 1.0 / 512.0 ? clamp(sum / alpha, 0.0, 1.0) * alpha : vec3(0.0);
   pixel = vec4(mean + uBackground * (alpha > 1.0 / 512.0 ? front : 1.0), 1.0);

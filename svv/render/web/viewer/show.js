@@ -122,6 +122,19 @@ class Show {
     this.frames++;
   }
 
+  // Return the point that a camera's pixel shows, in world coordinates, and its region; null where nothing is visible.
+  placeAt(camera, column, row) {
+    const gl = this.gl, { width, height } = camera, [first] = this.painter.header.layers, told = new Uint8Array(4);
+    this.painter.prepare(this.state);
+    this.into(this.targets.full, width, height);
+    this.painter.draw(this.state, camera, 1, height - 1 - row, height - row, 1, column);
+    gl.readPixels(column, height - 1 - row, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, told);
+    this.change();
+    if (told[3] === 0) return null;
+    const away = (FARTHEST * first.box.size * (65536 * told[0] + 256 * told[1] + told[2])) / 16777215;
+    return { point: pointOf(camera, column + 0.5, row + 0.5, away), region: told[3] - 1 };
+  }
+
   // Return a camera's picture, drawn in full: RGBA bytes, row 0 at the top.
   picture(camera) {
     const gl = this.gl, { width, height } = camera, flipped = new Uint8Array(4 * width * height);

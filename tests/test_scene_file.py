@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import resource
 import signal
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from safetensors.numpy import save_file
+from safetensors.numpy import save, save_file
 
 from svv.core.colour.light import Lamp
 from svv.errors import BadInput, Cancelled
@@ -21,7 +22,7 @@ from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.checked import _KINDS
 from svv.fields.scene.region import Region
 from svv.io import scene_file
-from svv.io.files.atomic import atomic_path, check_writable, make_folder, write_json
+from svv.io.files.atomic import atomic_path, check_writable, make_folder, to_json, write_json
 from svv.io.scene_file import read_scene_file, write_scene_file
 
 DTYPES = st.sampled_from([np.float16, np.float32, np.float64, np.uint8, np.int16, np.int32, np.int64, np.bool_])
@@ -52,6 +53,25 @@ def test_every_array_comes_back_as_it_was(
     for name, array in tensors.items():
         assert back[name].dtype == array.dtype and back[name].shape == array.shape
         np.testing.assert_array_equal(back[name], array)
+
+
+@settings(deadline=None, max_examples=50)
+@given(tensors=st.dictionaries(st.text(st.characters(exclude_categories=["Cs"]), min_size=1), ARRAYS))
+def test_files_are_those_of_the_safetensors_package(tensors: dict[str, np.ndarray]) -> None:
+    assume("__metadata__" not in tensors)
+    metadata = {"svv": to_json({"version": scene_file.FORMAT_VERSION, "header": {"é": 1}, "deflated": {}})}
+    arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
+    assert scene_file.scene_bytes({"é": 1}, tensors) == save(arrays, metadata=metadata)
+
+
+def test_writing_takes_no_memory(tmp_path: Path) -> None:
+    tensors = {f"moments.{k}": np.ones((1 << 20, 2), np.float32) for k in range(4)}
+    write_scene_file(tmp_path / "a.svv", {}, {})  # what is imported then does not count
+    tracemalloc.start()
+    write_scene_file(tmp_path / "b.svv", {}, tensors)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 20 < (tmp_path / "b.svv").stat().st_size
 
 
 def test_tables_of_bytes_are_smaller_in_files(tmp_path: Path) -> None:

@@ -7,14 +7,15 @@ bytes are deflated: the differences between successive rows, column by column. I
 
 from __future__ import annotations
 
+import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load, save
+from safetensors.numpy import load
 
 from svv.core.json_values import list_in, parsed, whole_in
 from svv.errors import BadInput
@@ -39,6 +40,12 @@ instead of bytes."""
 
 MOST_HEADER, MOST_ARRAYS = 8 << 20, 20_000
 """Largest header in bytes, and largest number of arrays, which a scene of thousands of time steps does not reach."""
+
+TYPES = {
+    "uint64": "U64", "int64": "I64", "float64": "F64", "float32": "F32", "uint32": "U32", "int32": "I32",
+    "float16": "F16", "uint16": "U16", "int16": "I16", "int8": "I8", "uint8": "U8", "bool": "BOOL",
+}  # fmt: skip
+"""Name in a safetensors file of each of NumPy's types, in the order in which arrays lie there: all are aligned."""
 
 _KEY = "svv"
 _REMEDY = "copy it again, or train the scene again"
@@ -79,13 +86,24 @@ def write_scene_file(path: str | Path, header: Mapping[str, object], tensors: Ma
     Raises:
         BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
     """
-    content = scene_bytes(header, tensors, deflate=True)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(content)
+    pieces = _pieces(header, tensors, deflate=True)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        for piece in pieces:
+            file.write(piece)
 
 
 def scene_bytes(header: Mapping[str, object], tensors: Mapping[str, np.ndarray], deflate: bool = False) -> bytes:
     """Return the content of a scene file; :func:`write_scene_file` writes it with deflated tables."""
+    return b"".join(_pieces(header, tensors, deflate))
+
+
+def _pieces(
+    header: Mapping[str, object], tensors: Mapping[str, np.ndarray], deflate: bool
+) -> Iterator[bytes | memoryview]:
+    """Yield the content of a scene file, array by array: the safetensors package would copy all of them, twice.
+
+    A checkpoint thus takes no memory.
+    """
     # safetensors ignores the strides of arrays, so the values would be read back in another order.
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
     tables = {name: a.shape for name, a in arrays.items() if deflate and a.dtype == np.uint8 and a.ndim == 2 and a.size}
@@ -94,7 +112,18 @@ def scene_bytes(header: Mapping[str, object], tensors: Mapping[str, np.ndarray],
     version = WITH_STEPS if "steps" in header or "layers" in header else version
     version = WITH_STROKES if "brushed" in header else version
     text = to_json({"version": version, "header": header, "deflated": tables})
-    return save(arrays, metadata={_KEY: text})
+    told: dict[str, object] = {"__metadata__": {_KEY: text}}
+    end = 0
+    names = sorted(arrays, key=lambda name: (list(TYPES).index(arrays[name].dtype.name), name))
+    for name in names:
+        array = arrays[name] = arrays[name].astype(arrays[name].dtype.newbyteorder("<"), copy=False)
+        begin, end = end, end + array.nbytes
+        told[name] = {"dtype": TYPES[array.dtype.name], "shape": array.shape, "data_offsets": [begin, end]}
+    start = json.dumps(told, separators=(",", ":"), ensure_ascii=False).encode()
+    start += b" " * (-len(start) % 8)
+    yield len(start).to_bytes(8, "little") + start
+    for name in names:
+        yield arrays[name].reshape(-1).view(np.uint8).data
 
 
 def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

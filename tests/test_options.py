@@ -151,6 +151,7 @@ ALIKE = {
     "field.log2_entries": "the same: its size",
     "field.lighting": "--lighting, and what the views show",
     "field.headlight": "the views: how their light stands",
+    "field.facing": "the encoding values",
     "field.finer": "the paint, which may need finer levels",
     "reconstruct.rays": "machines with little memory",
     "reconstruct.samples": "machines with little memory; the stability cases",

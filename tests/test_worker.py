@@ -29,8 +29,9 @@ while True:
 COMMAND = [sys.executable, "-c", ECHO]
 
 PARENT = f"""
-import sys, time
+import signal, sys, time
 from svv.io.files.worker import Worker
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 one = Worker([sys.executable, "-c", {ECHO!r}])
 while not one.said():
     time.sleep(0.01)

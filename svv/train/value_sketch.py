@@ -17,6 +17,7 @@ from svv.fields.radiance.networks import BaseField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.scene import Scene
+from svv.fields.values.of_values import fill_features
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_named
 from svv.options.making import TrainOptions
@@ -49,9 +50,7 @@ def sketch_from_values(
         options: How the scene itself is trained.
         progress: Called several times a second.
 
-    >>> few = SKETCHES[0].few(views)
-    >>> sketch_from_values(few, 800, svv.TrainOptions("fast")).networks
-    ('base', 'pcn')
+    The sketch has the networks that the trained scene has, `base` and `pcn`.
     """
     chosen, draft = settings_of(options), preset("draft")
     volume = known_volume(views, chosen.reconstruct, draft.field)
@@ -72,6 +71,7 @@ def sketch_from_values(
         headlight=headlight_of(views),
     )
     base = BaseField(field, occupancy)
+    fill_features(base, volume.values, occupancy)
     base._modules["density"] = density
     base.requires_grad_(False).to(device)
     marching = Marching(1.0 / fine.resolutions[-1])

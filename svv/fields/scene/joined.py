@@ -73,9 +73,7 @@ def joined(scenes: Sequence[S]) -> S:
 def named(scene: S, name: str) -> S:
     """Return a scene whose regions have the name of its layer, with numbers if there are several; names stay.
 
-    >>> whole = joined([named(cloud, "cloud"), named(rain, "rain")])
-    >>> [region.name for region in whole.regions]
-    ['cloud', 'rain 1', 'rain 2']
+    Layers named ``cloud``, with one region, and ``rain``, with two, have the regions ``cloud``, ``rain 1``, ``rain 2``.
     """
     count = len(scene.regions)
     names = [name if count < 2 else f"{name} {number + 1}" for number in range(count)]

@@ -32,10 +32,12 @@ def add_layer(volume: Proxy | None = None) -> Proxy:
         BadInput: The volume is not shown, or in a way that is not supported; its array is a layer already; or there are
             too many.
 
-    >>> add_layer(volume)  # coloured by cloud
-    >>> ColorBy(GetDisplayProperties(volume), ("POINTS", "rain"))
-    >>> add_layer(volume)
-    >>> FindSource("StyleRFJoin1")  # cloud and rain
+    In pvpython, with a volume that is coloured by the array ``cloud``::
+
+        add_layer(volume)
+        ColorBy(GetDisplayProperties(volume), ("POINTS", "rain"))
+        add_layer(volume)
+        FindSource("StyleRFJoin1")  # cloud and rain
     """
     from paraview import simple
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from vtkmodules.vtkCommonCore import vtkObject
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
 
@@ -36,23 +37,34 @@ def watch(filter: Shows, table: object) -> None:
 
     if isinstance(table, vtkDiscretizableColorTransferFunction) and table.GetScalarOpacityFunction() is not None:
         opacity = table.GetScalarOpacityFunction()
-        told = _teller(filter, table, opacity)
-        table.AddObserver("ModifiedEvent", told)
-        opacity.AddObserver("ModifiedEvent", told)
+        tags: dict[vtkObject, int] = {}
+        told = _teller(filter, table, opacity, tags)
+        for function in (table, opacity):
+            tags[function] = function.AddObserver("ModifiedEvent", told)
 
 
 def _teller(
-    filter: Shows, table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction
-) -> Callable[..., None]:
-    """Return the observer. Views touch a function whenever they draw, so its points are compared."""
+    filter: Shows, table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction,
+    tags: dict[vtkObject, int],
+) -> Callable[..., None]:  # fmt: skip
+    """Return the observer, which removes itself, by its ``tags``, once the filter is gone.
+
+    Views touch a function whenever they draw, so its points are compared.
+    """
     reference, known = weakref.ref(filter), [_points(table, opacity)]
 
     def tell(*_: object) -> None:
-        this, now = reference(), _points(table, opacity)
+        this = reference()
+        if this is None:
+            while tags:
+                function, tag = tags.popitem()
+                function.RemoveObserver(tag)
+            return
+        now = _points(table, opacity)
         if now == known[0]:
             return
         known[0] = now
-        if this is not None and this.shows_edits:
+        if this.shows_edits:
             this.Modified()
 
     return tell

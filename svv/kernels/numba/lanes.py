@@ -248,13 +248,15 @@ def _each(builder: ir.IRBuilder, at: ir.Value, of: ir.Type, read: Callable[[ir.V
 
 @intrinsic
 def gather(typing, array, at):  # type: ignore[no-untyped-def]
-    """Return elements of an array of uint8, int32 or float32, counted in raster order."""
+    """Return elements of an array of float32 or of integers, which must fit an int32, counted in raster order."""
     kind = floats if array.dtype == types.float32 else ints
 
     def generate(context, builder, sig, values):  # type: ignore[no-untyped-def]
         def read(place):  # type: ignore[no-untyped-def]
             value, of = builder.load(_pointer(context, builder, sig, values, place)), _OF_LLVM[kind].element
-            return value if value.type == of else builder.zext(value, of)
+            if value.type == of:
+                return value
+            return builder.zext(value, of) if value.type.width < of.width else builder.trunc(value, of)
 
         return _each(builder, values[1], _OF_LLVM[kind].element, read)
 
@@ -282,12 +284,22 @@ def gather_pairs(typing, array, at, offset):  # type: ignore[no-untyped-def]
     return types.UniTuple(kind, 2)(array, ints, types.int64), generate
 
 
+@intrinsic
+def lane_numbers(typing):  # type: ignore[no-untyped-def]
+    """Return 0, 1, 2, ... as ints."""
+    return ints(), lambda _, __, ___, ____: _lanes(list(range(LANES)))
+
+
 LOWEST, HIGHEST, HALF = np.float32(-87.0), np.float32(88.0), np.float32(0.5)
 LOG2_E, LN_2_HIGH, LN_2_LOW = np.float32(1.44269504), np.float32(0.693359375), np.float32(-2.12194440e-4)
 TERMS = tuple(
     np.float32(t) for t in (1.9875691500e-4, 1.3981999507e-3, 8.3334519073e-3, 4.1665795894e-2, 0.16666665459)
 )
 """Coefficients of the polynomial with which the Cephes library approximates the exponential between powers of two."""
+
+ZERO, TWO = np.float32(0.0), np.float32(2.0)
+ARTANH = tuple(np.float32(2.0 / n) for n in range(15, 0, -2))
+"""Coefficients of 2 artanh(z) / z in z^2, from the last that counts on."""
 
 
 @njit(fastmath=FAST_MATH, inline="always")
@@ -302,3 +314,14 @@ def exp(x):  # type: ignore[no-untyped-def]
     p = (((t[0] * r + t[1]) * r + t[2]) * r + t[3]) * r + t[4]
     p = (p * r + HALF) * (r * r) + r + np.float32(1.0)
     return p * with_bits((power + 127) << 23)
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def softplus(x):  # type: ignore[no-untyped-def]
+    """Return log(1 + e^x) for floats, to 3e-7 of its value."""
+    y = exp(minimum(x, ZERO - x))  # at most 1: log(1 + y) is 2 artanh(y / (2 + y)), whose series ends soon
+    z = y / (TWO + y)
+    zz, series = z * z, splat(ARTANH[0])
+    for k in range(1, len(ARTANH)):
+        series = series * zz + ARTANH[k]
+    return maximum(x, splat(ZERO)) + z * series

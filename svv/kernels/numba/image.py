@@ -21,7 +21,7 @@ from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, R
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.fast_math import FAST_MATH
 from svv.core.rays.compositing import LEAST_ALPHA
-from svv.kernels.numba.lanes import LANES, exp, gather, lane_numbers, maximum, minimum, select, softplus, splat, store
+from svv.core.lanes import LANES, exp, gather, lane_numbers, maximum, minimum, select, softplus, splat, store
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, cell_at, mean_of, weights_of
 from svv.kernels.types import Lattice, Samples, Surface
@@ -145,7 +145,13 @@ def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
         store(shades, 0, TWO32 / (exp(ZERO32 - gather(raw, row + 1)) + ONE32) if columns > 1 else one)
         for lane in range(min(LANES, len(raw) - first)):
             r = region[first + lane]
-            _lit(colour, first + lane, lights[r, 0], lights[r, 1] * shades[lane], lights[r, 0] * (gloss[lane] - lights[r, 2]))
+            _lit(
+                colour,
+                first + lane,
+                lights[r, 0],
+                lights[r, 1] * shades[lane],
+                lights[r, 0] * (gloss[lane] - lights[r, 2]),
+            )
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)

@@ -17,18 +17,20 @@ from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba.bricks import MASK, PLANE, SHIFT, SIDE, VERTICES
-from svv.kernels.numba.lanes import (
+from svv.core.lanes import (
     LANES,
     as_floats,
     bits_of,
     exp,
     first_of,
     gather,
+    gather_halves,
     gather_pairs,
     load,
     mask_of,
     maximum,
     minimum,
+    number_of,
     ones_in_each,
     select,
     splat,
@@ -37,7 +39,6 @@ from svv.kernels.numba.lanes import (
 )
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.marching import clip_to_box, inverse, uniform
-from svv.kernels.numba.trilinear import ones_in
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NONE, BIT, ENDED = np.int32(0), np.int32(1), np.int32(-1)
@@ -54,7 +55,7 @@ transmittance in front of the next sample."""
 ALL = (1 << LANES) - 1
 """Bits of all lanes."""
 
-ENOUGH = np.uint64(LANES - 2)
+ENOUGH = LANES - 2
 """Lanes with rays up to which waiting rays take the others: an exchange costs as much as half a step."""
 
 LEAST_RAYS, MOST_RAYS = 64, 256
@@ -100,7 +101,7 @@ def _values_in_bricks(x, y, z, scale, shape, slots, values):  # type: ignore[no-
 @njit(fastmath=FAST_MATH, inline="always")
 def _pairs_at(table, index, at, before, last):  # type: ignore[no-untyped-def]
     """Return the values of vertices, and of their neighbours in z; see :func:`svv.kernels.numba.trilinear.row_at`."""
-    stored, row = gather_pairs(index, at, 0)
+    stored, row = gather_halves(index, at)
     return gather_pairs(table, minimum(row + ones_in_each(stored & before), last), 0)
 
 
@@ -217,7 +218,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         ox = oy = oz = dx = dy = dz = rx = ry = rz = shifts = left_out = tau = front = nothing
         i, last, ahead = low, low, low
         while True:
-            if going == 0 or (ones_in(np.uint64(going)) <= ENOUGH and coming < after):
+            if going == 0 or (number_of(going) <= ENOUGH and coming < after):
                 # Rays that have ended hand over their samples, and others take their lanes.
                 store(state, LEFT_OUT * LANES, left_out)
                 store(state, TAU * LANES, tau)

@@ -160,7 +160,9 @@ def truncated(typing, a):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def as_floats(typing, a):  # type: ignore[no-untyped-def]
-    """Return ints as floats."""
+    """Return ints as floats, or floats as they are."""
+    if a is floats:
+        return floats(floats), lambda _, __, ___, values: values[0]
     return floats(ints), lambda _, builder, __, values: builder.sitofp(values[0], _OF_LLVM[floats])
 
 
@@ -201,6 +203,12 @@ def mask_of(typing, bits):  # type: ignore[no-untyped-def]
         return builder.bitcast(builder.trunc(values[0], ir.IntType(LANES)), _OF_LLVM[masks])
 
     return masks(types.int64), generate
+
+
+@intrinsic
+def number_of(typing, bits):  # type: ignore[no-untyped-def]
+    """Return how many bits of an int64 are set."""
+    return types.int64(types.int64), lambda _, builder, __, values: builder.ctpop(values[0])
 
 
 @intrinsic
@@ -263,25 +271,50 @@ def gather(typing, array, at):  # type: ignore[no-untyped-def]
     return kind(array, ints), generate
 
 
+def _halves(builder: ir.IRBuilder, pairs: ir.Value, of: ir.Type) -> list[ir.Value]:
+    """Return the vectors of the lower and of the upper halves of a vector of integers."""
+    flat = builder.bitcast(pairs, ir.VectorType(of, 2 * LANES))
+    return [builder.shuffle_vector(flat, flat, _lanes(list(range(k, 2 * LANES, 2)))) for k in (0, 1)]
+
+
 @intrinsic
 def gather_pairs(typing, array, at, offset):  # type: ignore[no-untyped-def]
-    """Return two vectors: elements of an array of 4 bytes each, ``offset`` behind places, and those that follow them.
+    """Return two vectors: elements ``offset`` behind places in raster order, and those that follow them.
 
-    Of an array of integers of 8 bytes, they are the lower and the upper half of the elements themselves.
+    The array is of float32, or of uint8 or uint16, which become ints. Two elements take a single read of memory.
     """
     kind = floats if array.dtype == types.float32 else ints
 
     def generate(context, builder, sig, values):  # type: ignore[no-untyped-def]
+        bits = 8 * context.get_abi_sizeof(context.get_data_type(array.dtype))
+        both = ir.IntType(2 * bits)
+
         def read(place):  # type: ignore[no-untyped-def]
             at = builder.gep(_pointer(context, builder, sig, values, place), [values[2]])
-            return builder.load(builder.bitcast(at, _WORD.as_pointer()), align=4)
+            return builder.load(builder.bitcast(at, both.as_pointer()), align=1)
 
-        pairs = _each(builder, values[1], _WORD, read)
-        flat = builder.bitcast(pairs, ir.VectorType(_OF_LLVM[kind].element, 2 * LANES))
-        halves = [builder.shuffle_vector(flat, flat, _lanes(list(range(k, 2 * LANES, 2)))) for k in (0, 1)]
+        pairs = _each(builder, values[1], both, read)
+        if array.dtype == types.float32:
+            halves = _halves(builder, pairs, ir.FloatType())
+        else:
+            halves = [builder.zext(half, _OF_LLVM[ints]) for half in _halves(builder, pairs, ir.IntType(bits))]
         return context.make_tuple(builder, sig.return_type, halves)
 
     return types.UniTuple(kind, 2)(array, ints, types.int64), generate
+
+
+@intrinsic
+def gather_halves(typing, array, at):  # type: ignore[no-untyped-def]
+    """Return two vectors of ints: the lower and the upper halves of elements of an array of int64."""
+
+    def generate(context, builder, sig, values):  # type: ignore[no-untyped-def]
+        def read(place):  # type: ignore[no-untyped-def]
+            return builder.load(_pointer(context, builder, sig, values, place))
+
+        halves = _halves(builder, _each(builder, values[1], _WORD, read), ir.IntType(32))
+        return context.make_tuple(builder, sig.return_type, halves)
+
+    return types.UniTuple(ints, 2)(array, ints), generate
 
 
 @intrinsic

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from svv.core.colour import palette_shading
+from svv.core.colour.colour import hsb_change, shift_colours
 from svv.core.colour.light import blinn_phong, normals_of
 from svv.core.rays.compositing import LEAST_ALPHA, composite_samples
 from svv.core.rays.encodings import lattice_features
@@ -213,3 +214,23 @@ def test_pixels_are_composited_as_torch_does(kernels: ImageKernels, seed: int, c
     assert (images[2][unseen] == -1).all()
     share = mean[:, 4:].gather(1, images[2][seen].long()[:, None])[:, 0]
     close(share, mean[:, 4:].amax(dim=1))  # of shares that are equal to the last bit either may win
+
+
+@given(SEEDS, st.integers(1, 4), st.sampled_from(["some", "all"]), st.sampled_from(["", "was grey", "is grey", "same"]))
+def test_edited_colours_change_as_in_plain_torch(
+    kernels: ImageKernels, seed: int, palette: int, which: str, special: str
+) -> None:
+    random = generator(seed)
+    raw, colours = 0.4 * torch.randn(37, 1 + 4 * palette, generator=random), torch.rand(palette, 3, generator=random)
+    before, after = torch.rand(2, 3, generator=random)
+    before = before.mean().expand(3).clone() if special == "was grey" else before
+    after = {"is grey": after.mean().expand(3).clone(), "same": before.clone()}.get(special, after)
+    among = torch.rand(37, generator=random) < 0.5 if which == "some" else None
+    root = seed % palette
+    column = 1 + palette + 3 * root
+    offsets = raw[:, column : column + 3]
+    shifted = shift_colours((colours[root] + offsets)[:, None], before[None], after[None])[:, 0] - colours[root]
+    expected = raw.clone()
+    expected[:, column : column + 3] = shifted if among is None else torch.where(among[:, None], shifted, offsets)
+    kernels.shift(raw, column, colours[root], hsb_change(before, after), among)
+    torch.testing.assert_close(raw, expected, atol=2e-5, rtol=1e-4)

@@ -130,6 +130,12 @@ class ImageKernels(Protocol):
         ``harmonics`` (R, H): those of each ray's direction; ``tables`` (V, 2 F): features of geometry and material.
         """
 
+    def shift(self, raw: Tensor, column: int, colour: Tensor, change: Tensor, among: Tensor | None) -> None:
+        """Change the offsets of a palette colour (3,) in ``raw`` (S, 1 + 4 P), from ``column`` on, in place.
+
+        The colours become those of :func:`svv.core.colour.colour.with_change`, of all samples or ``among`` them (S,).
+        """
+
     def material(self, raw: Tensor, colours: Tensor) -> Surface:
         """Apply equation 4 unlit (:mod:`svv.core.colour.palette_shading`) to (S, 1 + 4 P) and palette (P, 3)."""
 

@@ -95,15 +95,33 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
     Returns:
         Recoloured samples, in [0, 1] where their palette colour was edited. (..., P, 3)
     """
+    return with_change(colours, hsb_change(palette, target))
+
+
+def hsb_change(palette: Tensor, target: Tensor) -> Tensor:
+    """Return how :func:`shift_colours` changes colours: (..., 3) and (..., 3) -> (..., 4).
+
+    What is added to the hue; the hue that all take, or -1 if they keep their own; what is added to saturation and to
+    brightness.
+    """
     before, after = rgb_to_hsb(palette), rgb_to_hsb(target)
-    was_grey, is_grey = before[:, 1] < GREY_SATURATION, after[:, 1] < GREY_SATURATION
-    hsb = rgb_to_hsb(colours)
-    turn = torch.where(was_grey | is_grey, 0.0, after[:, 0] - before[:, 0])
-    hue = torch.where(was_grey, after[:, 0], hsb[..., 0] + turn)
-    rest = (hsb[..., 1:] + (after - before)[:, 1:]).clamp(0, 1)
-    shifted = hsb_to_rgb(torch.cat((hue[..., None], rest), -1))
-    edited = (palette != target).any(-1, keepdim=True)  # (P, 1)
-    return torch.where(edited, shifted, colours)
+    was_grey, is_grey = before[..., 1] < GREY_SATURATION, after[..., 1] < GREY_SATURATION
+    turn = torch.where(was_grey | is_grey, 0.0, after[..., 0] - before[..., 0])
+    return torch.cat(
+        [torch.stack([turn, torch.where(was_grey, after[..., 0], -1.0)], -1), (after - before)[..., 1:]], -1
+    )
+
+
+def with_change(colours: Tensor, change: Tensor) -> Tensor:
+    """Return colours changed as :func:`hsb_change` tells: (..., 3) and (..., 4) -> (..., 3).
+
+    Where nothing is added and colours keep their hue, they stay as they are, also out of range.
+    """
+    hsb, all_take = rgb_to_hsb(colours), change[..., 1:2] >= 0.0
+    hue = torch.where(all_take, change[..., 1:2], hsb[..., :1] + change[..., :1])
+    rest = (hsb[..., 1:] + change[..., 2:]).clamp(0, 1)
+    same = ~all_take & (change[..., ::2] == 0.0).all(-1, keepdim=True) & (change[..., 3:] == 0.0)
+    return torch.where(same, colours, hsb_to_rgb(torch.cat((hue, rest), -1)))
 
 
 def to_hex(rgb: NDArray[np.floating] | Sequence[float]) -> str:

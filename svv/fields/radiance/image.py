@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import torch
 from torch import Tensor
 
+from svv.core.colour.colour import hsb_change
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.kept_views import Look, key_of_paint
 from svv.fields.radiance.matcaps import dress
@@ -61,7 +62,7 @@ def draw(
     palette, samples, light = scene.palette_network, look.samples, look.light
     assert palette is not None
     here = scene.regions_at(samples.position)
-    surface = kernels.material(_recoloured(scene, look.raw, here), palette.colours)
+    surface = kernels.material(_recoloured(kernels, scene, look.raw, here), palette.colours)
     if here is not None:
         surface = replace(surface, region=of_colour(here, surface.region))
     region = surface.region.long()
@@ -79,15 +80,21 @@ def draw(
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
 
 
-def _recoloured(scene: Model, raw: Tensor, here: Tensor | None) -> Tensor:
+def _recoloured(kernels: ImageKernels, scene: Model, raw: Tensor, here: Tensor | None) -> Tensor:
     """Return the output of the palette MLP (S, 1 + 4 P) with offsets that lead to the edited colours."""
     if all(r.edited_colour is None for r in scene.regions):
         return raw
     assert scene.palette_network is not None
-    colours = scene.palette_network.colours
-    weights, offsets = raw.split([1 + len(colours), 3 * len(colours)], dim=1)
-    edited = scene.edited_colours(offsets.view(len(raw), -1, 3), here) - colours
-    return torch.cat([weights, edited.view(len(raw), -1)], dim=1)
+    colours = scene.palette_network.colours.detach()
+    if any(r.edited_colour is not None and r.recolour_in != "hsb" for r in scene.regions):
+        weights, offsets = raw.split([1 + len(colours), 3 * len(colours)], dim=1)
+        edited = scene.edited_colours(offsets.view(len(raw), -1, 3), here) - colours
+        return torch.cat([weights, edited.view(len(raw), -1)], dim=1)
+    raw = raw.clone()
+    for number, root, shown, target in scene.colour_edits():
+        among = None if here is None else here[:, root] == number
+        kernels.shift(raw, 1 + len(colours) + 3 * root, colours[root], hsb_change(shown, target), among)
+    return raw
 
 
 def _add_light(

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -229,20 +229,24 @@ class Model:
             here: Region to which each palette colour belongs (:meth:`regions_at`). (S, P)
         """
         assert self.palette_network is not None
+        colours = self.palette_network.colours + offsets
+        for number, root, shown, target in self.colour_edits():
+            rows = slice(None) if here is None else (here[:, root] == number).nonzero()[:, 0]
+            shift = shift_in_oklab if self.regions[number].recolour_in == "oklab" else shift_colours
+            colours[rows, root] = shift(colours[rows, root, None], shown[None], target[None])[:, 0]
+        return colours
+
+    def colour_edits(self) -> Iterator[tuple[int, int, Tensor, Tensor]]:
+        """Yield the number of each region whose colour is edited, its root, and its colour before and after (3,)."""
+        assert self.palette_network is not None
         palette, roots = self.palette_network.colours, self.roots
-        colours = palette + offsets
         for number, region in enumerate(self.regions):
             if region.edited_colour is None:
                 continue
-            root = roots[number]
-            own, target = palette[root].detach(), numbers_on(region.edited_colour, palette.device)
+            own, target = palette[roots[number]].detach(), numbers_on(region.edited_colour, palette.device)
             # The user edits the region's colour as shown; the palette may have drifted from it in training.
             shown = numbers_on(region.colour, palette.device)
-            target = torch.where((target == own).all(), shown, target)
-            rows = slice(None) if here is None else (here[:, root] == number).nonzero()[:, 0]
-            shift = shift_in_oklab if region.recolour_in == "oklab" else shift_colours
-            colours[rows, root] = shift(colours[rows, root, None], shown[None], target[None])[:, 0]
-        return colours
+            yield number, roots[number], shown, torch.where((target == own).all(), shown, target)
 
     def paint(self, samples: Samples, network: str, region: Tensor) -> Tensor | None:
         """Return the UCN's colours (S, 3) of samples, also of unstyled regions; None for other networks.

@@ -6,6 +6,7 @@ import torch
 import triton
 from torch import Tensor
 
+from svv.core.colour.colour import with_change
 from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.rays.compositing import LEAST_ALPHA
@@ -43,6 +44,13 @@ def features(samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tens
             tables, lit, plain, len(samples), levels, each, triton.next_power_of_2(2 * each), harmonics.shape[1], BLOCK,
         )  # fmt: skip
     return lit, plain
+
+
+def shift(raw: Tensor, column: int, colour: Tensor, change: Tensor, among: Tensor | None) -> None:
+    """Change colours in plain torch: an edit is drawn anew only when it changes."""
+    offsets = raw[:, column : column + 3]
+    shifted = with_change(colour + offsets, change) - colour
+    offsets.copy_(shifted if among is None else torch.where(among[:, None], shifted, offsets))
 
 
 def material(raw: Tensor, colours: Tensor) -> Surface:

@@ -16,8 +16,8 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from svv.core.geometry.cameras import Camera
-from svv.core.rays.encodings import spherical_harmonics
 from svv.errors import Progress, silent
+from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.rendering import march, not_hidden
 from svv.fields.scene.scene import Scene
 
@@ -116,7 +116,7 @@ def _fit(scene: Scene, places: Tensor, directions: Tensor, seen: Tensor) -> Tens
     assert palette is not None
     count, views = directions.shape[:2]
     _, features = geometry_at(scene, places)
-    harmonics = spherical_harmonics(directions.reshape(-1, 3), 4)
+    harmonics = encode_directions(directions.reshape(-1, 3), torch.arange(count * views, dtype=torch.int32))
     specular, shade = palette.lighting(features.repeat_interleave(views, dim=0), harmonics)
     wanted = torch.stack([shade, specular], dim=-1).view(count, views, 2)
     basis = harmonics.view(count, views, -1)[:, :, : BANDS**2]

@@ -14,7 +14,7 @@ from torch import Tensor
 from svv.core.colour import palette_shading
 from svv.core.colour.light import blinn_phong, normals_of
 from svv.core.rays.compositing import LEAST_ALPHA, composite_samples
-from svv.core.rays.encodings import lattice_features
+from svv.core.rays.encodings import lattice_features, spherical_harmonics
 from svv.core.rounding import KERNELS
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.strokes.stroke_opacity import paleness
@@ -114,11 +114,12 @@ def test_depth_behind_the_last_sample_becomes_a_part_of_it(kernels: ImageKernels
 @given(SEEDS, st.integers(1, 4))
 def test_features_are_those_of_both_tables_and_of_the_rays(kernels: ImageKernels, seed: int, each: int) -> None:
     random, samples, lattice = generator(seed), some_samples(seed, [3, 0, 5]), one_level()
-    tables, harmonics = (torch.randn(shape, generator=random) for shape in ((VERTICES**3, 2 * each), (3, 16)))
-    lit, plain = kernels.features(samples, harmonics, lattice, tables)
+    tables, along = (torch.randn(shape, generator=random) for shape in ((VERTICES**3, 2 * each), (3, 3)))
+    along = torch.nn.functional.normalize(along, dim=1)
+    lit, plain = kernels.features(samples, along, lattice, tables)
     layout = lattice.shapes, lattice.scales, lattice.bases, lattice.index
     both = lattice_features(samples.position, *layout, tables)
-    close(lit, torch.cat([both[:, :each], harmonics[samples.ray.long()]], dim=1))
+    close(lit, torch.cat([both[:, :each], spherical_harmonics(along, 4)[samples.ray.long()]], dim=1))
     close(plain, both[:, each:])
 
 

@@ -44,15 +44,16 @@ NOTHING = {
 }  # fmt: skip
 """Operations that start nothing on a GPU."""
 
-MOST = {"base": 39, "palette": 40, "image": 22}
+MOST = {"base": 19, "palette": 22, "image": 19}
 """Operations of a step of stage 1, of stage 2, and of a piece of an image."""
 
 WAITING = {"_local_scalar_dense", "nonzero", "masked_select", "_unique2"}
 """Operations for which the CPU waits on a GPU, because it needs their value or the size of their result. An index by a
 mask begins with nonzero."""
 
-WAITS = {"base": 2, "palette": 1, "image": 1}
-"""How often the CPU waits: for the number of samples, and of representatives; an image also for its pixels."""
+WAITS = {"base": 0, "palette": 0, "image": 1}
+"""How often the CPU waits: in an image for the number of samples. Every 16th step of training also counts them
+(:mod:`svv.train.run.sample_room`)."""
 
 
 class Counter(TorchDispatchMode):
@@ -139,7 +140,7 @@ def test_operations_and_waits_of_a_step_and_of_an_image(
     found["image"] = count(lambda: scene.render(views().cameras[0].resized(8, 8)))
 
     names = {part: own for part, (own, _) in found.items()}
-    assert {"march", "network", "network_backward", "composite_backward", "adam"} <= set(names["base"])
+    assert {"march", "network", "network_backward", "learn", "adam"} <= set(names["base"])
     assert {part: len(own) for part, own in names.items() if len(own) > MOST[part]} == {}
     assert {part: waits for part, (_, waits) in found.items() if len(waits) > WAITS[part]} == {}
     assert "mm" not in {*names["base"], *names["palette"], *names["image"]}  # every network is one kernel

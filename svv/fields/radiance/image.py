@@ -15,7 +15,6 @@ from torch import Tensor
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.kept_views import Look, key_of_paint
 from svv.fields.radiance.matcaps import dress
-from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.occlusion import occlude
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
@@ -47,8 +46,7 @@ def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -
         plain = palette.encoding.look_up(samples.position)
     else:
         tables = _both_tables(geometry.table, palette.encoding)
-        along = encode_directions(rays.lit_along, torch.arange(len(rays), dtype=torch.int32, device=samples.ray.device))
-        lit, plain = kernels.features(samples, along, geometry.layout, tables)
+        lit, plain = kernels.features(samples, rays.lit_along.contiguous(), geometry.layout, tables)
         light = palette.lighting_mlp(lit)
     return Look(samples, palette.palette_mlp(plain), light)
 

@@ -87,10 +87,14 @@ class Layers(nn.Sequential):
     rough = True
     """Whether three digits are enough; kernels may then multiply in half precision."""
 
+    @property
+    def weights(self) -> list[Tensor]:
+        """Weights of each layer, (to, from)."""
+        return [layer.weight for layer in self if isinstance(layer, nn.Linear)]
+
     def forward(self, x: Tensor) -> Tensor:
         """Apply the layers. (S, I) -> (S, O)"""
-        weights = [layer.weight for layer in self if isinstance(layer, nn.Linear)]
-        return kernels_for(x).network(x, weights, self.rough)
+        return kernels_for(x).network(x, self.weights, self.rough)
 
 
 def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) -> Layers:

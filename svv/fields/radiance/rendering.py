@@ -22,7 +22,7 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels.constants import fetched, moved_at_once
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Context, Limits, Samples
+from svv.kernels.types import Context, Limits, Room, Samples
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,7 @@ def march(
     how: Marching,
     seed: int = 0,
     first_ray: int = 0,
+    room: Room | None = None,
 ) -> Samples:
     """Sample rays in occupied cells, leaving out samples that cannot be seen.
 
@@ -134,6 +135,7 @@ def march(
         how: Sample distance and thresholds.
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
         first_ray: Number of the first ray in its batch: a ray's random numbers depend on its number.
+        room: Room for the samples on a GPU, for which nothing waits; see :attr:`svv.kernels.types.Samples.total`.
 
     Returns:
         The samples of all rays.
@@ -142,8 +144,8 @@ def march(
     limits = (how.least_weight, how.keep, how.stop, how.fade) if density is not None else (-1.0, 0.0, 0.0, 0.0)
     samples, occupancy.samples_a_ray = kernels_for(rays.origins).march(
         rays.origins, rays.directions, occupancy.distance_on(rays.origins.device), occupancy.cells,
-        occupancy.box.extent, lattice.layout, lattice.table, MOST_LOG_EXTINCTION, Limits(how.step, *limits, how.merge),
-        seed, occupancy.samples_a_ray, first_ray,
+        occupancy.box.extent, lattice.layout, lattice.table, MOST_LOG_EXTINCTION,
+        Limits(how.step, *limits, how.merge, room), seed, occupancy.samples_a_ray, first_ray,
     )  # fmt: skip
     return samples
 
@@ -211,9 +213,15 @@ def representatives(samples: Samples, every: float, seed: int, first_ray: int = 
     Returns:
         Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
+    shift = shifts(samples, seed, first_ray)
+    return kernels_for(shift).representatives(samples, every, shift)
+
+
+def shifts(samples: Samples, seed: int, first_ray: int = 0) -> Tensor:
+    """Return what shifts the cuts of each ray in :func:`representatives`, in [0, 1). (R,)"""
     drawn = torch.rand(first_ray + len(samples.count), generator=torch.Generator().manual_seed(seed))
     (shift,) = moved_at_once((drawn[first_ray:].numpy(),), samples.sigma.device)
-    return kernels_for(shift).representatives(samples, every, shift)
+    return shift
 
 
 def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -21,9 +21,10 @@ from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, R
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.fast_math import FAST_MATH
 from svv.core.rays.compositing import LEAST_ALPHA
+from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, cell_at, mean_of, weights_of
-from svv.kernels.types import Lattice, Samples, Surface
+from svv.kernels.types import HARMONICS, Lattice, Samples, Surface
 
 RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
 """The constants in single precision; with Python floats, numba would compute in double precision."""
@@ -225,8 +226,9 @@ def ended(samples: Samples) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(sigma), torch.from_numpy(tail)
 
 
-def features(samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
-    each = tables.shape[1] // 2
+def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
+    each, harmonics = tables.shape[1] // 2, torch.empty(len(along), HARMONICS)
+    numba_rays.harmonics(*_arrays(along.contiguous()), np.arange(len(along), dtype=np.int32), *_arrays(harmonics))
     width = len(lattice.scales) * each
     lit, plain = torch.empty(len(samples), width + harmonics.shape[1]), torch.empty(len(samples), width)
     _features(

@@ -10,7 +10,7 @@ from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, R
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.kernels.triton import image as triton_image
-from svv.kernels.types import Lattice, Samples, Surface
+from svv.kernels.types import HARMONICS, Lattice, Samples, Surface
 
 BLOCK = 128
 """Samples per program."""
@@ -32,15 +32,16 @@ def ended(samples: Samples) -> tuple[Tensor, Tensor]:
     return sigma, left
 
 
-def features(samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
+def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
     """Look up both tables, level by level, beside the harmonics of the rays."""
     each, levels, device = tables.shape[1] // 2, len(lattice.scales), tables.device
-    lit = torch.empty(len(samples), levels * each + harmonics.shape[1], device=device)
+    lit = torch.empty(len(samples), levels * each + HARMONICS, device=device)
     plain = torch.empty(len(samples), levels * each, device=device)
     if len(samples):
         triton_image.features[triton.cdiv(len(samples), BLOCK), levels](
-            samples.position, samples.ray, harmonics, lattice.shapes, lattice.scales, lattice.bases, lattice.index,
-            tables, lit, plain, len(samples), levels, each, triton.next_power_of_2(2 * each), harmonics.shape[1], BLOCK,
+            samples.position, samples.ray, samples.ray, along, lattice.shapes, lattice.scales, lattice.bases,
+            lattice.index, tables, lit, plain, len(samples), levels, each, triton.next_power_of_2(2 * each), True,
+            False, BLOCK,
         )  # fmt: skip
     return lit, plain
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from svv.kernels.triton.tables import corner_weight, lattice_cells, row_of
+from svv.kernels.triton.rays import store_harmonics
+from svv.kernels.triton.tables import corner_weight, known, lattice_cells, row_of
 
 
 @triton.jit
@@ -37,37 +38,40 @@ def end(sigma, tail, start, count, step, left, rays, BLOCK: tl.constexpr):  # ty
     tl.store(left + r, tl.where(number > 0, 0.0, behind), mask=there)
 
 
-@triton.jit(do_not_specialize=["x", "ray", "samples", "levels"])
+@triton.jit(do_not_specialize=["x", "ray", "chosen", "directions", "samples", "levels"])
 def features(  # type: ignore[no-untyped-def]
-    x, ray, harmonics, shapes, scales, bases, index, tables, lit, plain, samples, levels,
-    FEATURES: tl.constexpr, WIDE: tl.constexpr, HARMONICS: tl.constexpr, BLOCK: tl.constexpr,
+    x, ray, chosen, directions, shapes, scales, bases, index, tables, lit, plain, samples, levels,
+    FEATURES: tl.constexpr, WIDE: tl.constexpr, BOTH: tl.constexpr, CHOSEN: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write one level of ``lit`` (S, L F + H) and of ``plain`` (S, L F); the first level also the harmonics.
+    """Write one level of ``lit`` (S, L F + 16); the first level also the harmonics of the rays' ``directions`` (R, 3).
 
-    ``tables`` (V, 2 F); ``FEATURES`` is F, and ``WIDE`` 2 F rounded up to a power of two.
+    With ``BOTH``, ``tables`` (V, 2 F) hold behind these features those of ``plain`` (S, L F), otherwise only these.
+    ``FEATURES`` is F, and ``WIDE`` the width of the tables, rounded up to a power of two. Sample k is row k of ``x`` and
+    ``ray``, or, if only some are ``CHOSEN``, row ``chosen[k]``.
     """
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
-    there = i < samples
-    both = there[:, None] & (f < 2 * FEATURES)[None, :]
-    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
+    there = i < known(samples)
+    place = tl.load(chosen + i, mask=there, other=0) if CHOSEN else i
+    columns = 2 * FEATURES if BOTH else FEATURES
+    both = there[:, None] & (f < columns)[None, :]
+    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, place, there, shapes, scales, bases, level)
     total = tl.zeros((BLOCK, WIDE), tl.float32)
     for corner in tl.static_range(8):
         word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
         row = row_of(word, z, tl.load(bases + levels)) + (corner & 1)
-        value = tl.load(tables + row[:, None] * (2 * FEATURES) + f[None, :], mask=both, other=0.0)
+        value = tl.load(tables + row[:, None] * columns + f[None, :], mask=both, other=0.0)
         total += corner_weight(wx, wy, wz, corner)[:, None] * value
-    wide = levels * FEATURES + HARMONICS
+    wide = levels * FEATURES + 16
     own = both & (f < FEATURES)[None, :]
     tl.store(lit + (i * wide + level * FEATURES)[:, None] + f[None, :], total, mask=own)
-    other = both & (f >= FEATURES)[None, :]
-    tl.store(plain + ((i * levels + level) * FEATURES)[:, None] + f[None, :] - FEATURES, total, mask=other)
+    if BOTH:
+        other = both & (f >= FEATURES)[None, :]
+        tl.store(plain + ((i * levels + level) * FEATURES)[:, None] + f[None, :] - FEATURES, total, mask=other)
     if level == 0:
-        h = tl.arange(0, HARMONICS)
-        which = tl.load(ray + i, mask=there, other=0).to(tl.int64)
-        along = tl.load(harmonics + which[:, None] * HARMONICS + h[None, :], mask=there[:, None], other=0.0)
-        tl.store(lit + (i * wide + levels * FEATURES)[:, None] + h[None, :], along, mask=there[:, None])
+        along = directions + 3 * tl.load(ray + place, mask=there, other=0).to(tl.int64)
+        store_harmonics(lit + i * wide + levels * FEATURES, along, there, BLOCK)
 
 
 @triton.jit(do_not_specialize=["raw", "colours", "samples", "count"])

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from svv.core.colour.palette import Palette, PaletteSettings, extract_palette
 from svv.core.volumes.classified import ValueGrid
-from svv.fields.radiance.encodings import LatticeAdam
+from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.phong import Beams
@@ -22,7 +22,7 @@ from svv.fields.values.of_values import colours_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
-from svv.kernels.types import Samples
+from svv.kernels.types import Samples, TrainingKernels
 from svv.train.base.from_values import colours_told, palette_given
 from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, shares_of
@@ -32,6 +32,7 @@ from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
 from svv.train.run.loop import Loop, Running, falling, network_adam
 from svv.train.run.network_adam import Group
+from svv.train.run.sample_room import SampleRoom
 
 SETTLED_AT, SETTLED_IN = 4096, 100
 """Points of a step towards regions that a trained network is told, and the number of these steps."""
@@ -100,36 +101,27 @@ class Recolouring:
         self.networks = network_adam(groups)
         self.tables = LatticeAdam([encoding for encoding in encodings if encoding.table.requires_grad])
         self.budget = RayBudget(s.rays, s.samples)
+        self.room = SampleRoom(self.field.colours.device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
         batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
-        samples = march(batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first)
-        self.budget.adjust(number, len(samples))
-        with torch.no_grad():
-            lit = self.field.lighting_mlp is not None
-            # Without a lighting network the geometry features are unused; only the number of samples matters.
-            sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
-            if self.base.density is None:
-                samples, seen = not_hidden(samples, sigma, self.marching)
-                sigma, geometry = sigma[seen], geometry[seen]
-        values, weights = self._values(samples, geometry, batch.rays)
-        out, transmittance, _ = composite(samples, sigma, values)
-        out, mixtures = out[:, :6], out[:, 6:]
+        kernels = self._kernels()
+        room = None if kernels is None else self.room.of(number, len(batch.rays))
+        samples = march(
+            batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first, room
+        )  # fmt: skip
+        if room is None:
+            self.budget.adjust(number, len(samples))
+            self.room.counted(len(samples), len(batch.rays))
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
         penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
-        loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
-        drift = (self.field.colours - self.start).square().sum()
-        loss = loss + PALETTE_WEIGHT * batch.share * drift
-        if self.owners is not None:
-            loss = loss + self._foreign(self.owners, weights, samples.position)
-        if self.given is not None:
-            loss = loss + self._not_as_given(self.given, mixtures, batch)
-        if self.told is not None:
-            loss = loss + batch.share * self._not_as_told(*self.told)
         self.networks.zero_grad(set_to_none=True)
-        loss.backward()
+        if kernels is not None and len(samples):
+            error = self._learn(kernels, samples, batch, penalties)
+        else:
+            error = self._learn_in_torch(samples, batch, penalties)
         trained = [p for group in self.networks.param_groups for p in group["params"]]
         error = sum_gradients(error, trained, self.tables.encodings)
         rate = falling(fraction, s.decay, s.hold)
@@ -140,6 +132,69 @@ class Recolouring:
         with torch.no_grad():
             self.field.colours.clamp_(0.0, 1.0)
         return error
+
+    def _kernels(self) -> TrainingKernels | None:
+        """Return the kernels that take a whole step, if there are any for these networks and penalties."""
+        base, field, lighting = self.base, self.field, self.field.lighting_mlp
+        alike = isinstance(base.encoding, SparseLattice) and isinstance(field.encoding, SparseLattice)
+        if base.density is None or lighting is None or not alike or self.given is not None or self.told is not None:
+            return None
+        kernels = kernels_for(field.colours).TRAINING
+        fit = kernels is not None and all(kernels.fits(n.weights) for n in (lighting, field.palette_mlp))
+        return kernels if fit else None
+
+    def _learn(
+        self, kernels: TrainingKernels, samples: Samples, batch: Batch, penalties: tuple[float, float, float]
+    ) -> Tensor:
+        """Compute all gradients at once; returns the mean squared error of colour."""
+        geometry, encoding, lighting = self.base.encoding, self.field.encoding, self.field.lighting_mlp
+        assert isinstance(geometry, SparseLattice) and isinstance(encoding, SparseLattice) and lighting is not None
+        networks, colours, owners = (lighting.weights, self.field.palette_mlp.weights), self.field.colours, self.owners
+        if self._settled:
+            penalties = *penalties[:2], 0.0
+
+        def foreign(weights: Tensor) -> Tensor:
+            assert owners is not None
+            return self._foreign(owners, weights, samples.position, samples.total)
+
+        error, gradients = kernels.palette(
+            samples, batch.target, (geometry.layout, geometry.table.detach()), encoding.learning, networks,
+            colours.detach(), penalties, None if owners is None else foreign,
+        )  # fmt: skip
+        for parameter, gradient in zip([*networks[0], *networks[1], colours], gradients, strict=True):
+            parameter.grad = gradient
+        assert colours.grad is not None
+        colours.grad.add_(colours.detach() - self.start, alpha=2.0 * PALETTE_WEIGHT * batch.share)
+        return error
+
+    def _learn_in_torch(self, samples: Samples, batch: Batch, penalties: tuple[float, float, float]) -> Tensor:
+        """Compute all gradients; returns the mean squared error of colour."""
+        with torch.no_grad():
+            lit = self.field.lighting_mlp is not None
+            # Without a lighting network the geometry features are unused; only the number of samples matters.
+            sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
+            if self.base.density is None:
+                samples, seen = not_hidden(samples, sigma, self.marching)
+                sigma, geometry = sigma[seen], geometry[seen]
+        values, weights = self._values(samples, geometry, batch.rays)
+        out, transmittance, _ = composite(samples, sigma, values)
+        out, mixtures = out[:, :6], out[:, 6:]
+        loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
+        drift = (self.field.colours - self.start).square().sum()
+        loss = loss + PALETTE_WEIGHT * batch.share * drift
+        if self.owners is not None:
+            loss = loss + self._foreign(self.owners, weights, samples.position)
+        if self.given is not None:
+            loss = loss + self._not_as_given(self.given, mixtures, batch)
+        if self.told is not None:
+            loss = loss + batch.share * self._not_as_told(*self.told)
+        loss.backward()
+        return error
+
+    @property
+    def _settled(self) -> bool:
+        """Whether each point's region is known, so that its weights need not be as little mixed as they can."""
+        return self.owners is not None and not self.owners.shared
 
     def settle(self, number: int) -> None:
         """Take one step towards the regions of random points, without rays: where a trained network is told others."""
@@ -163,36 +218,37 @@ class Recolouring:
 
     def _values(self, samples: Samples, geometry: Tensor, rays: Rays) -> tuple[Tensor, Tensor]:
         """Return what is composited: colours, penalties and given shares (S, 6 or 6 + P); and weights (S, P)."""
-        along, field, fused = rays.lit_along, self.field, kernels_for(geometry).TRAINING
-        settled = self.owners is not None and not self.owners.shared
-        if fused is not None and field.lighting_mlp is not None and self.given is None:
-            raw = field.palette_mlp(field.encoding(samples.position))
-            light = field.lighting_mlp(torch.cat([geometry, encode_directions(along, samples.ray)], dim=1))
-            return fused.mixed(raw, light, field.colours, settled)
+        along, field = rays.lit_along, self.field
         beams = Beams.headlight(-along).at(samples.ray)
         parts = field(samples.position, geometry, encode_directions(along, samples.ray), beams)
         diffuse = parts.diffuse(field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
+        mixed = torch.zeros_like(offsets) if self._settled else 1.0 - parts.weights.square().sum(dim=1)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         if self.given is not None:
             light = (parts.intensity * parts.shade).detach()
             values = torch.cat([values, light[:, None] * parts.weights], dim=1)
         return values, parts.weights
 
-    def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
+    def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor, total: Tensor | None = None) -> Tensor:
         """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
 
         A thin shell counts as much as the fog in which it lies: it is a mean over the regions, and over the samples of
-        each, counted on all ranks.
+        each, counted on all ranks. ``total``: see :class:`svv.kernels.types.Samples`.
         """
         count = weights.shape[1]
         if not len(position):
             ranks.summed(torch.zeros(count, dtype=torch.int64, device=weights.device))
             return weights.sum()
         owner, own = owners.told(weights, position)
-        each = 1.0 / ranks.summed(torch.bincount(owner, minlength=count)).clamp(min=1)[owner]
+        if total is None:
+            samples = torch.bincount(owner, minlength=count)
+        else:  # bincount would wait, for the largest number
+            there = torch.arange(len(own), device=own.device) < total
+            own = torch.where(there, own, 1.0)
+            samples = torch.zeros(count, device=own.device).index_add_(0, owner, there.to(own.dtype))
+        each = 1.0 / ranks.summed(samples).clamp(min=1)[owner]
         return -OWNER_WEIGHT * (each * own.log()).sum() / count
 
     def _not_as_told(self, values: Tensor, colours: Tensor) -> Tensor:

@@ -60,8 +60,8 @@ class ImageKernels(Protocol):
     colours.
     """
 
-    def ended(self, samples: Samples) -> tuple[Tensor, Tensor]:
-        """Return extinction (S,) and ``tail`` (R,) with the depth behind each ray's last sample as part of that sample.
+    def end(self, samples: Samples) -> None:
+        """Make the depth behind each ray's last sample, ``tail``, a part of that sample's extinction, both in place.
 
         See :func:`svv.fields.radiance.rendering.ended`.
         """
@@ -107,8 +107,8 @@ class ImageKernels(Protocol):
     ) -> None:  # fmt: skip
         """Composite rays into ``images``: straight RGBA (R, 4), depth (R,) and region (R,) int16.
 
-        Pixels whose alpha does not exceed :data:`svv.core.rays.compositing.LEAST_ALPHA` are unchanged. ``opacity``
-        (regions,) scales each region's extinction. A pixel's region is the one with most of its weight. Depth is
+        Whatever these held before, pixels whose alpha does not exceed
+        :data:`svv.core.rays.compositing.LEAST_ALPHA` show nothing: zeros, NaN and -1. ``opacity`` (regions,) scales each region's extinction. A pixel's region is the one with most of its weight. Depth is
         measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in world units.
         """
 

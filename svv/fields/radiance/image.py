@@ -6,6 +6,7 @@ They draw what :meth:`svv.fields.scene.scene.Scene.shade` computes. On devices w
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
@@ -52,7 +53,7 @@ def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -
 
 
 def draw(
-    kernels: ImageKernels, scene: Model, look: Look, rays: Rays, network: str, beams: Beams,
+    kernels: ImageKernels, scene: Model, look: Look, rays: Rays, network: str, beams: Callable[[], Beams],
     images: tuple[Tensor, Tensor, Tensor],
 ) -> None:  # fmt: skip
     """Render rays into RGBA (R, 4), depth (R,) and region (R,), with the network ``pcn`` or ``styled``."""
@@ -72,7 +73,7 @@ def draw(
     occlude(scene, surface.colour, samples.position, surface.region)
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):
-        dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams)
+        dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams())
     opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
 
@@ -89,15 +90,16 @@ def _recoloured(scene: Model, raw: Tensor, here: Tensor | None) -> Tensor:
 
 
 def _add_light(
-    kernels: ImageKernels, scene: Model, samples: Samples, surface: Surface, light: Tensor | None, beams: Beams,
-    lights: Tensor, here: Tensor | None,
+    kernels: ImageKernels, scene: Model, samples: Samples, surface: Surface, light: Tensor | None,
+    beams: Callable[[], Beams], lights: Tensor, here: Tensor | None,
 ) -> None:  # fmt: skip
     """Light the surface's colour in place, by the lighting MLP or by an explicit light."""
     assert scene.palette_network is not None
     if scene.palette_network.phong is not None:
         normals, coefficients = scene.palette_network.phong.normals, scene.coefficients()
         assert coefficients is not None
-        directions = beams.facing, beams.toward, beams.intensity
+        shining = beams()
+        directions = shining.facing, shining.toward, shining.intensity
         each = for_colours(coefficients, here)
         kernels.phong(surface, samples, directions, normals.layout, normals.table, each, lights)
     elif light is not None:

@@ -57,7 +57,9 @@ def _surface(own: ImageKernels, at: Inputs) -> Surface:
 
 
 def _ended(own: ImageKernels, at: Inputs) -> list[Tensor]:
-    return list(own.ended(at.samples))
+    samples = replace(at.samples, sigma=at.samples.sigma.clone(), tail=at.samples.tail.clone())
+    own.end(samples)
+    return [samples.sigma, samples.tail]
 
 
 def _features(own: ImageKernels, at: Inputs) -> list[Tensor]:
@@ -90,8 +92,8 @@ def _phong(own: ImageKernels, at: Inputs) -> list[Tensor]:
 
 def _composite(own: ImageKernels, at: Inputs) -> list[Tensor]:
     surface, rays, device = _surface(own, at), len(at.origins), at.origins.device
-    rgba, depth = torch.zeros(rays, 4, device=device), torch.zeros(rays, device=device)
-    seen = torch.full((rays,), -1, dtype=torch.int16, device=device)
+    rgba, depth = torch.full((rays, 4), 9.0, device=device), torch.full((rays,), 9.0, device=device)
+    seen = torch.full((rays,), 9, dtype=torch.int16, device=device)
     own.composite(at.samples, at.samples.sigma, surface, at.share, at.origins, 3.0, (rgba, depth, seen))
     # A mean is a sum divided by alpha, and its error grows as that falls.
     return [rgba[:, :3] * rgba[:, 3:], rgba[:, 3], depth * rgba[:, 3], seen.float()]

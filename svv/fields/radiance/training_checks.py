@@ -35,7 +35,7 @@ SPARE = 37
 LEVELS, FEATURES, WIDTH, ALPHA = 2, 4, 32, 0.7
 """Those of the lattices, width of networks, and weight of alpha."""
 
-PENALTIES = 0.3, 0.2, 0.1
+PENALTIES = 0.5, 1.0, 2.0
 """Weights of stage 2's penalties."""
 
 

@@ -187,7 +187,7 @@ def _composite(  # type: ignore[no-untyped-def]
 ):
     """Write the pixels of rays: straight ``rgba`` (R, 4) in [0, 1], ``depth`` (R,) and region ``seen`` (R,) int16.
 
-    A pixel whose alpha does not exceed ``faint`` is unchanged. ``opacity`` (regions,) scales each region's extinction.
+    A pixel whose alpha does not exceed ``faint`` shows nothing. ``opacity`` (regions,) scales each region's extinction.
     A pixel's region is the one with most of its weight. ``size``: world units per box unit.
     """
     rays, regions = start.shape[0], opacity.shape[0]
@@ -218,12 +218,14 @@ def _composite(  # type: ignore[no-untyped-def]
                 rgba[r, 3] = alpha
                 depth[r] = far * back * size
                 seen[r] = np.argmax(shares)
+            else:
+                rgba[r] = np.float32(0.0)
+                depth[r] = np.float32(np.nan)
+                seen[r] = -1
 
 
-def ended(samples: Samples) -> tuple[Tensor, Tensor]:
-    sigma, tail = samples.sigma.numpy().copy(), samples.tail.numpy().copy()
-    _end(sigma, tail, *_arrays(samples.start, samples.count), np.float32(samples.step))
-    return torch.from_numpy(sigma), torch.from_numpy(tail)
+def end(samples: Samples) -> None:
+    _end(*_arrays(samples.sigma, samples.tail, samples.start, samples.count), np.float32(samples.step))
 
 
 def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:

@@ -22,14 +22,13 @@ def _grid(count: int) -> tuple[int]:
     return (triton.cdiv(count, BLOCK),)
 
 
-def ended(samples: Samples) -> tuple[Tensor, Tensor]:
-    """Copy the extinction, and move what is behind the last samples into the copy."""
-    sigma, left, rays = samples.sigma.clone(), torch.empty_like(samples.tail), len(samples.tail)
+def end(samples: Samples) -> None:
+    """Move what is behind the last samples into them."""
+    rays = len(samples.tail)
     if rays:
         triton_image.end[_grid(rays)](
-            sigma, samples.tail, samples.start, samples.count, samples.step, left, rays, BLOCK
-        )
-    return sigma, left
+            samples.sigma, samples.tail, samples.start, samples.count, samples.step, rays, BLOCK
+        )  # fmt: skip
 
 
 def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:

@@ -23,11 +23,8 @@ def softplus(x):  # type: ignore[no-untyped-def]
 
 
 @triton.jit(do_not_specialize=["start", "count", "rays"])
-def end(sigma, tail, start, count, step, left, rays, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Move the optical depth behind each ray's last sample, ``tail`` (R,), into its extinction (S,), in place.
-
-    ``left`` (R,) receives what stays behind.
-    """
+def end(sigma, tail, start, count, step, rays, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Move the optical depth behind each ray's last sample, ``tail`` (R,), into its extinction (S,), in place."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = r < rays
     number = tl.load(count + r, mask=there, other=0)
@@ -35,7 +32,7 @@ def end(sigma, tail, start, count, step, left, rays, BLOCK: tl.constexpr):  # ty
     behind = tl.load(tail + r, mask=there, other=0.0)
     filled = there & (number > 0)
     tl.store(at, tl.load(at, mask=filled, other=0.0) + behind / step, mask=filled)
-    tl.store(left + r, tl.where(number > 0, 0.0, behind), mask=there)
+    tl.store(tail + r, tl.zeros((BLOCK,), tl.float32), mask=filled)
 
 
 @triton.jit(do_not_specialize=["x", "ray", "chosen", "directions", "samples", "levels"])
@@ -210,9 +207,9 @@ def composite(  # type: ignore[no-untyped-def]
     position, sigma, skipped, colour, region, opacity, origins, start, count, tail, step, size, faint, rgba, depth,
     seen, rays, regions, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write the pixels of rays whose alpha exceeds ``faint``: ``rgba`` (R, 4), ``depth`` (R,), ``seen`` (R,) int16.
+    """Write the pixels of rays, ``rgba`` (R, 4), ``depth`` (R,) and ``seen`` (R,) int16.
 
-    ``WIDE`` is the number of regions rounded up to a power of two.
+    A pixel whose alpha does not exceed ``faint`` shows nothing. ``WIDE`` is the number of regions rounded up to a power of two.
     """
     r = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     there = r < rays
@@ -246,12 +243,12 @@ def composite(  # type: ignore[no-untyped-def]
         t *= e
         k += 1
     alpha = 1.0 - t * tl.exp(-tl.load(tail + r, mask=there, other=0.0))
-    shown = there & (alpha > faint)
-    back = 1.0 / tl.maximum(alpha, faint)
-    tl.store(rgba + 4 * r, tl.minimum(tl.maximum(red * back, 0.0), 1.0), mask=shown)
-    tl.store(rgba + 4 * r + 1, tl.minimum(tl.maximum(green * back, 0.0), 1.0), mask=shown)
-    tl.store(rgba + 4 * r + 2, tl.minimum(tl.maximum(blue * back, 0.0), 1.0), mask=shown)
-    tl.store(rgba + 4 * r + 3, alpha, mask=shown)
-    tl.store(depth + r, far * back * size, mask=shown)
+    shown = alpha > faint
+    back = tl.where(shown, 1.0 / tl.maximum(alpha, faint), 0.0)
+    tl.store(rgba + 4 * r, tl.minimum(tl.maximum(red * back, 0.0), 1.0), mask=there)
+    tl.store(rgba + 4 * r + 1, tl.minimum(tl.maximum(green * back, 0.0), 1.0), mask=there)
+    tl.store(rgba + 4 * r + 2, tl.minimum(tl.maximum(blue * back, 0.0), 1.0), mask=there)
+    tl.store(rgba + 4 * r + 3, tl.where(shown, alpha, 0.0), mask=there)
+    tl.store(depth + r, tl.where(shown, far * back * size, float("nan")), mask=there)
     shares = tl.where(which[None, :] < regions, shares, -1.0)
-    tl.store(seen + r, tl.argmax(shares, axis=1).to(tl.int16), mask=shown)
+    tl.store(seen + r, tl.where(shown, tl.argmax(shares, axis=1), -1).to(tl.int16), mask=there)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import torch
 import triton
@@ -149,7 +150,12 @@ def pixels_in_sight(
     extent: Sequence[float],
 ) -> Tensor:  # fmt: skip
     """Return all pixels, because a GPU marches them at once."""
-    return torch.arange(width * height, device=distance.device)
+    return _all_of(width * height, distance.device)
+
+
+@lru_cache(1)
+def _all_of(pixels: int, device: torch.device) -> Tensor:
+    return torch.arange(pixels, device=device)
 
 
 def march(

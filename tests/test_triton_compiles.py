@@ -14,8 +14,7 @@ TYPES = {
     "begin end passed shift where place around points strokes noise look tint covered below left harmonics tables lit "
     "plain raw colours diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
     "depth images sums weight shown g_values g_weights g_raw g_light light each g_density",
-    "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends "
-    "dropped",
+    "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends dropped",
     "*fp64": "apart shares",
     "*i32": "age ray number entries of seeds vertices",
     "*i16": "seen",
@@ -124,10 +123,22 @@ def compile_all() -> None:
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
-    from svv.kernels.triton import image, learning, networks, pixels, rays, sheets, strokes, tables, tomography, training
+    from svv.kernels.triton import (
+        cells,
+        image,
+        learning,
+        networks,
+        pixels,
+        rays,
+        sheets,
+        strokes,
+        tables,
+        tomography,
+        training,
+    )
 
     blocks = {"network": networks.FORWARD.block, "network_backward": networks.BACKWARD.block}
-    places = tables, rays, networks, image, pixels, sheets, strokes, tomography, training, learning
+    places = cells, tables, rays, networks, image, pixels, sheets, strokes, tomography, training, learning
     for name, values in [*KERNELS, *NETWORKS]:
         kernel = image.composite if name == "image_composite" else _found(places, name)
         constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}

@@ -66,8 +66,8 @@ class Samples:
     ``position`` (S, 3): box coordinates; ``sigma`` (S,): extinction in 1 / box unit; ``skipped`` (S,): optical depth
     left out before each sample; ``ray`` (S,) int32: ray of each sample; ``start`` and ``count`` (R,) int64: first
     sample and number of samples of each ray; ``tail`` (R,): optical depth left out behind the last sample; ``step``:
-    sample spacing in box units; ``total`` (1,) int64, if kernels read it on the device: number of samples. If there was more
-    room (:class:`Room`), what follows them may be any numbers, and a ray without room has a count of -1.
+    sample spacing in box units; ``total`` (1,) int64, if kernels read it on the device: number of samples. If there was
+    more room (:class:`Room`), what follows them may be any numbers, and a ray without room has a count of -1.
     """
 
     position: Tensor
@@ -93,5 +93,5 @@ class Samples:
 
     @property
     def number(self) -> Tensor | int:
-        """How many samples there are, as kernels of training steps take it: a number, or where on the device it lies."""
+        """How many samples there are, as kernels of training steps take it: a number, or where on the GPU it lies."""
         return len(self) if self.total is None else self.total

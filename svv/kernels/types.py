@@ -17,7 +17,6 @@ from svv.kernels.training_types import Table as Table
 from svv.kernels.training_types import Target as Target
 from svv.kernels.training_types import TrainingKernels as TrainingKernels
 
-
 HARMONICS = 16
 """Number of spherical harmonics of degree 4."""
 
@@ -107,9 +106,10 @@ class ImageKernels(Protocol):
     ) -> None:  # fmt: skip
         """Composite rays into ``images``: straight RGBA (R, 4), depth (R,) and region (R,) int16.
 
-        Whatever these held before, pixels whose alpha does not exceed
-        :data:`svv.core.rays.compositing.LEAST_ALPHA` show nothing: zeros, NaN and -1. ``opacity`` (regions,) scales each region's extinction. A pixel's region is the one with most of its weight. Depth is
-        measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in world units.
+        Whatever these held before, pixels whose alpha does not exceed :data:`svv.core.rays.compositing.LEAST_ALPHA`
+        show nothing: zeros, NaN and -1. ``opacity`` (regions,) scales each region's extinction. A pixel's region is the
+        one with most of its weight. Depth is measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in
+        world units.
         """
 
 

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from svv.core.rays.encodings import VERTICES_A_WORD, stored_rows
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Context, Lattice, Table
+from svv.kernels.types import Context, Lattice
 
 VERTICES_AT_A_TIME = 1 << 18
 """Vertices processed together, because millions at once would take hundreds of megabytes."""
@@ -201,11 +201,6 @@ class SparseLattice(Encoding):
 
     def look_up(self, x: Tensor) -> Tensor:
         return kernels_for(x).lattice_encode(x, self.layout, self.table)
-
-    @property
-    def learning(self) -> Table:
-        """The table and its gradient in the form that the kernels of training steps take."""
-        return Table(self.layout, self.table.detach(), *self.buffers_for_gradient())
 
     def add_gradient(self, x: Tensor, gradient: Tensor) -> None:
         kernels_for(x).lattice_backward(x, gradient, self.layout, *self.buffers_for_gradient())

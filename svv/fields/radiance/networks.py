@@ -23,7 +23,7 @@ from svv.fields.radiance.phong import Beams, PhongLight
 from svv.fields.radiance.rendering import Extinction
 from svv.fields.strokes.kept_strokes import Brushed
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Samples
+from svv.kernels.types import Samples, Table
 
 DIRECTION_WIDTH = 16
 """Number of spherical harmonics of degree 4."""
@@ -119,6 +119,11 @@ def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
     """Return spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
     return kernels_for(directions).directions_of_samples(directions, ray)
+
+
+def learning(lattice: SparseLattice) -> Table:
+    """Return a lattice's table and its gradient in the form that the kernels of training steps take."""
+    return Table(lattice.layout, lattice.table.detach(), *lattice.buffers_for_gradient())
 
 
 class BaseField(nn.Module):

@@ -27,6 +27,7 @@ from svv.fields.radiance.kernel_checks import (
     rounded_layers,
     weights_of,
 )
+from svv.fields.radiance.networks import learning
 from svv.kernels.types import HARMONICS, Kernels, Samples, Target
 
 SPARE = 37
@@ -176,6 +177,11 @@ def _compare(mine: Sequence[Tensor], theirs: Sequence[Tensor]) -> None:
         assert apart <= most, f"result {number} of {len(theirs)} is off by {apart:.1e}"
 
 
+def _pulled(weights: Tensor, by: Tensor) -> Tensor:
+    """Return a sum of the weights that there are."""
+    return torch.where(by == 0.0, 0.0, weights * by).sum()
+
+
 def _cleared(lattice: SparseLattice, device: torch.device) -> SparseLattice:
     """Return a lattice on a device, without a gradient."""
     lattice.to(device).gradient = None
@@ -195,9 +201,9 @@ def check_base(kernels: Kernels, device: torch.device, seed: int, counts: Sequen
         density, features = (_cleared(lattice, device) for lattice in at.lattices)
         shifts = shift.to(device)[: len(samples.count)]
         error, gradients, colours = kernels.TRAINING.base(
-            samples, target, (density.learning, features.learning), there, every, shifts, ALPHA, not spare
+            samples, target, (learning(density), learning(features)), there, every, shifts, ALPHA, not spare
         )  # fmt: skip
-        assert colours == len(rows) or spare and colours > len(rows), "other colours are computed"
+        assert colours == len(rows) or (spare and colours > len(rows)), "other colours are computed"
         tables = [lattice.buffers_for_gradient()[0] for lattice in (density, features)]
         _compare([error, *gradients, *tables], expected)
         for lattice in at.lattices:
@@ -220,12 +226,9 @@ def check_palette(
         lattice = _cleared(at.lattices[1], device)
         pulls = torch.zeros(len(samples), colours)
         pulls[: len(pull)] = pull
-
-        def pulled(weights: Tensor, by: Tensor = pulls.to(device)) -> Tensor:
-            return torch.where(by == 0.0, 0.0, weights * by).sum()
-
+        pulled = partial(_pulled, by=pulls.to(device))
         error, gradients = kernels.TRAINING.palette(
-            samples, target, (lattice.layout, lattice.table.detach()), lattice.learning,
+            samples, target, (lattice.layout, lattice.table.detach()), learning(lattice),
             ([w.to(device) for w in lighting], [w.to(device) for w in mixing]), palette.to(device), PENALTIES,
             pulled if further else None,
         )  # fmt: skip

@@ -43,8 +43,8 @@ def features(  # type: ignore[no-untyped-def]
     """Write one level of ``lit`` (S, L F + 16); the first level also the harmonics of the rays' ``directions`` (R, 3).
 
     With ``BOTH``, ``tables`` (V, 2 F) hold behind these features those of ``plain`` (S, L F), otherwise only these.
-    ``FEATURES`` is F, and ``WIDE`` the width of the tables, rounded up to a power of two. Sample k is row k of ``x`` and
-    ``ray``, or, if only some are ``CHOSEN``, row ``chosen[k]``.
+    ``FEATURES`` is F, and ``WIDE`` the width of the tables, rounded up to a power of two. Sample k is row k of ``x``
+    and ``ray``, or, if only some are ``CHOSEN``, row ``chosen[k]``.
     """
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
@@ -209,7 +209,8 @@ def composite(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Write the pixels of rays, ``rgba`` (R, 4), ``depth`` (R,) and ``seen`` (R,) int16.
 
-    A pixel whose alpha does not exceed ``faint`` shows nothing. ``WIDE`` is the number of regions rounded up to a power of two.
+    A pixel whose alpha does not exceed ``faint`` shows nothing. ``WIDE`` is the number of regions rounded up to a power
+    of two.
     """
     r = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     there = r < rays

@@ -12,6 +12,7 @@ from torch import Tensor
 from svv.core.rays.cells import FARTHEST_LEAP
 from svv.core.rays.networks import relu_layers
 from svv.kernels.reference import marked_rows as marked_rows
+from svv.kernels.triton import cells as triton_cells
 from svv.kernels.triton import drawn as triton_drawn
 from svv.kernels.triton import learning as triton_learning
 from svv.kernels.triton import networks as triton_networks
@@ -235,7 +236,7 @@ def leaps(occupied: Tensor) -> Tensor:
         nearest = torch.empty(len(known), 2, *occupied.shape, dtype=torch.uint8, device=occupied.device)
         for one, both in zip(known, nearest, strict=True):
             for side, found in zip((1, -1), both, strict=True):
-                triton_rays.nearest_along[(triton.cdiv(one.numel(), TABLE_BLOCK),)](
+                triton_cells.nearest_along[(triton.cdiv(one.numel(), TABLE_BLOCK),)](
                     one, found, one.numel(), one.stride(axis), length, side, TABLE_BLOCK
                 )
         known = nearest.flatten(0, 1)

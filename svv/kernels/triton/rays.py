@@ -37,23 +37,6 @@ def pixel_rays(  # type: ignore[no-untyped-def]
         tl.store(origins + 3 * r + k, tl.load(positions + view * 3 + k, mask=there, other=0.0) + shift, mask=there)
 
 
-@triton.jit(do_not_specialize=["known", "nearest", "size", "stride", "length", "side"])
-def nearest_along(known, nearest, size, stride, length, side, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Extend chessboard distances ``known`` for the previous axes along one more, ``length`` cells long.
-
-    Only cells that follow (``side`` 1) or come before (-1) count; see :func:`svv.core.rays.cells.leaps`.
-    """
-    i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    place = (i // stride) % length
-    first = known + i - place * stride
-    least = tl.full((BLOCK,), 255, tl.int32)
-    for k in range(length):
-        beyond = tl.load(first + k * stride, mask=i < size, other=255).to(tl.int32)
-        apart = (k - place) * side
-        least = tl.minimum(least, tl.where(apart >= 0, tl.maximum(apart, beyond), 255))
-    tl.store(nearest + i, least.to(tl.uint8), mask=i < size)
-
-
 @triton.jit
 def store_harmonics(to, along, there, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
     """Evaluate degree 4 harmonics, as :func:`svv.core.rays.encodings.spherical_harmonics`, of the vectors ``along``."""
@@ -147,29 +130,9 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
 
 
 @triton.jit(
-    do_not_specialize=[
-        "origins",
-        "directions",
-        "nx",
-        "ny",
-        "nz",
-        "seed",
-        "first_ray",
-        "rays",
-        "ends",
-        "most",
-        "start",
-        "count",
-        "tail",
-        "total",
-        "dropped",
-        "position",
-        "skipped",
-        "sigma",
-        "ray",
-        "merge",
-    ]
-)
+    do_not_specialize=["origins", "directions", "nx", "ny", "nz", "seed", "first_ray", "rays", "ends", "most", "start",
+                       "count", "tail", "total", "dropped", "position", "skipped", "sigma", "ray", "merge"]
+)  # fmt: skip
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed, first_ray,
     shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
@@ -301,9 +264,7 @@ def cuts_of_rays(  # type: ignore[no-untyped-def]
     tl.store(taken + r, tl.where(length > 0, tl.maximum(number, 1), 0), mask=r < rays)
 
 
-@triton.jit(
-    do_not_specialize=["begin", "end", "start", "count", "taken", "ends", "chosen", "place", "passed", "rays"]
-)
+@triton.jit(do_not_specialize=["begin", "end", "start", "count", "taken", "ends", "chosen", "place", "passed", "rays"])
 def representatives(  # type: ignore[no-untyped-def]
     begin, end, start, count, taken, ends, chosen, place, passed, rays, BLOCK: tl.constexpr
 ):

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
-from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions
+from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions, learning
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives, shifts
 from svv.io.views.viewset import ViewSet
@@ -149,7 +149,7 @@ class Reconstruction:
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
         weights, shift = self.field.colour_mlp.weights, shifts(samples, number, batch.first)
-        target, tables = batch.target, (density.learning, encoding.learning)
+        target, tables = batch.target, (learning(density), learning(encoding))
         error, gradients, colours = kernels.base(
             samples, target, tables, weights, COLOUR_EVERY, shift, ALPHA_WEIGHT, counted
         )  # fmt: skip
@@ -290,6 +290,7 @@ def reconstruct(
             loop.done, loop.spent = state.restored
         loop.save = lambda done, spent: state.save(done, spent, work.layout())
     seconds = loop.run(work.step)
+    running.notes.extend(work.room.notes())
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()

@@ -13,7 +13,7 @@ from torch import Tensor
 from svv.core.colour.palette import Palette, PaletteSettings, extract_palette
 from svv.core.volumes.classified import ValueGrid
 from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
-from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions
+from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions, learning
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, march, not_hidden
@@ -158,7 +158,7 @@ class Recolouring:
             return self._foreign(owners, weights, samples.position, samples.total)
 
         error, gradients = kernels.palette(
-            samples, batch.target, (geometry.layout, geometry.table.detach()), encoding.learning, networks,
+            samples, batch.target, (geometry.layout, geometry.table.detach()), learning(encoding), networks,
             colours.detach(), penalties, None if owners is None else foreign,
         )  # fmt: skip
         for parameter, gradient in zip([*networks[0], *networks[1], colours], gradients, strict=True):
@@ -352,6 +352,7 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
             work.budget.rays = int((checkpoint.extra("palette") or {})["rays"])
         loop.save = lambda done, spent: state.save(done, spent, {"rays": np.array(work.budget.rays)})
     seconds = loop.run(work.step)
+    running.notes.extend(work.room.notes())
     if network.phong is not None:
         network.phong.settle(occupancy)
     network.requires_grad_(False)

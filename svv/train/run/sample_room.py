@@ -47,6 +47,12 @@ class SampleRoom:
             self._dropped.zero_()
         self._samples_a_ray = max(samples, 1) / max(rays, 1)
 
+    def notes(self) -> list[str]:
+        """Return a sentence for the user if rays were left out."""
+        lost = self.lost + int(self._dropped)
+        told = f"{lost} training rays were left out, because there was too little room for their samples on the GPU."
+        return [told] if lost else []
+
     def forget(self) -> None:
         """Count the samples of the next step, because rays are sampled otherwise from now on."""
         self._samples_a_ray = math.nan

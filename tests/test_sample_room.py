@@ -5,28 +5,34 @@ The kernels run on a GPU if there is one, otherwise in Triton's interpreter.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
 
 from svv.core.geometry.box import Box
-from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.kernel_checks import EXTENT, MARCHES, march_rays, random_lattice, rays_through
 from svv.fields.radiance.networks import FieldSettings, PaletteField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, Rays, march
-from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.kernels.dispatch import CPU
 from svv.kernels.types import Room, Samples
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import RecolourSettings, ReconstructSettings
+from svv.train.palette.pointed import InCells
+from svv.train.palette.ranges import Owners
 from svv.train.palette.recolour import Recolouring
+from svv.train.palette.regions_from_views import Labels
 from svv.train.run import sample_room
 from svv.train.run.batches import RayPool
 from svv.train.run.sample_room import COUNT_EVERY, SPARE, SampleRoom
 from tests.interpreted import GPU, triton_kernels
+from tests.test_launches import LeftAndRight, views
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 RAYS = 40
@@ -92,25 +98,19 @@ def test_room_follows_what_was_counted_and_grows_where_it_was_too_small() -> Non
     assert room.of(1, 100) is None
 
 
-def views() -> ViewSet:
-    """A red disc on every side."""
-    images = np.zeros((6, 16, 16, 4), np.uint8)
-    row, column = np.mgrid[:16, :16] - 7.5
-    images[:, row**2 + column**2 < 25] = (230, 30, 30, 255)
-    return ViewSet(tuple(sphere_cameras(6, (0.0, 0.0, 0.0), 3.0, 0.35, 16)), images, tuple("abcdef"))
+NO_POINTS = torch.tensor([[torch.nan] * 3, [torch.inf] * 3, [-1e30, 1e30, 0.5], [0.99, 0.99, 0.99]])
 
 
-class Known:
-    """Points left of the middle belong to the first region, the others to the second."""
-
-    shared = False
-
-    def of(self, position: torch.Tensor) -> torch.Tensor:
-        return (position[:, 0] > 0.5).long()
-
-    def told(self, weights: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        owner = self.of(position)
-        return owner, weights.gather(1, owner[:, None])[:, 0]
+def test_what_is_no_point_has_a_region_like_any_other() -> None:
+    """Steps with room to spare ask for the regions of all rows, and on a GPU a wrong index would end the training."""
+    occupied = np.zeros((4, 4, 4), np.uint8)
+    occupied[0, 0, 0] = 1
+    lattice = SparseLattice(occupied, 4, (4,), 1)
+    labels = Labels(lattice, np.arange(len(lattice.table)) % 2, CPU)
+    pointed = InCells(np.zeros((4, 4, 4), np.int64), 4, CPU)
+    volume: Any = SimpleNamespace(owner=np.ones((5, 5, 5), np.uint8), cells=4)
+    for regions in (labels, pointed, Owners(volume, np.arange(2), CPU)):
+        assert bool(((regions.of(NO_POINTS) >= 0) & (regions.of(NO_POINTS) < 2)).all())
 
 
 def stages(monkeypatch: pytest.MonkeyPatch) -> tuple[Reconstruction, Recolouring]:
@@ -125,7 +125,7 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> tuple[Reconstruction, Recolouring
     palette = PaletteField(field, base[1], base[0].geometry_width, colours).to(DEVICE)
     pool = RayPool(views(), box, 0, DEVICE)
     settings = RecolourSettings(rays=16, samples=128)
-    return first, Recolouring(base[0].to(DEVICE), palette, base[1], Marching(1 / 8), pool, settings, Known())
+    return first, Recolouring(base[0].to(DEVICE), palette, base[1], Marching(1 / 8), pool, settings, LeftAndRight())
 
 
 @pytest.mark.parametrize("stage", [0, 1], ids=["stage 1", "stage 2"])

@@ -44,7 +44,7 @@ NOTHING = {
 }  # fmt: skip
 """Operations that start nothing on a GPU."""
 
-MOST = {"base": 19, "palette": 22, "palette, regions known": 51, "image": 12}
+MOST = {"base": 19, "palette": 22, "palette, regions known": 26, "image": 12}
 """Operations of a step of stage 1, of stage 2 without and with known regions, and of a piece of an image."""
 
 WAITING = {"_local_scalar_dense", "nonzero", "masked_select", "_unique2"}

@@ -42,13 +42,23 @@ OWN_TYPES = {
     "image_composite": {"size": "fp32"},
     "projected_back": {**COUNT, "number": "i32"},
     "mix": COUNT,
-    "mix_backward": COUNT,
+    "mix_backward": {**COUNT, "number": "*i64", "owner": "*i64", "foreign": "fp32"},
+    "count_owned": {**COUNT, "number": "*i64", "owner": "*i64"},
     "draw": {"index": "*i32", "first": "*i64", "ends": "*fp64"},
     "march": {"total": "*i64"},
     "learn": {"place": "*i64", **dict.fromkeys(("alpha", "offsets", "shade", "mixed"), "fp32")},
 }
 """Those whose type is another one in a kernel."""
-COUNTED_THERE = {"lattice_encode", "lattice_backward", "features", "network", "network_backward", "mix", "mix_backward"}
+COUNTED_THERE = {
+    "lattice_encode",
+    "lattice_backward",
+    "features",
+    "network",
+    "network_backward",
+    "mix",
+    "mix_backward",
+    "count_owned",
+}
 """Kernels that take the number of samples from the GPU in most steps of a training; as a number it is simpler."""
 TABLE = {"FEATURES": 3, "WIDE": 4, "BLOCK": 128}
 RAYS = {"WIDE": 8, "BLOCK": 32}
@@ -95,8 +105,9 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("depths", {"BLOCK": 32}),
     ("projected_back", {"BLOCK": 128}),
     ("mix", {"OUTPUTS": 2, "BLOCK": 128}),
-    ("mix_backward", {"OUTPUTS": 2, "FURTHER": True, "BLOCK": 128}),
-    ("mix_backward", {"OUTPUTS": 1, "FURTHER": False, "BLOCK": 128}),
+    ("mix_backward", {"OUTPUTS": 2, "OWNED": True, "BLOCK": 128}),
+    ("mix_backward", {"OUTPUTS": 1, "OWNED": False, "BLOCK": 128}),
+    ("count_owned", {"BLOCK": 128}),
     ("learn", {"BASE": True, "CHANNELS": 3, "WIDE": 4, "BLOCK": 32}),
     ("learn", {"BASE": False, "CHANNELS": 6, "WIDE": 8, "BLOCK": 32}),
     ("error", {"ALPHA": True, "WIDE": 4, "BLOCK": 128}),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,6 +37,21 @@ class Table:
     """Receives marks of the rows that have a gradient, uint8. (V,)"""
 
 
+@dataclass(frozen=True)
+class Owned:
+    """The regions to which samples belong, and the penalty of palette weights in others.
+
+    It is ``weight`` times -ln w of a sample's own region, averaged over the samples of each region.
+    """
+
+    owner: Tensor
+    """Region of each sample, int64; any number behind the samples that there are. (S,)"""
+    number: Tensor
+    """Number of samples of each region, of all ranks, int64. (P,)"""
+    weight: float
+    """Weight of the penalty."""
+
+
 class TrainingKernels(Protocol):
     """Whole training steps between the march and the optimisers, forward and backward, without autograd.
 
@@ -65,18 +80,21 @@ class TrainingKernels(Protocol):
     def palette(
         self, samples: Samples, target: Target, geometry: tuple[Lattice, Tensor], material: Table,
         networks: tuple[Sequence[Tensor], Sequence[Tensor]], colours: Tensor, penalties: tuple[float, float, float],
-        further: Callable[[Tensor], Tensor] | None,
+        owned: Owned | None,
     ) -> tuple[Tensor, list[Tensor]]:  # fmt: skip
         """Sum the gradient of stage 2's loss (:mod:`svv.train.palette.recolour`) into the table of the material.
 
         The loss is the mean squared error of colour (:mod:`svv.core.colour.palette_shading`) plus, composited like
         colours, ``penalties`` times squared offsets, squared deviation of the shade from 1, and 1 minus the sum of
-        squared palette weights; plus what ``further`` returns for palette weights (S, P), a scalar. ``geometry``:
-        layout and frozen features; ``networks``: weights of the lighting and palette MLP; ``colours``: (P, 3).
+        squared palette weights; plus the penalty of what is ``owned``. ``geometry``: layout and frozen features;
+        ``networks``: weights of the lighting and palette MLP; ``colours``: (P, 3).
 
         Returns the mean squared error of colour, a scalar, and the gradients of both networks' weights and of the
         colours.
         """
+
+    def owned_by(self, samples: Samples, owner: Tensor, regions: int) -> Tensor:
+        """Return how many samples each region owns, int64: (S,) int64 -> (regions,)."""
 
     def loss(
         self, out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool

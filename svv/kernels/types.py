@@ -13,6 +13,7 @@ from svv.kernels.samples import Lattice as Lattice
 from svv.kernels.samples import Limits as Limits
 from svv.kernels.samples import Room as Room
 from svv.kernels.samples import Samples as Samples
+from svv.kernels.training_types import Owned as Owned
 from svv.kernels.training_types import Table as Table
 from svv.kernels.training_types import Target as Target
 from svv.kernels.training_types import TrainingKernels as TrainingKernels

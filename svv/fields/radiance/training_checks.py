@@ -28,7 +28,7 @@ from svv.fields.radiance.kernel_checks import (
     weights_of,
 )
 from svv.fields.radiance.networks import learning
-from svv.kernels.types import HARMONICS, Kernels, Samples, Target
+from svv.kernels.types import HARMONICS, Kernels, Owned, Samples, Target
 
 SPARE = 37
 """Rows to spare behind the samples, which hold no numbers."""
@@ -36,8 +36,8 @@ SPARE = 37
 LEVELS, FEATURES, WIDTH, ALPHA = 2, 4, 32, 0.7
 """Those of the lattices, width of networks, and weight of alpha."""
 
-PENALTIES = 0.5, 1.0, 2.0
-"""Weights of stage 2's penalties."""
+PENALTIES, OWNED = (0.5, 1.0, 2.0), 0.3
+"""Weights of stage 2's penalties, and of regions other than a sample's own."""
 
 
 def loss_in_torch(
@@ -130,8 +130,10 @@ def base_in_torch(at: Inputs, weights: Sequence[Tensor], rows: Tensor, place: Te
     return [error.detach(), *torch.autograd.grad(loss, [*networks, *tables])]
 
 
-def palette_in_torch(at: Inputs, networks: Sequence[list[Tensor]], colours: Tensor, pull: Tensor) -> list[Tensor]:
-    """Return what :meth:`svv.kernels.types.TrainingKernels.palette` computes; ``pull`` (S, P) pulls at the weights."""
+def palette_in_torch(
+    at: Inputs, networks: Sequence[list[Tensor]], colours: Tensor, owner: Tensor | None
+) -> list[Tensor]:  # fmt: skip
+    """Return what :meth:`svv.kernels.types.TrainingKernels.palette` computes."""
     geometry, lattice = at.lattices[1], at.lattices[1]
     table, palette = (t.detach().clone().requires_grad_() for t in (lattice.table, colours))
     lighting, mixing = ([w.clone().requires_grad_() for w in network] for network in networks)
@@ -144,7 +146,9 @@ def palette_in_torch(at: Inputs, networks: Sequence[list[Tensor]], colours: Tens
     values = torch.cat([colour, torch.stack(penalties, dim=1)], dim=1)
     each = torch.tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *PENALTIES, 0.0])
     loss, error = at.loss(at.samples.sigma, values, each, alpha=False)
-    loss = loss + (weights * pull).sum()
+    if owner is not None:
+        own = weights.gather(1, owner[:, None])[:, 0]
+        loss = loss - OWNED * (own.log() / torch.bincount(owner)[owner]).sum()
     return [error.detach(), *torch.autograd.grad(loss, [*lighting, *mixing, palette, table])]
 
 
@@ -175,11 +179,6 @@ def _compare(mine: Sequence[Tensor], theirs: Sequence[Tensor]) -> None:
     for number, (own, expected) in enumerate(zip(mine, theirs, strict=True)):
         apart, most = relative_error(own.cpu(), expected), 2 * NETWORKS[torch.float16]
         assert apart <= most, f"result {number} of {len(theirs)} is off by {apart:.1e}"
-
-
-def _pulled(weights: Tensor, by: Tensor) -> Tensor:
-    """Return a sum of the weights that there are."""
-    return torch.where(by == 0.0, 0.0, weights * by).sum()
 
 
 def _cleared(lattice: SparseLattice, device: torch.device) -> SparseLattice:
@@ -213,24 +212,26 @@ def check_base(kernels: Kernels, device: torch.device, seed: int, counts: Sequen
 def check_palette(
     kernels: Kernels, device: torch.device, seed: int, counts: Sequence[int], colours: int, outputs: int
 ) -> None:
-    """Compare a step of stage 2 likewise, with and without further gradients of the palette weights."""
+    """Compare a step of stage 2 likewise, with and without regions that own the samples."""
     assert kernels.TRAINING is not None
     at, generator = Inputs(seed, tuple(counts)), torch.Generator().manual_seed(seed)
     lighting = weights_of((LEVELS * FEATURES + HARMONICS, WIDTH, 2, outputs), seed)
     mixing = weights_of((LEVELS * FEATURES, WIDTH, 1, 1 + 4 * colours), seed + 1)
     palette = torch.rand(colours, 3, generator=generator)
-    pull = torch.randn(len(at.samples), colours, generator=generator) / len(at.samples)
-    for spare, further in ((False, True), (True, True), (True, False)):
+    owner = torch.randint(colours, (len(at.samples),), generator=generator)
+    for spare, owns in ((False, True), (True, True), (True, False)):
         samples, target = at.on(device, spare)
-        expected = palette_in_torch(at, (lighting, mixing), palette, pull if further else torch.zeros_like(pull))
+        expected = palette_in_torch(at, (lighting, mixing), palette, owner if owns else None)
         lattice = _cleared(at.lattices[1], device)
-        pulls = torch.zeros(len(samples), colours)
-        pulls[: len(pull)] = pull
-        pulled = partial(_pulled, by=pulls.to(device))
+        of_all = torch.full((len(samples),), 1 << 40)
+        of_all[: len(owner)] = owner
+        of_all, owned = of_all.to(device), None
+        if owns:
+            owned = Owned(of_all, kernels.TRAINING.owned_by(samples, of_all, colours), OWNED)
         error, gradients = kernels.TRAINING.palette(
             samples, target, (lattice.layout, lattice.table.detach()), learning(lattice),
             ([w.to(device) for w in lighting], [w.to(device) for w in mixing]), palette.to(device), PENALTIES,
-            pulled if further else None,
+            owned,
         )  # fmt: skip
         _compare([error, *gradients, lattice.buffers_for_gradient()[0]], expected)
         lattice.to(CPU)

@@ -9,7 +9,7 @@ Letters: S samples, R rays, C channels, K colours, L levels, F features per leve
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 import triton
@@ -24,7 +24,7 @@ from svv.kernels.triton import tables as triton_tables
 from svv.kernels.triton import training as triton_training
 from svv.kernels.triton.networks import fits as fits
 from svv.kernels.triton.training import loss as loss
-from svv.kernels.types import HARMONICS, Lattice, Samples, Table, Target
+from svv.kernels.types import HARMONICS, Lattice, Owned, Samples, Table, Target
 
 BLOCK = 128
 """Samples per program."""
@@ -170,7 +170,7 @@ def base(
 def palette(
     samples: Samples, target: Target, geometry: tuple[Lattice, Tensor], material: Table,
     networks_of: tuple[Sequence[Tensor], Sequence[Tensor]], colours: Tensor, penalties: tuple[float, float, float],
-    further: Callable[[Tensor], Tensor] | None,
+    owned: Owned | None,
 ) -> tuple[Tensor, list[Tensor]]:  # fmt: skip
     """Take stage 2's step up to the optimisers."""
     lighting, mixing = networks_of
@@ -178,17 +178,17 @@ def palette(
     lit = _with_harmonics(samples, None, number, target.along, geometry)
     plain = _looked_up(samples.position, number, material)
     light, raw = networks.forward(lit, lighting, number), networks.forward(plain, mixing, number)
-    values, shares = raw.new_empty(len(raw), 3 + PENALTIES), raw.new_empty(len(raw), count)
+    values = raw.new_empty(len(raw), 3 + PENALTIES)
     shifts = INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
-    triton_training.mix[grid](raw, light, colours, *shifts, values, shares, number, count, light.shape[1], BLOCK)
+    triton_training.mix[grid](raw, light, colours, *shifts, values, number, count, light.shape[1], BLOCK)
     g_values = torch.empty_like(values)
     error = _learn(samples, None, values, target, 0.0, penalties, (g_values, samples.sigma))
-    g_shares = shares if further is None else _gradient(further, shares)
     g_raw, g_light = torch.empty_like(raw), torch.empty_like(light)
     parts = raw.new_empty(grid[0], count, 3)
     triton_training.mix_backward[grid](
-        raw, light, colours, *shifts, g_values, g_shares, g_raw, g_light, parts, number, count, light.shape[1],
-        further is not None, BLOCK,
+        raw, light, colours, *shifts, g_values, samples.start if owned is None else owned.owner,
+        samples.count if owned is None else owned.number, 0.0 if owned is None else owned.weight, g_raw, g_light, parts,
+        number, count, light.shape[1], owned is not None, BLOCK,
     )  # fmt: skip
     g_plain, of_mixing = networks.backward(plain, g_raw, mixing, number, inward=True)
     _, of_lighting = networks.backward(lit, g_light, lighting, number, inward=False)
@@ -197,11 +197,11 @@ def palette(
     return error, [*of_lighting, *of_mixing, parts.sum(dim=0)]
 
 
-def _gradient(function: Callable[[Tensor], Tensor], at: Tensor) -> Tensor:
-    """Return the gradient of a function of a tensor, a scalar."""
-    with torch.enable_grad():
-        (gradient,) = torch.autograd.grad(function(at.requires_grad_()), at)
-    return gradient.contiguous()
+def owned_by(samples: Samples, owner: Tensor, regions: int) -> Tensor:
+    """Count them block by block."""
+    number = torch.zeros(regions, dtype=torch.int64, device=owner.device)
+    triton_training.count_owned[(triton.cdiv(len(samples), BLOCK),)](owner, number, samples.number, regions, BLOCK)
+    return number
 
 
 def _with_harmonics(

@@ -24,12 +24,12 @@ def rising(x):  # type: ignore[no-untyped-def]
     return 1.0 / (1.0 + tl.exp(-tl.maximum(x, -80.0)))
 
 
-@triton.jit(do_not_specialize=["raw", "light", "colours", "samples", "count", "values", "weights"])
+@triton.jit(do_not_specialize=["raw", "light", "colours", "samples", "count", "values"])
 def mix(  # type: ignore[no-untyped-def]
-    raw, light, colours, bright, gleam, floor, values, weights, samples, count, OUTPUTS: tl.constexpr,
+    raw, light, colours, bright, gleam, floor, values, samples, count, OUTPUTS: tl.constexpr,
     BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write colours and penalties (S, 6) and palette weights (S, P) of samples (equation 4).
+    """Write colours and penalties (S, 6) of samples (equation 4).
 
     The penalties: squared offsets, squared deviation of the shade from 1, and 1 minus the sum of squared weights.
     """
@@ -49,9 +49,6 @@ def mix(  # type: ignore[no-untyped-def]
         total += w
         squares += w * w
         offsets += r * r + g * g + b * b
-    for p in range(count):
-        w = softplus(tl.load(at + 1 + p, mask=there, other=0.0)) + floor
-        tl.store(weights + i * count + p, w / total, mask=there)
     scale = softplus(tl.load(at, mask=there, other=0.0) + bright) / total
     specular = softplus(tl.load(light + OUTPUTS * i, mask=there, other=0.0) + gleam)
     shade = zero + 1.0
@@ -67,16 +64,17 @@ def mix(  # type: ignore[no-untyped-def]
 
 
 @triton.jit(
-    do_not_specialize=["raw", "light", "colours", "g_values", "g_weights", "g_raw", "g_light", "parts", "samples",
+    do_not_specialize=["raw", "light", "colours", "g_values", "owner", "number", "g_raw", "g_light", "parts", "samples",
                        "count"]
 )  # fmt: skip
 def mix_backward(  # type: ignore[no-untyped-def]
-    raw, light, colours, bright, gleam, floor, g_values, g_weights, g_raw, g_light, parts, samples, count,
-    OUTPUTS: tl.constexpr, FURTHER: tl.constexpr, BLOCK: tl.constexpr,
+    raw, light, colours, bright, gleam, floor, g_values, owner, number, foreign, g_raw, g_light, parts, samples,
+    count, OUTPUTS: tl.constexpr, OWNED: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Write the gradients of :func:`mix`; ``parts`` (programs, P, 3): those of the colours from each program.
 
-    ``g_weights`` (S, P): gradients of the palette weights, if they have ``FURTHER`` ones than by the values.
+    If samples are ``OWNED`` by a region, ``owner`` (S,), the logarithm of their weight of it counts ``-foreign``,
+    averaged over the ``number`` (P,) of samples of each region.
     """
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     there = i < known(samples)
@@ -109,6 +107,8 @@ def mix_backward(  # type: ignore[no-untyped-def]
     bright_shade = intensity * shade
     g0, g1, g2 = g0 * bright_shade, g1 * bright_shade, g2 * bright_shade
     mean = zero
+    if OWNED:
+        own_region = tl.load(owner + i, mask=there, other=-1)
     for p in range(count):
         w = (softplus(tl.load(at + 1 + p, mask=there, other=0.0)) + floor) / total
         moved = at + 1 + count + 3 * p
@@ -123,14 +123,23 @@ def mix_backward(  # type: ignore[no-untyped-def]
         tl.store(own + 2, tl.sum(w * g2, axis=0))
         slope = g0 * (tl.load(colours + 3 * p) + r) + g1 * (tl.load(colours + 3 * p + 1) + g)
         slope += g2 * (tl.load(colours + 3 * p + 2) + b) - 2.0 * g_mixed * w
-        if FURTHER:
-            slope += tl.load(g_weights + i * count + p, mask=there, other=0.0)
+        if OWNED:
+            slope -= tl.where(own_region == p, foreign / (tl.maximum(tl.load(number + p), 1).to(tl.float32) * w), 0.0)
         mean += slope * w
         tl.store(back + 1 + p, slope, mask=there)
     for p in range(count):
         x = tl.load(at + 1 + p, mask=there, other=0.0)
         slope = tl.load(back + 1 + p, mask=there, other=0.0)
         tl.store(back + 1 + p, (slope - mean) / total * rising(x), mask=there)
+
+
+@triton.jit(do_not_specialize=["owner", "number", "samples", "count"])
+def count_owned(owner, number, samples, count, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Add how many samples each region owns to ``number`` (P,), whose regions are ``owner`` (S,)."""
+    i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
+    own_region = tl.load(owner + i, mask=i < known(samples), other=-1)
+    for p in range(count):
+        tl.atomic_add(number + p, tl.sum((own_region == p).to(tl.int64), axis=0), sem="relaxed")
 
 
 @triton.jit(do_not_specialize=["out", "transmittance", "shown", "weight", "each", "g_out", "g_transmittance", "parts",

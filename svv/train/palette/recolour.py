@@ -22,7 +22,7 @@ from svv.fields.values.of_values import colours_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
-from svv.kernels.types import Samples, TrainingKernels
+from svv.kernels.types import Owned, Samples, TrainingKernels
 from svv.train.base.from_values import colours_told, palette_given
 from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, shares_of
@@ -139,6 +139,8 @@ class Recolouring:
         alike = isinstance(base.encoding, SparseLattice) and isinstance(field.encoding, SparseLattice)
         if base.density is None or lighting is None or not alike or self.given is not None or self.told is not None:
             return None
+        if self.owners is not None and self.owners.shared:
+            return None
         kernels = kernels_for(field.colours).TRAINING
         fit = kernels is not None and all(kernels.fits(n.weights) for n in (lighting, field.palette_mlp))
         return kernels if fit else None
@@ -149,17 +151,14 @@ class Recolouring:
         """Compute all gradients at once; returns the mean squared error of colour."""
         geometry, encoding, lighting = self.base.encoding, self.field.encoding, self.field.lighting_mlp
         assert isinstance(geometry, SparseLattice) and isinstance(encoding, SparseLattice) and lighting is not None
-        networks, colours, owners = (lighting.weights, self.field.palette_mlp.weights), self.field.colours, self.owners
-        if self._settled:
-            penalties = *penalties[:2], 0.0
-
-        def foreign(weights: Tensor) -> Tensor:
-            assert owners is not None
-            return self._foreign(owners, weights, samples.position, samples.total)
-
+        networks, colours, owned = (lighting.weights, self.field.palette_mlp.weights), self.field.colours, None
+        if self.owners is not None:
+            owner, count = self.owners.of(samples.position), len(colours)
+            owned = Owned(owner, ranks.summed(kernels.owned_by(samples, owner, count)), OWNER_WEIGHT / count)
+            penalties = *penalties[:2], 0.0  # each point's region is known, so weights need not be as little mixed
         error, gradients = kernels.palette(
             samples, batch.target, (geometry.layout, geometry.table.detach()), learning(encoding), networks,
-            colours.detach(), penalties, None if owners is None else foreign,
+            colours.detach(), penalties, owned,
         )  # fmt: skip
         for parameter, gradient in zip([*networks[0], *networks[1], colours], gradients, strict=True):
             parameter.grad = gradient
@@ -191,11 +190,6 @@ class Recolouring:
         loss.backward()
         return error
 
-    @property
-    def _settled(self) -> bool:
-        """Whether each point's region is known, so that its weights need not be as little mixed as they can."""
-        return self.owners is not None and not self.owners.shared
-
     def settle(self, number: int) -> None:
         """Take one step towards the regions of random points, without rays: where a trained network is told others."""
         assert self.owners is not None
@@ -219,36 +213,31 @@ class Recolouring:
     def _values(self, samples: Samples, geometry: Tensor, rays: Rays) -> tuple[Tensor, Tensor]:
         """Return what is composited: colours, penalties and given shares (S, 6 or 6 + P); and weights (S, P)."""
         along, field = rays.lit_along, self.field
+        settled = self.owners is not None and not self.owners.shared
         beams = Beams.headlight(-along).at(samples.ray)
         parts = field(samples.position, geometry, encode_directions(along, samples.ray), beams)
         diffuse = parts.diffuse(field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        mixed = torch.zeros_like(offsets) if self._settled else 1.0 - parts.weights.square().sum(dim=1)
+        mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         if self.given is not None:
             light = (parts.intensity * parts.shade).detach()
             values = torch.cat([values, light[:, None] * parts.weights], dim=1)
         return values, parts.weights
 
-    def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor, total: Tensor | None = None) -> Tensor:
+    def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
         """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
 
         A thin shell counts as much as the fog in which it lies: it is a mean over the regions, and over the samples of
-        each, counted on all ranks. ``total``: see :class:`svv.kernels.types.Samples`.
+        each, counted on all ranks.
         """
         count = weights.shape[1]
         if not len(position):
             ranks.summed(torch.zeros(count, dtype=torch.int64, device=weights.device))
             return weights.sum()
         owner, own = owners.told(weights, position)
-        if total is None:
-            samples = torch.bincount(owner, minlength=count)
-        else:  # bincount would wait, for the largest number
-            there = torch.arange(len(own), device=own.device) < total
-            own = torch.where(there, own, 1.0)
-            samples = torch.zeros(count, device=own.device).index_add_(0, owner, there.to(own.dtype))
-        each = 1.0 / ranks.summed(samples).clamp(min=1)[owner]
+        each = 1.0 / ranks.summed(torch.bincount(owner, minlength=count)).clamp(min=1)[owner]
         return -OWNER_WEIGHT * (each * own.log()).sum() / count
 
     def _not_as_told(self, values: Tensor, colours: Tensor) -> Tensor:

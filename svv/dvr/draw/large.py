@@ -50,6 +50,9 @@ WANTED, COARSEST = 0.5, 1.0
 lose what is thinner than they are: against 2 x 2 rays per pixel of the finest level, a volume of thin tubes has 32 dB
 with voxels of one pixel, 38 with voxels of half a pixel, and 41 with a ray per pixel of the finest level itself."""
 
+FAINT = 0.5 / 255.0
+"""Opacity that 8 bits show as none."""
+
 MANY = 10_000_000
 """Voxels from which bricks are faster than VTK's ray caster on a CPU (docs/measurements/views.md)."""
 
@@ -169,10 +172,11 @@ class BrickMapper:
 
 def straight(drawn: NDArray[np.float32]) -> Pixels:
     """Convert colours times opacity and opacity (h, w, 4) to 8-bit levels with straight alpha."""
-    levels = 255.0 * drawn
-    levels[..., :3] /= np.maximum(drawn[..., 3:], 1e-6)
-    pixels: Pixels = np.rint(np.clip(levels, 0.0, 255.0)).astype(np.uint8)
-    pixels[pixels[..., 3] == 0] = 0
+    pixels: Pixels = np.zeros(drawn.shape, np.uint8)
+    shown = drawn[..., 3] > FAINT
+    levels = 255.0 * drawn[shown]  # (pixels, 4)
+    levels[:, :3] /= drawn[shown][:, 3:]
+    pixels[shown] = np.rint(np.clip(levels, 0.0, 255.0))
     return pixels
 
 

@@ -20,8 +20,8 @@ from torch import Tensor
 from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.fast_math import FAST_MATH
-from svv.core.rays.compositing import LEAST_ALPHA
 from svv.core.lanes import LANES, exp, gather, lane_numbers, maximum, minimum, select, softplus, splat, store
+from svv.core.rays.compositing import LEAST_ALPHA
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, cell_at, mean_of, weights_of

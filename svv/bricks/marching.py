@@ -14,8 +14,21 @@ from numba import njit
 
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
-    LANES, as_floats, bits_of, first_of, gather, gather_pairs, load, mask_of, maximum, minimum, number_of, select,
-    splat, store, truncated,
+    LANES,
+    as_floats,
+    bits_of,
+    first_of,
+    gather,
+    gather_pairs,
+    load,
+    mask_of,
+    maximum,
+    minimum,
+    number_of,
+    select,
+    splat,
+    store,
+    truncated,
 )
 
 BRICK = 32
@@ -341,9 +354,9 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         wanted: Receives the flat index of the brick that a ray needs, or -1 if it has ended. (R,)
     """
     bricks_z, bricks_y, bricks_x = slots.shape
-    entries, size = len(table) - 1, np.int64(slots.size)
+    entries = len(table) - 1
     ray, light = np.zeros((9, LANES), np.float32), np.ones(LANES, np.float32)
-    steps, brick = np.zeros((3, LANES), np.int32), np.zeros((2, LANES), np.int32)
+    steps, number_in = np.zeros((3, LANES), np.int32), np.zeros(LANES, np.int32)
     now_at, places = np.zeros((2, LANES), np.int32), np.zeros((2, LANES), np.int32)
     now_weights, weights = np.zeros((4, LANES), np.float32), np.zeros((4, LANES), np.float32)
     pixel_of, owner = np.zeros(LANES, np.int64), np.full(LANES, -1, np.int64)
@@ -351,7 +364,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     coming, going, queued = 0, 0, 0
     nothing, none = splat(ZERO), splat(np.int32(0))
     x0 = y0 = z0 = sx = sy = sz = rx = ry = rz = through = nothing
-    k = last = held = none
+    k, last, held = none, none, splat(ENDED)
     while True:
         if going == 0 or (number_of(going) <= ENOUGH and coming < len(rays)):
             # Rays that have ended hand over their light, and others take their lanes.
@@ -394,23 +407,23 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         there = k <= last
         unknown = bits_of(there & (slot == UNKNOWN))
         if unknown != 0:
-            store(brick, 0, place)
+            store(number_in, 0, place)
             last = select(slot == UNKNOWN, splat(ENDED), last)
             there = k <= last
             going = bits_of(there)
             while unknown != 0:
                 lane = first_of(unknown)
                 unknown &= unknown - 1
-                wanted[owner[lane]] = brick[0, lane]
+                wanted[owner[lane]] = number_in[lane]
             continue
         moved = bits_of(there & (slot >= 0) & ((slot < held) | (slot > held)))
         if moved != 0:
-            store(brick, 0, slot)
+            store(number_in, 0, slot)
             held = slot
             while moved != 0:
                 lane = first_of(moved)
                 moved &= moved - 1
-                stamps[brick[0, lane]] = now
+                stamps[number_in[lane]] = now
         own = maximum(slot, none)
         at = ((own * BLOCKS + ((h & CELLS) >> TO_BLOCK)) * BLOCKS + ((j & CELLS) >> TO_BLOCK)) * BLOCKS
         block = select(slot >= 0, gather(seen, at + ((i & CELLS) >> TO_BLOCK)), none)
@@ -419,7 +432,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         here, coming_next = bits_of(visible), k + 1
         if here != going:
             # Go to the first sample behind the largest of brick, block and eighth in which nothing is visible.
-            wide = select(slot < 0, splat(np.int32(BRICK)), select(block == 0, splat(np.int32(BLOCK)), splat(np.int32(PART))))
+            wide = select(block == 0, splat(np.int32(BLOCK)), splat(np.int32(PART)))
+            wide = select(slot < 0, splat(np.int32(BRICK)), wide)
             inner = none - wide
             leaves = _steps_to(i & inner, wide, x0, rx)
             leaves = minimum(leaves, _steps_to(j & inner, wide, y0, ry))
@@ -436,7 +450,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 if nearest:
                     wx, wy, wz = as_floats(nx), as_floats(ny), as_floats(nz)
             value = (_inside(_rows(values, at), wx, wy, wz) - low) * gain + HALF
-            entry = _within(truncated(value), 0, entries)
+            entry = truncated(minimum(maximum(value, nothing), splat(np.float32(entries))))
             alpha = gather(alphas, entry)
             visible = visible & (alpha > ZERO)
             weight = through * alpha

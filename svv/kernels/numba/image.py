@@ -20,12 +20,15 @@ from torch import Tensor
 from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.fast_math import FAST_MATH
-from svv.core.lanes import LANES, exp, gather, lane_numbers, maximum, minimum, select, softplus, splat, store
+from svv.core.lanes import LANES, exp, gather, lane_numbers, load, maximum, minimum, select, softplus, splat, store
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, cell_at, mean_of, weights_of
 from svv.kernels.types import HARMONICS, Lattice, Samples, Surface
+
+PARTS = 64
+"""Parts of the samples, each for one thread."""
 
 ZERO32, TWO32 = np.float32(0.0), np.float32(2.0)
 RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
@@ -47,6 +50,12 @@ def _end(sigma, tail, start, count, step):  # type: ignore[no-untyped-def]
             tail[r] = 0.0
 
 
+@njit(fastmath=FAST_MATH, inline="always")
+def _two_rows(tables, row):  # type: ignore[no-untyped-def]
+    """Return a row of half as many numbers as there are lanes, and the next one: neighbours in z."""
+    return load(tables, np.int64(row) * (LANES // 2))
+
+
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
     """Write inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
@@ -55,19 +64,29 @@ def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, li
     :func:`svv.kernels.numba.lattice.encode`.
     """
     levels, own, count = shapes.shape[0], len(width), harmonics.shape[1]
-    for i in prange(x.shape[0]):
-        px, py, pz = x[i, 0], x[i, 1], x[i, 2]
-        for level in range(levels):
-            a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
-            w = weights_of(wx, wy, wz)
-            for f in range(own):
-                g, m = np.uint64(f), np.uint64(own + f)
-                one, other = mean_of(tables, a, b, c, d, w, g), mean_of(tables, a, b, c, d, w, m)
-                lit[i, level * own + f] = one
-                plain[i, level * own + f] = other
-        r = ray[i]
-        for k in range(count):
-            lit[i, levels * own + k] = harmonics[r, k]
+    second, rows = lane_numbers() >= LANES // 2, tables.size // max(2 * own, 1)
+    for part in prange(PARTS):
+        sums = np.empty(LANES, np.float32)
+        for i in range(part * len(x) // PARTS, (part + 1) * len(x) // PARTS):
+            px, py, pz = x[i, 0], x[i, 1], x[i, 2]
+            for level in range(levels):
+                a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
+                if 4 * own == LANES and rows > 1:
+                    ux, uy = ONE32 - wx, ONE32 - wy
+                    near = ux * uy * _two_rows(tables, a) + ux * wy * _two_rows(tables, b)
+                    far = wx * uy * _two_rows(tables, c) + wx * wy * _two_rows(tables, d)
+                    store(sums, 0, select(second, splat(wz), splat(ONE32 - wz)) * (near + far))
+                    for f in range(own):
+                        lit[i, level * own + f] = sums[f] + sums[2 * own + f]
+                        plain[i, level * own + f] = sums[own + f] + sums[3 * own + f]
+                    continue
+                w = weights_of(wx, wy, wz)
+                for f in range(own):
+                    lit[i, level * own + f] = mean_of(tables, a, b, c, d, w, np.uint64(f))
+                    plain[i, level * own + f] = mean_of(tables, a, b, c, d, w, np.uint64(own + f))
+            r = ray[i]
+            for k in range(count):
+                lit[i, levels * own + k] = harmonics[r, k]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)

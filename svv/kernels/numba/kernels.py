@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.kernels.numba import beams as numba_beams
-from svv.kernels.numba import bfloat16
+from svv.kernels.numba import bfloat16, packets
 from svv.kernels.numba import bricks as numba_bricks
 from svv.kernels.numba import hashing as numba_hashing
 from svv.kernels.numba import image as numba_image
@@ -20,7 +20,6 @@ from svv.kernels.numba import lattice as numba_lattice
 from svv.kernels.numba import leaping as numba_leaping
 from svv.kernels.numba import marching as numba_marching
 from svv.kernels.numba import networks as numba_networks
-from svv.kernels.numba import packets
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.reference import draw_pixels as draw_pixels
 from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels, TomographyKernels, TrainingKernels

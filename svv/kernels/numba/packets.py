@@ -4,8 +4,8 @@ So a step's arithmetic is done for all rays of the packet at once, and the look-
 the same time, which counts most in training, where nearly every one leaves the caches. A ray leaps through empty cells
 and ends by itself; the packet goes on until its last ray has ended.
 
-Letters: R rays, (X, Y, Z) cells of the occupancy grid. All positions are box coordinates (:mod:`svv.core.geometry.box`),
-all lengths are box units.
+Letters: R rays, (X, Y, Z) cells of the occupancy grid. All positions are box coordinates
+(:mod:`svv.core.geometry.box`), all lengths are box units.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.kernels.numba.bricks import MASK, PLANE, SHIFT, SIDE, VERTICES
 from svv.core.lanes import (
     LANES,
     as_floats,
@@ -37,6 +36,7 @@ from svv.core.lanes import (
     store,
     truncated,
 )
+from svv.kernels.numba.bricks import MASK, PLANE, SHIFT, SIDE, VERTICES
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.marching import clip_to_box, inverse, uniform
 
@@ -198,8 +198,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 
     Where there are bricks (:mod:`svv.kernels.numba.bricks`), they have the values of ``table``.
 
-    A thread marches ``rays_a_block`` rays. The samples of block k are written from ``k * capacity`` on, where capacity is
-    ``len(sigma) // blocks``. A block that needs more room marks itself in ``full`` (blocks,) and stops.
+    A thread marches ``rays_a_block`` rays. The samples of block k are written from ``k * capacity`` on, where capacity
+    is ``len(sigma) // blocks``. A block that needs more room marks itself in ``full`` (blocks,) and stops.
     """
     blocks = len(full)
     capacity, longest = sigma.shape[0] // blocks, int(math.ceil(math.sqrt(3.0) / step)) + 2

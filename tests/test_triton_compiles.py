@@ -13,8 +13,8 @@ TYPES = {
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
     "begin end passed shift where place around points strokes noise look tint covered below left harmonics tables lit "
     "plain raw colours diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
-    "depth images sums weight shown g_values g_weights g_raw g_light light each",
-    "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends",
+    "depth images sums weight shown g_values g_weights g_raw g_light light each g_density",
+    "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends dropped",
     "*fp64": "apart shares",
     "*i32": "age ray number entries of seeds vertices",
     "*i16": "seen",
@@ -22,7 +22,7 @@ TYPES = {
     "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
     "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam",
     "i32": "samples rows finer width height rays channels nx ny nz seed first_ray inputs outputs size stride length "
-    "side before until regions total",
+    "side before until regions total most columns",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
@@ -42,10 +42,24 @@ OWN_TYPES = {
     "image_composite": {"size": "fp32"},
     "projected_back": {**COUNT, "number": "i32"},
     "mix": COUNT,
-    "mix_backward": COUNT,
+    "mix_backward": {**COUNT, "number": "*i64", "owner": "*i64", "foreign": "fp32"},
+    "count_owned": {**COUNT, "number": "*i64", "owner": "*i64"},
     "draw": {"index": "*i32", "first": "*i64", "ends": "*fp64"},
+    "march": {"total": "*i64"},
+    "learn": {"place": "*i64", **dict.fromkeys(("alpha", "offsets", "shade", "mixed"), "fp32")},
 }
 """Those whose type is another one in a kernel."""
+COUNTED_THERE = {
+    "lattice_encode",
+    "lattice_backward",
+    "features",
+    "network",
+    "network_backward",
+    "mix",
+    "mix_backward",
+    "count_owned",
+}
+"""Kernels that take the number of samples from the GPU in most steps of a training; as a number it is simpler."""
 TABLE = {"FEATURES": 3, "WIDE": 4, "BLOCK": 128}
 RAYS = {"WIDE": 8, "BLOCK": 32}
 NETWORK = {"WIDE_IN": 64, "WIDE": 64, "WIDE_OUT": 64, "DEEP": True}
@@ -58,7 +72,8 @@ NETWORKS: list[tuple[str, dict[str, Any]]] = [
 ]
 KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("lattice_encode", TABLE),
-    ("lattice_backward", TABLE),
+    ("lattice_backward", {**TABLE, "CHOSEN": True, "ALIKE": False}),
+    ("lattice_backward", {**TABLE, "CHOSEN": False, "ALIKE": True}),
     ("hash_encode", TABLE),
     ("hash_backward", TABLE),
     ("adam", {"FEATURES": 3, "WIDE": 4, "BLOCK": 128}),
@@ -73,7 +88,8 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("nearest_along", {"BLOCK": 128}),
     ("draw", {"STEPS": 8, "BLOCK": 128}),
     ("end", {"BLOCK": 128}),
-    ("features", {"FEATURES": 4, "WIDE": 8, "HARMONICS": 16, "BLOCK": 128}),
+    ("features", {"FEATURES": 4, "WIDE": 8, "BOTH": True, "CHOSEN": False, "BLOCK": 128}),
+    ("features", {"FEATURES": 4, "WIDE": 4, "BOTH": False, "CHOSEN": True, "BLOCK": 128}),
     ("material", {"BLOCK": 128}),
     ("overpaint", {"BLOCK": 128}),
     ("light", {"OUTPUTS": 2, "BLOCK": 128}),
@@ -88,15 +104,24 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("cover", {"FLAT": True, "BLOCK": 128}),
     ("depths", {"BLOCK": 32}),
     ("projected_back", {"BLOCK": 128}),
-    ("mix", {"OUTPUTS": 2, "SETTLED": False, "BLOCK": 128}),
-    ("mix_backward", {"OUTPUTS": 2, "SETTLED": False, "BLOCK": 128}),
-    ("mix_backward", {"OUTPUTS": 1, "SETTLED": True, "BLOCK": 128}),
+    ("mix", {"OUTPUTS": 2, "BLOCK": 128}),
+    ("mix_backward", {"OUTPUTS": 2, "OWNED": True, "BLOCK": 128}),
+    ("mix_backward", {"OUTPUTS": 1, "OWNED": False, "BLOCK": 128}),
+    ("count_owned", {"BLOCK": 128}),
+    ("learn", {"BASE": True, "CHANNELS": 3, "WIDE": 4, "BLOCK": 32}),
+    ("learn", {"BASE": False, "CHANNELS": 6, "WIDE": 8, "BLOCK": 32}),
     ("error", {"ALPHA": True, "WIDE": 4, "BLOCK": 128}),
     ("error", {"ALPHA": False, "WIDE": 8, "BLOCK": 128}),
 ]
 SHARED = 65536
 """Bytes of shared memory that a program of the networks may use: what every GPU from Ampere on has."""
-HOPPER, AMPERE = 90, 80
+DESKTOP, BLACKWELL, HOPPER, AMPERE = 120, 100, 90, 80
+TARGETS = {
+    **dict.fromkeys(("network", "network_backward"), (DESKTOP, HOPPER, AMPERE)),
+    **dict.fromkeys(("march", "learn"), (BLACKWELL, HOPPER, AMPERE)),
+}
+"""GPUs for which the largest kernels are compiled; the others only for Hopper. Networks do not run on Blackwell's GPUs
+for data centres (:func:`svv.kernels.triton.networks.fits`)."""
 
 
 def _found(places: tuple[Any, ...], name: str) -> Any:
@@ -109,20 +134,32 @@ def compile_all() -> None:
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
-    from svv.kernels.triton import image, networks, pixels, rays, sheets, strokes, tables, tomography, training
+    from svv.kernels.triton import (
+        cells,
+        image,
+        learning,
+        networks,
+        pixels,
+        rays,
+        sheets,
+        strokes,
+        tables,
+        tomography,
+        training,
+    )
 
     blocks = {"network": networks.FORWARD.block, "network_backward": networks.BACKWARD.block}
-    places = tables, rays, networks, image, pixels, sheets, strokes, tomography, training
+    places = cells, tables, rays, networks, image, pixels, sheets, strokes, tomography, training, learning
     for name, values in [*KERNELS, *NETWORKS]:
         kernel = image.composite if name == "image_composite" else _found(places, name)
         constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}
-        own = OWN_TYPES.get(name, {})
-        signature = {k: "constexpr" if k in constants else {**TYPE_OF, **own}[k] for k in kernel.arg_names}
+        types = {**TYPE_OF, **OWN_TYPES.get(name, {}), **({"samples": "*i64"} if name in COUNTED_THERE else {})}
+        signature = {k: "constexpr" if k in constants else types[k] for k in kernel.arg_names}
         source = ASTSource(kernel, signature, constants)
         options = {"num_warps": 1 if constants["BLOCK"] == 32 else 4} | ({"num_stages": 1} if name in blocks else {})
-        for capability in (HOPPER, AMPERE) if name in blocks else (HOPPER,):
+        for capability in TARGETS.get(name, (HOPPER,)):
             done = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
-            products = done.asm["ptx"].count("wgmma.mma_async") + done.asm["ptx"].count("mma.sync")
+            products = sum(done.asm["ptx"].count(name) for name in ("tcgen05.mma", "wgmma.mma_async", "mma.sync"))
             print(name, len(done.asm["cubin"]), done.metadata.shared, products)
 
 
@@ -134,8 +171,7 @@ def test_every_kernel_compiles(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
     made = [line.split() for line in done.stdout.splitlines()]
     networks = [line for line in made if line[0].startswith("network")]
-    assert [name for name, *_ in made if not name.startswith("network")] == [name for name, _ in KERNELS]
-    assert [line[0] for line in networks] == [name for name, _ in NETWORKS for _ in (HOPPER, AMPERE)]
+    assert [name for name, *_ in made] == [n for n, _ in [*KERNELS, *NETWORKS] for _ in TARGETS.get(n, (HOPPER,))]
     assert all(int(shared) <= SHARED and int(products) > 0 for _, _, shared, products in networks)
 
 

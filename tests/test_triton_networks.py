@@ -146,14 +146,15 @@ def test_other_networks_run_in_plain_torch(sizes: tuple[int, ...]) -> None:
 
 def test_gpus_without_tensor_cores_for_triton_run_plain_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     x, weights = torch.randn(20, 32, device=DEVICE), [w.to(DEVICE) for w in weights_for(SHAPES[0], 0)]
-    monkeypatch.setattr(triton_networks, "_has_tensor_cores", lambda device: False)
+    monkeypatch.setattr(triton_networks, "_can_run", lambda device: False)
     assert torch.equal(triton_kernels.network(x, weights, True), relu_layers(x, weights))
     monkeypatch.undo()
     assert not torch.equal(triton_kernels.network(x, weights, True), relu_layers(x, weights))
-    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda device: (7, 5))
-    triton_networks._has_tensor_cores.cache_clear()
-    assert not triton_networks._has_tensor_cores(torch.device("cuda", 7))
-    triton_networks._has_tensor_cores.cache_clear()
+    for capability, runs in (((7, 5), False), ((8, 0), True), ((9, 0), True), ((10, 3), False), ((12, 0), True)):
+        monkeypatch.setattr(torch.cuda, "get_device_capability", lambda device, own=capability: own)
+        triton_networks._can_run.cache_clear()
+        assert triton_networks._can_run(torch.device("cuda", 7)) == runs
+    triton_networks._can_run.cache_clear()
 
 
 def test_layers_are_named_as_in_plain_torch() -> None:

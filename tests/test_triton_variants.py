@@ -16,7 +16,7 @@ from svv.kernels import dispatch, reference
 from svv.kernels.types import Kernels
 from svv.train.config import changed, preset
 from svv.train.pipeline import train_scene
-from tests.interpreted import GPU, triton_kernels, triton_networks, triton_rays, triton_tables
+from tests.interpreted import GPU, triton_cells, triton_kernels, triton_networks, triton_rays, triton_tables
 
 MOST = 25
 """Variants of all kernels that a cold training with an image may compile."""
@@ -56,7 +56,7 @@ class Recorded:
 
 def recorded(found: set[tuple[Any, ...]], patch: pytest.MonkeyPatch) -> Any:
     """Return kernels that compute with plain torch and record what Triton would launch for the same arguments."""
-    for module in (triton_tables, triton_rays, triton_networks):
+    for module in (triton_tables, triton_rays, triton_cells, triton_networks):
         for name, kernel in list(vars(module).items()):
             if hasattr(kernel, "fn") and kernel.fn.__module__ == module.__name__:
                 patch.setattr(module, name, Recorded(kernel, found))

@@ -6,78 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from torch import Tensor, device
-from torch.autograd.function import FunctionCtx
+from torch import Tensor
 
+from svv.kernels.samples import Context as Context
+from svv.kernels.samples import Lattice as Lattice
+from svv.kernels.samples import Limits as Limits
+from svv.kernels.samples import Room as Room
+from svv.kernels.samples import Samples as Samples
+from svv.kernels.training_types import Owned as Owned
+from svv.kernels.training_types import Table as Table
+from svv.kernels.training_types import Target as Target
+from svv.kernels.training_types import TrainingKernels as TrainingKernels
 
-class Context(FunctionCtx):
-    """What a differentiable function keeps from its forward pass for its backward pass."""
-
-    saved_tensors: tuple[Tensor, ...]
-    needs_input_grad: tuple[bool, ...]
-
-
-@dataclass(frozen=True)
-class Lattice:
-    """Layout of a sparse lattice's features; L levels, on the device of its table."""
-
-    shapes: Tensor
-    """Number of vertices of each level along x, y, z, int64. (L, 3)"""
-    scales: Tensor
-    """Cells per box unit of each level, float32. (L,)"""
-    bases: Tensor
-    """First word of each level in ``index``, and the last row but one, which no look-up exceeds, int64. (L + 1,)"""
-    index: Tensor
-    """Which vertices are stored, and in which rows, int64; see :func:`svv.core.rays.encodings.stored_rows`."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits that decide which samples a march keeps; see :class:`svv.fields.radiance.rendering.Marching`."""
-
-    step: float
-    """Sample spacing in box units."""
-    least_weight: float
-    """Smallest weight of a sample that is kept."""
-    keep: float
-    """Share of the samples of less weight that is kept all the same."""
-    stop: float
-    """Optical depth at which a ray ends."""
-    fade: float
-    """Smallest factor by which extinctions will be scaled later."""
-    merge: bool
-    """Whether samples of less weight are merged into the next one."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """The samples of rays that matter, in the order of their rays, front to back.
-
-    ``position`` (S, 3): box coordinates; ``sigma`` (S,): extinction in 1 / box unit; ``skipped`` (S,): optical depth
-    left out before each sample; ``ray`` (S,) int32: ray of each sample; ``start`` and ``count`` (R,) int64: first
-    sample and number of samples of each ray; ``tail`` (R,): optical depth left out behind the last sample; ``step``:
-    sample spacing in box units.
-    """
-
-    position: Tensor
-    sigma: Tensor
-    skipped: Tensor
-    ray: Tensor
-    start: Tensor
-    count: Tensor
-    tail: Tensor
-    step: float
-
-    def to(self, where: device) -> Samples:
-        """Return the samples on a device."""
-        position, sigma, skipped, ray, start, count, tail = (
-            tensor.to(where)
-            for tensor in (self.position, self.sigma, self.skipped, self.ray, self.start, self.count, self.tail)
-        )
-        return Samples(position, sigma, skipped, ray, start, count, tail, self.step)
-
-    def __len__(self) -> int:
-        return len(self.sigma)
+HARMONICS = 16
+"""Number of spherical harmonics of degree 4."""
 
 
 @dataclass(frozen=True)
@@ -115,19 +57,20 @@ class ImageKernels(Protocol):
 
     Each function is one pass over the samples. :mod:`svv.core.colour.palette_shading`, :mod:`svv.core.colour.light` and
     :mod:`svv.core.rays.compositing` define the results in plain torch. Letters as in :class:`Kernels`, and P palette
-    colours, H spherical harmonics.
+    colours.
     """
 
-    def ended(self, samples: Samples) -> tuple[Tensor, Tensor]:
-        """Return extinction (S,) and ``tail`` (R,) with the depth behind each ray's last sample as part of that sample.
+    def end(self, samples: Samples) -> None:
+        """Make the depth behind each ray's last sample, ``tail``, a part of that sample's extinction, both in place.
 
         See :func:`svv.fields.radiance.rendering.ended`.
         """
 
-    def features(self, samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
-        """Return inputs of the lighting MLP (S, L F + H) and palette MLP (S, L F), from one look-up per vertex.
+    def features(self, samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
+        """Return inputs of the lighting MLP (S, L F + 16) and palette MLP (S, L F), from one look-up per vertex.
 
-        ``harmonics`` (R, H): those of each ray's direction; ``tables`` (V, 2 F): features of geometry and material.
+        ``along`` (R, 3): unit vectors whose spherical harmonics of degree 4 are the last of the lighting MLP's inputs;
+        ``tables`` (V, 2 F): features of geometry and material.
         """
 
     def shift(self, raw: Tensor, column: int, colour: Tensor, change: Tensor, among: Tensor | None) -> None:
@@ -170,9 +113,10 @@ class ImageKernels(Protocol):
     ) -> None:  # fmt: skip
         """Composite rays into ``images``: straight RGBA (R, 4), depth (R,) and region (R,) int16.
 
-        Pixels whose alpha does not exceed :data:`svv.core.rays.compositing.LEAST_ALPHA` are unchanged. ``opacity``
-        (regions,) scales each region's extinction. A pixel's region is the one with most of its weight. Depth is
-        measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in world units.
+        Whatever these held before, pixels whose alpha does not exceed :data:`svv.core.rays.compositing.LEAST_ALPHA`
+        show nothing: zeros, NaN and -1. ``opacity`` (regions,) scales each region's extinction. A pixel's region is the
+        one with most of its weight. Depth is measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in
+        world units.
         """
 
 
@@ -232,32 +176,6 @@ class StrokeKernels(Protocol):
         ``region`` (S,) int64: region of each sample; ``chosen`` (G,) int64, ``apart`` (G,) float64 and ``tables``: the
         regions with strokes, the gaps that separate their sheets, and their strokes; ``below``: colours where no stroke
         reaches, of the samples (S, 3), or, if ``flat``, of their regions.
-        """
-
-
-class TrainingKernels(Protocol):
-    """What a training step computes between networks, compositing and optimisers, in one operation each.
-
-    All are differentiable. Without these kernels, :mod:`svv.train` does it in plain torch. Letters as in
-    :class:`Kernels`, and P palette colours.
-    """
-
-    def mixed(self, raw: Tensor, light: Tensor, colours: Tensor, settled: bool) -> tuple[Tensor, Tensor]:
-        """Return equation 4 (:mod:`svv.core.colour.palette_shading`) with penalties (S, 6), and weights (S, P).
-
-        ``raw`` (S, 1 + 4 P) and ``light`` (S, 1 or 2): outputs of palette and lighting MLP; ``colours`` (P, 3).
-        Channels: colour, squared offsets, squared deviation of the shade from 1, and 1 minus the sum of squared
-        weights, or 0 if ``settled``.
-        """
-
-    def loss(
-        self, out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
-    ) -> tuple[Tensor, Tensor]:
-        """Return a loss, and the mean squared error of colour without a graph, both scalars.
-
-        ``out`` (R, C): colour, of which the squared difference from ``shown`` (R, 4) counts, and penalties, which count
-        themselves; ``weight`` (R,): weight of each ray; ``each`` (C + 1,): that of each channel, and of the squared
-        difference of 1 - ``transmittance`` (R,) from alpha, which counts if ``alpha``.
         """
 
 

@@ -6,6 +6,7 @@ They draw what :meth:`svv.fields.scene.scene.Scene.shade` computes. On devices w
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
@@ -16,7 +17,6 @@ from svv.core.colour.colour import hsb_change
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.kept_views import Look, key_of_paint
 from svv.fields.radiance.matcaps import dress
-from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.occlusion import occlude
 from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
@@ -48,14 +48,13 @@ def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -
         plain = palette.encoding.look_up(samples.position)
     else:
         tables = _both_tables(geometry.table, palette.encoding)
-        along = encode_directions(rays.lit_along, torch.arange(len(rays), dtype=torch.int32, device=samples.ray.device))
-        lit, plain = kernels.features(samples, along, geometry.layout, tables)
+        lit, plain = kernels.features(samples, rays.lit_along.contiguous(), geometry.layout, tables)
         light = palette.lighting_mlp(lit)
     return Look(samples, palette.palette_mlp(plain), light)
 
 
 def draw(
-    kernels: ImageKernels, scene: Model, look: Look, rays: Rays, network: str, beams: Beams,
+    kernels: ImageKernels, scene: Model, look: Look, rays: Rays, network: str, beams: Callable[[], Beams],
     images: tuple[Tensor, Tensor, Tensor],
 ) -> None:  # fmt: skip
     """Render rays into RGBA (R, 4), depth (R,) and region (R,), with the network ``pcn`` or ``styled``."""
@@ -75,7 +74,7 @@ def draw(
     occlude(scene, surface.colour, samples.position, surface.region)
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):
-        dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams)
+        dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams())
     opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
 
@@ -98,15 +97,16 @@ def _recoloured(kernels: ImageKernels, scene: Model, raw: Tensor, here: Tensor |
 
 
 def _add_light(
-    kernels: ImageKernels, scene: Model, samples: Samples, surface: Surface, light: Tensor | None, beams: Beams,
-    lights: Tensor, here: Tensor | None,
+    kernels: ImageKernels, scene: Model, samples: Samples, surface: Surface, light: Tensor | None,
+    beams: Callable[[], Beams], lights: Tensor, here: Tensor | None,
 ) -> None:  # fmt: skip
     """Light the surface's colour in place, by the lighting MLP or by an explicit light."""
     assert scene.palette_network is not None
     if scene.palette_network.phong is not None:
         normals, coefficients = scene.palette_network.phong.normals, scene.coefficients()
         assert coefficients is not None
-        directions = beams.facing, beams.toward, beams.intensity
+        shining = beams()
+        directions = shining.facing, shining.toward, shining.intensity
         each = for_colours(coefficients, here)
         kernels.phong(surface, samples, directions, normals.layout, normals.table, each, lights)
     elif light is not None:

@@ -20,8 +20,8 @@ from svv.kernels import reference
 from svv.kernels.numba import image as numba_image
 from svv.kernels.types import ImageKernels, Kernels, Lattice, PixelSource, Surface
 
-COLOURS, EACH, HARMONICS = 3, 4, 16
-"""Palette colours, which are also the regions, features per level, and spherical harmonics."""
+COLOURS, EACH = 3, 4
+"""Palette colours, which are also the regions, and features per level."""
 
 Part = Callable[[ImageKernels, "Inputs"], list[Tensor]]
 
@@ -42,7 +42,7 @@ class Inputs:
         self.lattice: Lattice = lattice.to(device).layout
         rows, total, rays = len(lattice.table), len(samples), len(counts)
         self.tables, self.normals = numbers(rows, 2 * EACH), numbers(rows, 3, scale=0.1)
-        self.harmonics, self.raw = numbers(rays, HARMONICS), numbers(total, 1 + 4 * COLOURS)
+        self.raw = numbers(total, 1 + 4 * COLOURS)
         self.colours, self.paint = numbers(COLOURS, 3).abs(), numbers(total, 3).sigmoid()
         self.share, self.strokes = numbers(COLOURS).sigmoid(), numbers(COLOURS, 4, scale=0.5)
         self.strokes[:, 3].abs_()
@@ -57,11 +57,13 @@ def _surface(own: ImageKernels, at: Inputs) -> Surface:
 
 
 def _ended(own: ImageKernels, at: Inputs) -> list[Tensor]:
-    return list(own.ended(at.samples))
+    samples = replace(at.samples, sigma=at.samples.sigma.clone(), tail=at.samples.tail.clone())
+    own.end(samples)
+    return [samples.sigma, samples.tail]
 
 
 def _features(own: ImageKernels, at: Inputs) -> list[Tensor]:
-    return list(own.features(at.samples, at.harmonics, at.lattice, at.tables))
+    return list(own.features(at.samples, at.facing, at.lattice, at.tables))
 
 
 def _material(own: ImageKernels, at: Inputs) -> list[Tensor]:
@@ -90,8 +92,8 @@ def _phong(own: ImageKernels, at: Inputs) -> list[Tensor]:
 
 def _composite(own: ImageKernels, at: Inputs) -> list[Tensor]:
     surface, rays, device = _surface(own, at), len(at.origins), at.origins.device
-    rgba, depth = torch.zeros(rays, 4, device=device), torch.zeros(rays, device=device)
-    seen = torch.full((rays,), -1, dtype=torch.int16, device=device)
+    rgba, depth = torch.full((rays, 4), 9.0, device=device), torch.full((rays,), 9.0, device=device)
+    seen = torch.full((rays,), 9, dtype=torch.int16, device=device)
     own.composite(at.samples, at.samples.sigma, surface, at.share, at.origins, 3.0, (rgba, depth, seen))
     # A mean is a sum divided by alpha, and its error grows as that falls.
     return [rgba[:, :3] * rgba[:, 3:], rgba[:, 3], depth * rgba[:, 3], seen.float()]

@@ -23,7 +23,7 @@ from svv.fields.radiance.phong import Beams, PhongLight
 from svv.fields.radiance.rendering import Extinction
 from svv.fields.strokes.kept_strokes import Brushed
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Samples
+from svv.kernels.types import Samples, Table
 
 DIRECTION_WIDTH = 16
 """Number of spherical harmonics of degree 4."""
@@ -87,10 +87,14 @@ class Layers(nn.Sequential):
     rough = True
     """Whether three digits are enough; kernels may then multiply in half precision."""
 
+    @property
+    def weights(self) -> list[Tensor]:
+        """Weights of each layer, (to, from)."""
+        return [layer.weight for layer in self if isinstance(layer, nn.Linear)]
+
     def forward(self, x: Tensor) -> Tensor:
         """Apply the layers. (S, I) -> (S, O)"""
-        weights = [layer.weight for layer in self if isinstance(layer, nn.Linear)]
-        return kernels_for(x).network(x, weights, self.rough)
+        return kernels_for(x).network(x, self.weights, self.rough)
 
 
 def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) -> Layers:
@@ -115,6 +119,11 @@ def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
     """Return spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
     return kernels_for(directions).directions_of_samples(directions, ray)
+
+
+def learning(lattice: SparseLattice) -> Table:
+    """Return a lattice's table and its gradient in the form that the kernels of training steps take."""
+    return Table(lattice.layout, lattice.table.detach(), *lattice.buffers_for_gradient())
 
 
 class BaseField(nn.Module):

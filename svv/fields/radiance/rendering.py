@@ -22,7 +22,7 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels.constants import fetched, moved_at_once
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Context, Limits, Samples
+from svv.kernels.types import Context, Limits, Room, Samples
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,7 @@ def march(
     how: Marching,
     seed: int = 0,
     first_ray: int = 0,
+    room: Room | None = None,
 ) -> Samples:
     """Sample rays in occupied cells, leaving out samples that cannot be seen.
 
@@ -134,6 +135,7 @@ def march(
         how: Sample distance and thresholds.
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
         first_ray: Number of the first ray in its batch: a ray's random numbers depend on its number.
+        room: Room for the samples on a GPU, for which nothing waits; see :attr:`svv.kernels.types.Samples.total`.
 
     Returns:
         The samples of all rays.
@@ -142,8 +144,8 @@ def march(
     limits = (how.least_weight, how.keep, how.stop, how.fade) if density is not None else (-1.0, 0.0, 0.0, 0.0)
     samples, occupancy.samples_a_ray = kernels_for(rays.origins).march(
         rays.origins, rays.directions, occupancy.distance_on(rays.origins.device), occupancy.cells,
-        occupancy.box.extent, lattice.layout, lattice.table, MOST_LOG_EXTINCTION, Limits(how.step, *limits, how.merge),
-        seed, occupancy.samples_a_ray, first_ray,
+        occupancy.box.extent, lattice.layout, lattice.table, MOST_LOG_EXTINCTION,
+        Limits(how.step, *limits, how.merge, room), seed, occupancy.samples_a_ray, first_ray,
     )  # fmt: skip
     return samples
 
@@ -153,14 +155,15 @@ def ended(samples: Samples) -> Samples:
     """Give the optical depth behind each ray's last sample to that sample, as part of its extinction.
 
     In an image, it thus has a colour, and the edits of a region act on it; behind a hidden region it would otherwise
-    leave a grey haze. Rays without samples keep theirs: all of a skin of 1 % may lie there.
+    leave a grey haze. Rays without samples keep theirs: all of a skin of 1 % may lie there. The samples given must not
+    be used any more.
     """
     if not len(samples):
         return samples
     kernels = kernels_for(samples.sigma).IMAGE
     if kernels is not None:
-        sigma, tail = kernels.ended(samples)
-        return replace(samples, sigma=sigma, tail=tail)
+        kernels.end(samples)
+        return samples
     last = (samples.start + samples.count - 1).clamp_(min=0)
     moved = samples.tail * (samples.count > 0)
     sigma = samples.sigma.index_add(0, last, moved, alpha=1.0 / samples.step)
@@ -211,9 +214,15 @@ def representatives(samples: Samples, every: float, seed: int, first_ray: int = 
     Returns:
         Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
+    shift = shifts(samples, seed, first_ray)
+    return kernels_for(shift).representatives(samples, every, shift)
+
+
+def shifts(samples: Samples, seed: int, first_ray: int = 0) -> Tensor:
+    """Return what shifts the cuts of each ray in :func:`representatives`, in [0, 1). (R,)"""
     drawn = torch.rand(first_ray + len(samples.count), generator=torch.Generator().manual_seed(seed))
     (shift,) = moved_at_once((drawn[first_ray:].numpy(),), samples.sigma.device)
-    return kernels_for(shift).representatives(samples, every, shift)
+    return shift
 
 
 def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -228,16 +237,25 @@ def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, 
 
 def empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     """Return straight RGBA (pixels, 4), depth and region (pixels,) of images that show nothing."""
+    images = new_images(pixels, device)
+    show_nothing(images)
+    return images
+
+
+def show_nothing(images: tuple[Tensor, Tensor, Tensor]) -> None:
+    """Empty images from :func:`new_images`."""
+    for image, value in zip(images, (0.0, torch.nan, -1), strict=True):
+        image.fill_(value)
+
+
+def new_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Return memory for straight RGBA (pixels, 4), depth and region (pixels,), which may hold anything."""
     if device.type == "cpu":
-        return torch.zeros(pixels, 4), torch.full((pixels,), torch.nan), torch.full((pixels,), -1, dtype=torch.int16)
+        return torch.empty(pixels, 4), torch.empty(pixels), torch.empty(pixels, dtype=torch.int16)
     # In one piece of memory, so that one copy brings all three to the CPU.
     whole = torch.empty(BYTES * pixels, dtype=torch.uint8, device=device)
     rgba, depth, region = whole.split([16 * pixels, 4 * pixels, 2 * pixels])
-    return (
-        rgba.view(torch.float32).view(-1, 4).zero_(),
-        depth.view(torch.float32).fill_(torch.nan),
-        region.view(torch.int16).fill_(-1),
-    )
+    return rgba.view(torch.float32).view(-1, 4), depth.view(torch.float32), region.view(torch.int16)
 
 
 BYTES = 22
@@ -245,7 +263,7 @@ BYTES = 22
 
 
 def on_cpu(images: tuple[Tensor, Tensor, Tensor]) -> tuple[Floats, Floats, NDArray[np.int16]]:
-    """Return images from :func:`empty_images`, when they are drawn, as arrays."""
+    """Return images from :func:`new_images`, when they are drawn, as arrays."""
     rgba, depth, region = images
     if rgba.device.type == "cpu":
         return rgba.numpy(), depth.numpy(), region.numpy()

@@ -5,8 +5,9 @@ Letters: R rays, S samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -33,8 +34,10 @@ from svv.fields.radiance.rendering import (
     empty_images,
     ended,
     march,
+    new_images,
     not_hidden,
     on_cpu,
+    show_nothing,
 )
 from svv.fields.scene.joined import members
 from svv.fields.scene.model import Model, S, for_colours, of_colour
@@ -129,19 +132,19 @@ def _draw(scene: Model, camera: Camera, network: str, progress: Progress) -> tup
     alone = together is None and network != "base" and image_kernels_of(scene) is not None
     view = View(key_of(scene, camera, marching_as_edited(scene, network)) if alone else None)
     pixels, chunk = camera.width * camera.height, kernels_of(scene.device.type).RAYS
-    images = empty_images(pixels, scene.device)
     in_sight = caster.in_sight(scene.occupancy) if together is None else together.in_sight()
     in_order = len(in_sight) == pixels  # if so, a chunk is a slice of the images; otherwise it is scattered
+    images = (new_images if alone and in_order else empty_images)(pixels, scene.device)
     for first in range(0, len(in_sight), chunk):
         progress(first / len(in_sight), "rendering")
         own = in_sight[first : first + chunk]
         piece = [image[first : first + chunk] for image in images]
-        parts = piece if in_order else empty_images(len(own), scene.device)
+        parts = piece if in_order else (new_images if alone else empty_images)(len(own), scene.device)
         if together is not None:
             together.draw(own, *parts)
         else:
             rays = caster.rays(own)
-            beams = Beams.of(scene.lamp, camera, rays)
+            beams = partial(Beams.of, scene.lamp, camera, rays)
             _render_rays(scene, rays, beams, network, (parts[0], parts[1], parts[2]), view, first)
         if not in_order:
             for image, part in zip(images, parts, strict=True):
@@ -152,9 +155,10 @@ def _draw(scene: Model, camera: Camera, network: str, progress: Progress) -> tup
 
 @torch.no_grad()
 def _render_rays(
-    scene: Model, rays: Rays, beams: Beams, network: str, images: tuple[Tensor, Tensor, Tensor], view: View, first: int
-) -> None:
-    """Render rays into the images; pixels in which nothing is visible are left unchanged.
+    scene: Model, rays: Rays, beams: Callable[[], Beams], network: str, images: tuple[Tensor, Tensor, Tensor],
+    view: View, first: int,
+) -> None:  # fmt: skip
+    """Render rays into the images; the kernels for images also empty what shows nothing, others leave it as it is.
 
     ``first``: number of the first of these rays among those of the ``view``.
     """
@@ -163,12 +167,14 @@ def _render_rays(
         look = view.look(first, lambda: look_at(kernels, scene, visible_samples(scene, rays, network), rays))
         if look is not None:
             draw(kernels, scene, look, rays, network, beams, images)
+        else:
+            show_nothing(images)
         return
     samples = visible_samples(scene, rays, network)
     if not len(samples):
         return
     rgba, depth, region = images
-    colour, of, sigma = shade(scene, samples, rays, network, beams)
+    colour, of, sigma = shade(scene, samples, rays, network, beams())
     distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
     values = [colour, distance[:, None]]
     if scene.palette_network is not None:

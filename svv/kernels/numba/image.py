@@ -36,9 +36,10 @@ from svv.core.lanes import (
     truncated,
 )
 from svv.core.rays.compositing import LEAST_ALPHA
+from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, cell_at, mean_of, weights_of
-from svv.kernels.types import Lattice, Samples, Surface
+from svv.kernels.types import HARMONICS, Lattice, Samples, Surface
 
 PARTS = 64
 """Parts of the samples, each for one thread."""
@@ -297,7 +298,7 @@ def _composite(  # type: ignore[no-untyped-def]
 ):
     """Write the pixels of rays: straight ``rgba`` (R, 4) in [0, 1], ``depth`` (R,) and region ``seen`` (R,) int16.
 
-    A pixel whose alpha does not exceed ``faint`` is unchanged. ``opacity`` (regions,) scales each region's extinction.
+    A pixel whose alpha does not exceed ``faint`` shows nothing. ``opacity`` (regions,) scales each region's extinction.
     A pixel's region is the one with most of its weight. ``size``: world units per box unit.
     """
     rays, regions = start.shape[0], opacity.shape[0]
@@ -328,16 +329,19 @@ def _composite(  # type: ignore[no-untyped-def]
                 rgba[r, 3] = alpha
                 depth[r] = far * back * size
                 seen[r] = np.argmax(shares)
+            else:
+                rgba[r] = np.float32(0.0)
+                depth[r] = np.float32(np.nan)
+                seen[r] = -1
 
 
-def ended(samples: Samples) -> tuple[Tensor, Tensor]:
-    sigma, tail = samples.sigma.numpy().copy(), samples.tail.numpy().copy()
-    _end(sigma, tail, *_arrays(samples.start, samples.count), np.float32(samples.step))
-    return torch.from_numpy(sigma), torch.from_numpy(tail)
+def end(samples: Samples) -> None:
+    _end(*_arrays(samples.sigma, samples.tail, samples.start, samples.count), np.float32(samples.step))
 
 
-def features(samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
-    each = tables.shape[1] // 2
+def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
+    each, harmonics = tables.shape[1] // 2, torch.empty(len(along), HARMONICS)
+    numba_rays.harmonics(*_arrays(along.contiguous()), np.arange(len(along), dtype=np.int32), *_arrays(harmonics))
     width = len(lattice.scales) * each
     lit, plain = torch.empty(len(samples), width + harmonics.shape[1]), torch.empty(len(samples), width)
     _features(

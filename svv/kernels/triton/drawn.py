@@ -11,7 +11,7 @@ from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, R
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.kernels.triton import image as triton_image
-from svv.kernels.types import Lattice, Samples, Surface
+from svv.kernels.types import HARMONICS, Lattice, Samples, Surface
 
 BLOCK = 128
 """Samples per program."""
@@ -23,25 +23,25 @@ def _grid(count: int) -> tuple[int]:
     return (triton.cdiv(count, BLOCK),)
 
 
-def ended(samples: Samples) -> tuple[Tensor, Tensor]:
-    """Copy the extinction, and move what is behind the last samples into the copy."""
-    sigma, left, rays = samples.sigma.clone(), torch.empty_like(samples.tail), len(samples.tail)
+def end(samples: Samples) -> None:
+    """Move what is behind the last samples into them."""
+    rays = len(samples.tail)
     if rays:
         triton_image.end[_grid(rays)](
-            sigma, samples.tail, samples.start, samples.count, samples.step, left, rays, BLOCK
-        )
-    return sigma, left
+            samples.sigma, samples.tail, samples.start, samples.count, samples.step, rays, BLOCK
+        )  # fmt: skip
 
 
-def features(samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
+def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
     """Look up both tables, level by level, beside the harmonics of the rays."""
     each, levels, device = tables.shape[1] // 2, len(lattice.scales), tables.device
-    lit = torch.empty(len(samples), levels * each + harmonics.shape[1], device=device)
+    lit = torch.empty(len(samples), levels * each + HARMONICS, device=device)
     plain = torch.empty(len(samples), levels * each, device=device)
     if len(samples):
         triton_image.features[triton.cdiv(len(samples), BLOCK), levels](
-            samples.position, samples.ray, harmonics, lattice.shapes, lattice.scales, lattice.bases, lattice.index,
-            tables, lit, plain, len(samples), levels, each, triton.next_power_of_2(2 * each), harmonics.shape[1], BLOCK,
+            samples.position, samples.ray, samples.ray, along, lattice.shapes, lattice.scales, lattice.bases,
+            lattice.index, tables, lit, plain, len(samples), levels, each, triton.next_power_of_2(2 * each), True,
+            False, BLOCK,
         )  # fmt: skip
     return lit, plain
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from svv.kernels.triton.tables import corner_weight, lattice_cells, row_of
+from svv.kernels.triton.rays import store_harmonics
+from svv.kernels.triton.tables import corner_weight, known, lattice_cells, row_of
 
 
 @triton.jit
@@ -22,11 +23,8 @@ def softplus(x):  # type: ignore[no-untyped-def]
 
 
 @triton.jit(do_not_specialize=["start", "count", "rays"])
-def end(sigma, tail, start, count, step, left, rays, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Move the optical depth behind each ray's last sample, ``tail`` (R,), into its extinction (S,), in place.
-
-    ``left`` (R,) receives what stays behind.
-    """
+def end(sigma, tail, start, count, step, rays, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Move the optical depth behind each ray's last sample, ``tail`` (R,), into its extinction (S,), in place."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = r < rays
     number = tl.load(count + r, mask=there, other=0)
@@ -34,40 +32,43 @@ def end(sigma, tail, start, count, step, left, rays, BLOCK: tl.constexpr):  # ty
     behind = tl.load(tail + r, mask=there, other=0.0)
     filled = there & (number > 0)
     tl.store(at, tl.load(at, mask=filled, other=0.0) + behind / step, mask=filled)
-    tl.store(left + r, tl.where(number > 0, 0.0, behind), mask=there)
+    tl.store(tail + r, tl.zeros((BLOCK,), tl.float32), mask=filled)
 
 
-@triton.jit(do_not_specialize=["x", "ray", "samples", "levels"])
+@triton.jit(do_not_specialize=["x", "ray", "chosen", "directions", "samples", "levels"])
 def features(  # type: ignore[no-untyped-def]
-    x, ray, harmonics, shapes, scales, bases, index, tables, lit, plain, samples, levels,
-    FEATURES: tl.constexpr, WIDE: tl.constexpr, HARMONICS: tl.constexpr, BLOCK: tl.constexpr,
+    x, ray, chosen, directions, shapes, scales, bases, index, tables, lit, plain, samples, levels,
+    FEATURES: tl.constexpr, WIDE: tl.constexpr, BOTH: tl.constexpr, CHOSEN: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write one level of ``lit`` (S, L F + H) and of ``plain`` (S, L F); the first level also the harmonics.
+    """Write one level of ``lit`` (S, L F + 16); the first level also the harmonics of the rays' ``directions`` (R, 3).
 
-    ``tables`` (V, 2 F); ``FEATURES`` is F, and ``WIDE`` 2 F rounded up to a power of two.
+    With ``BOTH``, ``tables`` (V, 2 F) hold behind these features those of ``plain`` (S, L F), otherwise only these.
+    ``FEATURES`` is F, and ``WIDE`` the width of the tables, rounded up to a power of two. Sample k is row k of ``x``
+    and ``ray``, or, if only some are ``CHOSEN``, row ``chosen[k]``.
     """
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
-    there = i < samples
-    both = there[:, None] & (f < 2 * FEATURES)[None, :]
-    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
+    there = i < known(samples)
+    place = tl.load(chosen + i, mask=there, other=0) if CHOSEN else i
+    columns = 2 * FEATURES if BOTH else FEATURES
+    both = there[:, None] & (f < columns)[None, :]
+    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, place, there, shapes, scales, bases, level)
     total = tl.zeros((BLOCK, WIDE), tl.float32)
     for corner in tl.static_range(8):
         word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
         row = row_of(word, z, tl.load(bases + levels)) + (corner & 1)
-        value = tl.load(tables + row[:, None] * (2 * FEATURES) + f[None, :], mask=both, other=0.0)
+        value = tl.load(tables + row[:, None] * columns + f[None, :], mask=both, other=0.0)
         total += corner_weight(wx, wy, wz, corner)[:, None] * value
-    wide = levels * FEATURES + HARMONICS
+    wide = levels * FEATURES + 16
     own = both & (f < FEATURES)[None, :]
     tl.store(lit + (i * wide + level * FEATURES)[:, None] + f[None, :], total, mask=own)
-    other = both & (f >= FEATURES)[None, :]
-    tl.store(plain + ((i * levels + level) * FEATURES)[:, None] + f[None, :] - FEATURES, total, mask=other)
+    if BOTH:
+        other = both & (f >= FEATURES)[None, :]
+        tl.store(plain + ((i * levels + level) * FEATURES)[:, None] + f[None, :] - FEATURES, total, mask=other)
     if level == 0:
-        h = tl.arange(0, HARMONICS)
-        which = tl.load(ray + i, mask=there, other=0).to(tl.int64)
-        along = tl.load(harmonics + which[:, None] * HARMONICS + h[None, :], mask=there[:, None], other=0.0)
-        tl.store(lit + (i * wide + levels * FEATURES)[:, None] + h[None, :], along, mask=there[:, None])
+        along = directions + 3 * tl.load(ray + place, mask=there, other=0).to(tl.int64)
+        store_harmonics(lit + i * wide + levels * FEATURES, along, there, BLOCK)
 
 
 @triton.jit(do_not_specialize=["raw", "colours", "samples", "count"])
@@ -206,9 +207,10 @@ def composite(  # type: ignore[no-untyped-def]
     position, sigma, skipped, colour, region, opacity, origins, start, count, tail, step, size, faint, rgba, depth,
     seen, rays, regions, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write the pixels of rays whose alpha exceeds ``faint``: ``rgba`` (R, 4), ``depth`` (R,), ``seen`` (R,) int16.
+    """Write the pixels of rays, ``rgba`` (R, 4), ``depth`` (R,) and ``seen`` (R,) int16.
 
-    ``WIDE`` is the number of regions rounded up to a power of two.
+    A pixel whose alpha does not exceed ``faint`` shows nothing. ``WIDE`` is the number of regions rounded up to a power
+    of two.
     """
     r = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     there = r < rays
@@ -242,12 +244,12 @@ def composite(  # type: ignore[no-untyped-def]
         t *= e
         k += 1
     alpha = 1.0 - t * tl.exp(-tl.load(tail + r, mask=there, other=0.0))
-    shown = there & (alpha > faint)
-    back = 1.0 / tl.maximum(alpha, faint)
-    tl.store(rgba + 4 * r, tl.minimum(tl.maximum(red * back, 0.0), 1.0), mask=shown)
-    tl.store(rgba + 4 * r + 1, tl.minimum(tl.maximum(green * back, 0.0), 1.0), mask=shown)
-    tl.store(rgba + 4 * r + 2, tl.minimum(tl.maximum(blue * back, 0.0), 1.0), mask=shown)
-    tl.store(rgba + 4 * r + 3, alpha, mask=shown)
-    tl.store(depth + r, far * back * size, mask=shown)
+    shown = alpha > faint
+    back = tl.where(shown, 1.0 / tl.maximum(alpha, faint), 0.0)
+    tl.store(rgba + 4 * r, tl.minimum(tl.maximum(red * back, 0.0), 1.0), mask=there)
+    tl.store(rgba + 4 * r + 1, tl.minimum(tl.maximum(green * back, 0.0), 1.0), mask=there)
+    tl.store(rgba + 4 * r + 2, tl.minimum(tl.maximum(blue * back, 0.0), 1.0), mask=there)
+    tl.store(rgba + 4 * r + 3, tl.where(shown, alpha, 0.0), mask=there)
+    tl.store(depth + r, tl.where(shown, far * back * size, float("nan")), mask=there)
     shares = tl.where(which[None, :] < regions, shares, -1.0)
-    tl.store(seen + r, tl.argmax(shares, axis=1).to(tl.int16), mask=shown)
+    tl.store(seen + r, tl.where(shown, tl.argmax(shares, axis=1), -1).to(tl.int16), mask=there)

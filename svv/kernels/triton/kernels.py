@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import torch
 import triton
@@ -11,14 +12,15 @@ from torch import Tensor
 from svv.core.rays.cells import FARTHEST_LEAP
 from svv.core.rays.networks import relu_layers
 from svv.kernels.reference import marked_rows as marked_rows
+from svv.kernels.triton import cells as triton_cells
 from svv.kernels.triton import drawn as triton_drawn
+from svv.kernels.triton import learning as triton_learning
 from svv.kernels.triton import networks as triton_networks
 from svv.kernels.triton import painted as triton_painted
 from svv.kernels.triton import pixels as triton_pixels
 from svv.kernels.triton import rays as triton_rays
 from svv.kernels.triton import tables as triton_tables
 from svv.kernels.triton import tomography as triton_tomography
-from svv.kernels.triton import training as triton_training
 from svv.kernels.types import (
     ImageKernels,
     Lattice,
@@ -51,7 +53,7 @@ SAMPLES = 1 << 18
 IMAGE: ImageKernels | None = triton_drawn
 STROKES: StrokeKernels | None = triton_painted
 TOMOGRAPHY: TomographyKernels | None = triton_tomography
-TRAINING: TrainingKernels | None = triton_training
+TRAINING: TrainingKernels | None = triton_learning
 
 TABLE_BLOCK = 128
 """Samples per program that reads or writes tables."""
@@ -85,8 +87,8 @@ def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, use
     levels, features = len(where.scales), gradient.shape[1]
     if len(x):
         triton_tables.lattice_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](
-            x.contiguous(), g, where.shapes, where.scales, where.bases, where.index, gradient, used, len(x),
-            levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
+            x.contiguous(), x, g, where.shapes, where.scales, where.bases, where.index, gradient, used, len(x), levels,
+            levels * features, features, triton.next_power_of_2(features), False, False, TABLE_BLOCK,
         )  # fmt: skip
 
 
@@ -149,7 +151,12 @@ def pixels_in_sight(
     extent: Sequence[float],
 ) -> Tensor:  # fmt: skip
     """Return all pixels, because a GPU marches them at once."""
-    return torch.arange(width * height, device=distance.device)
+    return _all_of(width * height, distance.device)
+
+
+@lru_cache(1)
+def _all_of(pixels: int, device: torch.device) -> Tensor:
+    return torch.arange(pixels, device=device)
 
 
 def march(
@@ -158,48 +165,41 @@ def march(
     first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March twice: count the samples, find the start of each ray from their sums, and write them."""
-    device, rays = origins.device, len(origins)
-    count, tail = torch.empty(rays, dtype=torch.int64, device=device), torch.empty(rays, device=device)
-    position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((0, 3), 0, 0))
-    ray, start = torch.empty(0, dtype=torch.int32, device=device), count
+    device, rays, given = origins.device, len(origins), limits.room
+    make = torch.empty if rays else torch.zeros
+    count, start, total = (make(n, dtype=torch.int64, device=device) for n in (rays, rays, 1))
+    tail = torch.empty(rays, device=device)
 
-    def pass_over(writes: bool) -> None:
+    def pass_over(behind: Tensor, number: int, written: Sequence[Tensor], writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
             origins, directions, distance, *distance.shape[1:], float(cells), *extent, limits.step, seed, first_ray,
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
-            start, count, tail, position, skipped, sigma, ray,
+            behind, number, start, count, tail, total, total if given is None else given.dropped, *written,
             float(limits.merge), len(where.scales), writes, RAY_BLOCK,
             num_warps=1,
         )  # fmt: skip
 
+    def samples_for(number: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        position, skipped, sigma = (torch.empty(shape, device=device) for shape in ((number, 3), number, number))
+        return position, skipped, sigma, torch.empty(number, dtype=torch.int32, device=device)
+
+    written = samples_for(0)
     if rays:
-        pass_over(writes=False)
+        pass_over(count, 0, written, writes=False)
         behind = count.cumsum(0)
-        start, number = behind - count, int(behind[-1])
-        position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((number, 3), number, number))
-        ray = torch.empty(number, dtype=torch.int32, device=device)
+        number = int(behind[-1]) if given is None else given.samples
+        written = samples_for(number)
         if number:
-            pass_over(writes=True)
-    return Samples(position, sigma, skipped, ray, start, count, tail, limits.step), room
+            pass_over(behind, number, written, writes=True)
+        else:
+            start.zero_()
+    position, skipped, sigma, ray = written
+    return Samples(position, sigma, skipped, ray, start, count, tail, limits.step, total), room
 
 
 def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
-    rays, device, grid = len(shift), shift.device, (triton.cdiv(len(shift), RAY_BLOCK),)
-    begin, end, passed = torch.empty(3, len(samples), device=device)
-    place, taken = (torch.empty(n, dtype=torch.int64, device=device) for n in (len(samples), rays))
-    if not len(samples):
-        return place, place
-    triton_rays.cuts_of_rays[grid](
-        samples.sigma, samples.skipped, samples.start, samples.count, samples.step, 1.0 / every, shift,
-        begin, end, taken, rays, RAY_BLOCK, num_warps=1,
-    )  # fmt: skip
-    behind = taken.cumsum(0)
-    rows = torch.empty(int(behind[-1]), dtype=torch.int64, device=device)
-    triton_rays.representatives[grid](
-        begin, end, samples.start, samples.count, behind - taken, rows, place, passed, rays, RAY_BLOCK, num_warps=1
-    )
-    return rows, place
+    return triton_learning.representatives(samples, every, shift, counted=True)[:2]
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
@@ -236,7 +236,7 @@ def leaps(occupied: Tensor) -> Tensor:
         nearest = torch.empty(len(known), 2, *occupied.shape, dtype=torch.uint8, device=occupied.device)
         for one, both in zip(known, nearest, strict=True):
             for side, found in zip((1, -1), both, strict=True):
-                triton_rays.nearest_along[(triton.cdiv(one.numel(), TABLE_BLOCK),)](
+                triton_cells.nearest_along[(triton.cdiv(one.numel(), TABLE_BLOCK),)](
                     one, found, one.numel(), one.stride(axis), length, side, TABLE_BLOCK
                 )
         known = nearest.flatten(0, 1)

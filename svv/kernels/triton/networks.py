@@ -27,6 +27,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from svv.core.rays.networks import relu_layers
+from svv.kernels.triton.tables import known
 from svv.kernels.types import Context
 
 WIDEST_LAYER = 64
@@ -34,6 +35,11 @@ WIDEST_LAYER = 64
 
 AMPERE = (8, 0)
 """Lowest compute capability with which Triton uses tensor cores and a program has the 64 KiB that it needs."""
+
+
+NOT_COMPILED = (10, 0), (12, 0)
+"""Compute capabilities from the first to below the second, Blackwell's GPUs for data centres, have tensor cores for
+which Triton 3.7 does not compile the backward pass. Networks run there in plain torch."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +103,7 @@ def network(  # type: ignore[no-untyped-def]
 
     The weights are ``first`` (W, I), ``middle`` (W, W) and ``last`` (O, W).
     """
+    samples = known(samples)
     w_first = weights_of(first, width, inputs, WIDE, WIDE_IN)
     w_middle = w_first
     if DEEP:
@@ -122,6 +129,7 @@ def network_backward(  # type: ignore[no-untyped-def]
 
     ``parts`` (programs, W I + W W + O W) holds each program's sums, without W W if there is no middle layer.
     """
+    samples = known(samples)
     w_first = weights_of(first, width, inputs, WIDE, WIDE_IN)
     w_last = weights_of(last, outputs, width, WIDE_OUT, WIDE)
     sum_first = tl.zeros((WIDE, WIDE_IN), tl.float32)
@@ -161,58 +169,73 @@ def network_backward(  # type: ignore[no-untyped-def]
     tl.store(parts + at, sum_last, mask=there)
 
 
-def fits(x: Tensor, weights: Sequence[Tensor]) -> bool:
+def fits(weights: Sequence[Tensor]) -> bool:
     """Return whether the kernels support a network: one or two hidden layers, none wider than :data:`WIDEST_LAYER`."""
-    width = weights[0].shape[0]
+    width, inputs = weights[0].shape
     return (
-        _has_tensor_cores(x.device)
+        _can_run(weights[0].device)
         and len(weights) in (2, 3)
         and all(w.shape == (width, width) for w in weights[1:-1])
-        and max(x.shape[1], width, weights[-1].shape[0]) <= WIDEST_LAYER
+        and max(inputs, width, weights[-1].shape[0]) <= WIDEST_LAYER
     )
 
 
 def run(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """Run a network as in :meth:`svv.kernels.types.Kernels.network`; unsupported networks run in plain torch."""
-    if not fits(x, weights):
+    if not fits(weights):
         return relu_layers(x, weights)
     return _Network.apply(x.contiguous(), *weights)
+
+
+def forward(x: Tensor, weights: Sequence[Tensor], samples: Tensor | int) -> Tensor:
+    """Return the outputs of a network that :func:`fits`, without a graph: the first ``samples`` rows of (S, O)."""
+    shape = x.shape[1], len(weights[0]), len(weights[-1])
+    out = torch.empty(len(x), shape[-1], device=x.device)
+    if len(x):
+        network[_programs(x, FORWARD),](
+            x, weights[0], weights[-2], weights[-1], out, samples, *shape, *_wide(shape), len(weights) == 3,
+            FORWARD.block, num_stages=1,
+        )  # fmt: skip
+    return out
+
+
+def backward(
+    x: Tensor, g_out: Tensor, weights: Sequence[Tensor], samples: Tensor | int, inward: bool
+) -> tuple[Tensor | None, list[Tensor]]:
+    """Return the gradients of :func:`forward` with respect to ``x`` (S, I), if ``inward``, and to the weights."""
+    shape, programs = (x.shape[1], len(weights[0]), len(weights[-1])), _programs(x, BACKWARD)
+    g_x = torch.empty_like(x) if inward else None
+    # One buffer holds the parts of all layers, so that a single sum adds them up.
+    parts = torch.empty(programs, sum(w.numel() for w in weights), device=x.device)
+    if len(x):
+        network_backward[programs,](
+            x, g_out, weights[0], weights[-2], weights[-1], x if g_x is None else g_x, parts, samples, *shape,
+            *_wide(shape), len(weights) == 3, inward, BACKWARD.block, num_stages=1,
+        )  # fmt: skip
+    gradients = parts.sum(dim=0).split([w.numel() for w in weights])
+    return g_x, [g.view_as(w) for g, w in zip(gradients, weights, strict=True)]
 
 
 class _Network(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Context, x: Tensor, *weights: Tensor) -> Tensor:
         ctx.save_for_backward(x, *weights)
-        shape = len(x), x.shape[1], len(weights[0]), len(weights[-1])
-        out = torch.empty(len(x), len(weights[-1]), device=x.device)
-        if len(x):
-            network[_programs(x, FORWARD),](
-                x, weights[0], weights[-2], weights[-1], out, *shape, *_wide(shape), len(weights) == 3, FORWARD.block,
-                num_stages=1,
-            )  # fmt: skip
-        return out
+        return forward(x, weights, len(x))
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Context, g_out: Tensor) -> tuple[Tensor | None, ...]:
         x, *weights = ctx.saved_tensors
-        shape = len(x), x.shape[1], len(weights[0]), len(weights[-1])
-        inward, programs = ctx.needs_input_grad[0], _programs(x, BACKWARD)
-        g_x = torch.empty_like(x) if inward else None
-        # One buffer holds the parts of all layers, so that a single sum adds them up.
-        parts = torch.empty(programs, sum(w.numel() for w in weights), device=x.device)
-        if len(x):
-            network_backward[programs,](
-                x, g_out.contiguous(), weights[0], weights[-2], weights[-1], x if g_x is None else g_x, parts, *shape,
-                *_wide(shape), len(weights) == 3, inward, BACKWARD.block, num_stages=1,
-            )  # fmt: skip
-        gradients = parts.sum(dim=0).split([w.numel() for w in weights])
-        return g_x, *(g.view_as(w) for g, w in zip(gradients, weights))
+        g_x, gradients = backward(x, g_out.contiguous(), weights, len(x), ctx.needs_input_grad[0])
+        return g_x, *gradients
 
 
 @cache
-def _has_tensor_cores(device: torch.device) -> bool:
-    return device.type == "cpu" or torch.cuda.get_device_capability(device) >= AMPERE  # cpu: the interpreter
+def _can_run(device: torch.device) -> bool:
+    if device.type == "cpu":  # the interpreter
+        return True
+    capability = torch.cuda.get_device_capability(device)
+    return capability >= AMPERE and not NOT_COMPILED[0] <= capability < NOT_COMPILED[1]
 
 
 def _programs(x: Tensor, launch: Launch) -> int:
@@ -220,4 +243,4 @@ def _programs(x: Tensor, launch: Launch) -> int:
 
 
 def _wide(shape: Sequence[int]) -> list[int]:
-    return [max(16, triton.next_power_of_2(size)) for size in shape[1:]]
+    return [max(16, triton.next_power_of_2(size)) for size in shape]

@@ -37,34 +37,13 @@ def pixel_rays(  # type: ignore[no-untyped-def]
         tl.store(origins + 3 * r + k, tl.load(positions + view * 3 + k, mask=there, other=0.0) + shift, mask=there)
 
 
-@triton.jit(do_not_specialize=["known", "nearest", "size", "stride", "length", "side"])
-def nearest_along(known, nearest, size, stride, length, side, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Extend chessboard distances ``known`` for the previous axes along one more, ``length`` cells long.
-
-    Only cells that follow (``side`` 1) or come before (-1) count; see :func:`svv.core.rays.cells.leaps`.
-    """
-    i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    place = (i // stride) % length
-    first = known + i - place * stride
-    least = tl.full((BLOCK,), 255, tl.int32)
-    for k in range(length):
-        beyond = tl.load(first + k * stride, mask=i < size, other=255).to(tl.int32)
-        apart = (k - place) * side
-        least = tl.minimum(least, tl.where(apart >= 0, tl.maximum(apart, beyond), 255))
-    tl.store(nearest + i, least.to(tl.uint8), mask=i < size)
-
-
-@triton.jit(do_not_specialize=["ray", "samples"])
-def harmonics(directions, ray, out, samples, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Evaluate degree 4 harmonics of each sample's ray, as :func:`svv.core.rays.encodings.spherical_harmonics`."""
-    i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
-    there = i < samples
-    at = directions + 3 * tl.load(ray + i, mask=there, other=0).to(tl.int64)
-    x = tl.load(at, mask=there, other=0.0)
-    y = tl.load(at + 1, mask=there, other=0.0)
-    z = tl.load(at + 2, mask=there, other=0.0)
+@triton.jit
+def store_harmonics(to, along, there, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Evaluate degree 4 harmonics, as :func:`svv.core.rays.encodings.spherical_harmonics`, of the vectors ``along``."""
+    x = tl.load(along, mask=there, other=0.0)
+    y = tl.load(along + 1, mask=there, other=0.0)
+    z = tl.load(along + 2, mask=there, other=0.0)
     xx, yy, zz = x * x, y * y, z * z
-    to = out + 16 * i
     tl.store(to, tl.full((BLOCK,), 0.28209479177387814, tl.float32), mask=there)
     tl.store(to + 1, -0.48860251190291987 * y, mask=there)
     tl.store(to + 2, 0.48860251190291987 * z, mask=there)
@@ -81,6 +60,14 @@ def harmonics(directions, ray, out, samples, BLOCK: tl.constexpr):  # type: igno
     tl.store(to + 13, 0.45704579946446572 * x * (1.0 - 5.0 * zz), mask=there)
     tl.store(to + 14, 1.4453057213202769 * z * (xx - yy), mask=there)
     tl.store(to + 15, 0.59004358992664352 * x * (3.0 * yy - xx), mask=there)
+
+
+@triton.jit(do_not_specialize=["ray", "samples"])
+def harmonics(directions, ray, out, samples, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Evaluate the harmonics of each sample's ray."""
+    i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
+    there = i < samples
+    store_harmonics(out + 16 * i, directions + 3 * tl.load(ray + i, mask=there, other=0).to(tl.int64), there, BLOCK)
 
 
 @triton.jit
@@ -143,32 +130,19 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
 
 
 @triton.jit(
-    do_not_specialize=[
-        "origins",
-        "directions",
-        "nx",
-        "ny",
-        "nz",
-        "seed",
-        "first_ray",
-        "rays",
-        "start",
-        "count",
-        "tail",
-        "position",
-        "skipped",
-        "sigma",
-        "ray",
-        "merge",
-    ]
-)
+    do_not_specialize=["origins", "directions", "nx", "ny", "nz", "seed", "first_ray", "rays", "ends", "most", "start",
+                       "count", "tail", "total", "dropped", "position", "skipped", "sigma", "ray", "merge"]
+)  # fmt: skip
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed, first_ray,
     shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
-    start, count, tail, position, skipped, sigma, ray, merge,
+    ends, most, start, count, tail, total, dropped, position, skipped, sigma, ray, merge,
     LEVELS: tl.constexpr, WRITES: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """March a block of rays, either to count their samples or, with ``WRITES``, to write them from ``start`` on.
+    """March a block of rays, either to count their samples or, with ``WRITES``, to write them and their ``start``.
+
+    ``ends`` (R,) are the sums of ``count`` up to each ray. There is room for ``most`` samples: rays whose samples end
+    beyond it have none, a ``count`` of -1, and are added to ``dropped``. ``total`` is the number of samples written.
 
     Both passes are compiled apart, and a compiler may round one of them differently. The second one therefore writes
     exactly ``count`` samples of each ray: those it has too many of are left out, missing ones have no extinction.
@@ -200,8 +174,18 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     n = tl.zeros((BLOCK,), tl.int64)
     end = n
     if WRITES:
-        n = tl.load(start + r, mask=there, other=0)
-        end = n + tl.load(count + r, mask=there, other=0)
+        end = tl.load(ends + r, mask=there, other=0)
+        n = end - tl.load(count + r, mask=there, other=0)
+        too_many = there & (end > most)
+        tl.store(start + r, n, mask=there)
+        tl.store(count + r, tl.full((BLOCK,), -1, tl.int64), mask=too_many)
+        lost = tl.sum(too_many.to(tl.int64), axis=0)
+        tl.atomic_add(dropped, lost, mask=lost > 0, sem="relaxed")
+        # Sums never fall, so the rays for which there is room are the first ones, and one of them is the last.
+        following = tl.load(ends + r + 1, mask=r + 1 < rays, other=1 << 62)
+        tl.store(total + tl.zeros_like(r), end, mask=there & (end <= most) & (following > most))
+        going = going & (end <= most)
+        end = tl.where(too_many, n, end)
     while tl.max(going.to(tl.int32), axis=0) > 0:
         t = (i.to(tl.float32) + shift) * step
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
@@ -253,6 +237,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     else:
         tl.store(count + r, n, mask=there)
         tl.store(tail + r, left_out, mask=there)
+        tl.store(total, 0, mask=tl.program_id(0) == 0)  # of the second pass, unless there is room for no ray
 
 
 @triton.jit(do_not_specialize=["sigma", "skipped", "start", "count", "cuts", "shift", "begin", "end", "taken", "rays"])
@@ -279,18 +264,19 @@ def cuts_of_rays(  # type: ignore[no-untyped-def]
     tl.store(taken + r, tl.where(length > 0, tl.maximum(number, 1), 0), mask=r < rays)
 
 
-@triton.jit(do_not_specialize=["begin", "end", "start", "count", "own", "chosen", "place", "passed", "rays"])
+@triton.jit(do_not_specialize=["begin", "end", "start", "count", "taken", "ends", "chosen", "place", "passed", "rays"])
 def representatives(  # type: ignore[no-untyped-def]
-    begin, end, start, count, own, chosen, place, passed, rays, BLOCK: tl.constexpr
+    begin, end, start, count, taken, ends, chosen, place, passed, rays, BLOCK: tl.constexpr
 ):
     """Write the samples into which a cut falls, ``chosen`` (K,), and each sample's ``place`` in them (S,).
 
-    Those of each ray begin at ``own`` (R,). ``passed`` (S,) is a buffer for each sample's distance from the last cut.
+    ``ends`` (R,) are the sums of ``taken`` up to each ray. ``passed`` (S,) is a buffer for each sample's distance
+    from the last cut.
     """
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     first = tl.load(start + r, mask=r < rays, other=0)
     length = tl.load(count + r, mask=r < rays, other=0)
-    number = tl.load(own + r, mask=r < rays, other=0)
+    number = tl.load(ends + r, mask=r < rays, other=0) - tl.load(taken + r, mask=r < rays, other=0)
     longest = tl.max(length, axis=0)
     last = tl.full((BLOCK,), -1e30, tl.float32)
     lone = length < 0
@@ -299,10 +285,10 @@ def representatives(  # type: ignore[no-untyped-def]
         low = tl.load(begin + first + k, mask=inside, other=0.0)
         high = tl.load(end + first + k, mask=inside, other=0.0)
         lone = lone | ((k == length - 1) & (last < -1e29) & (tl.floor(high) == tl.floor(low)))
-        taken = inside & ((tl.floor(high) > tl.floor(low)) | lone)
-        tl.store(chosen + number, first + k, mask=taken)
-        number += taken.to(tl.int64)
-        last = tl.where(taken, tl.floor(high), last)
+        cut = inside & ((tl.floor(high) > tl.floor(low)) | lone)
+        tl.store(chosen + number, first + k, mask=cut)
+        number += cut.to(tl.int64)
+        last = tl.where(cut, tl.floor(high), last)
         tl.store(place + first + k, number - 1, mask=inside)
         tl.store(passed + first + k, 0.5 * (low + high) - last, mask=inside)
     tl.debug_barrier()
@@ -312,11 +298,11 @@ def representatives(  # type: ignore[no-untyped-def]
         inside = k < length
         low = tl.load(begin + first + k, mask=inside, other=0.0)
         high = tl.load(end + first + k, mask=inside, other=0.0)
-        taken = inside & ((tl.floor(high) > tl.floor(low)) | (lone & (k == length - 1)))
+        cut = inside & ((tl.floor(high) > tl.floor(low)) | (lone & (k == length - 1)))
         nearer = tl.load(passed + first + k, mask=inside, other=0.0) >= following - 0.5 * (low + high)
-        tl.store(place + first + k, number, mask=inside & nearer & (taken == 0))
-        number -= taken.to(tl.int64)
-        following = tl.where(taken, tl.floor(low) + 1.0, following)
+        tl.store(place + first + k, number, mask=inside & nearer & (cut == 0))
+        number -= cut.to(tl.int64)
+        following = tl.where(cut, tl.floor(low) + 1.0, following)
 
 
 @triton.jit(

@@ -16,6 +16,14 @@ import triton.language as tl
 
 
 @triton.jit
+def known(samples):  # type: ignore[no-untyped-def]
+    """Return a number that kernels are given, or that lies on the GPU, because the CPU does not wait for it."""
+    if samples.dtype.is_ptr():
+        samples = tl.load(samples).to(tl.int32)
+    return samples
+
+
+@triton.jit
 def position_in_cell(x, i, there, sx, sy, sz, highest_x, highest_y, highest_z):  # type: ignore[no-untyped-def]
     """Return the lowest vertex of the cell around each sample, and the sample's position in the cell."""
     fx = tl.load(x + 3 * i, mask=there, other=0.0) * sx
@@ -71,7 +79,7 @@ def lattice_encode(  # type: ignore[no-untyped-def]
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
-    there = i < samples
+    there = i < known(samples)
     both = there[:, None] & (f < FEATURES)[None, :]
     at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
     total = tl.zeros((BLOCK, WIDE), tl.float32)
@@ -84,19 +92,25 @@ def lattice_encode(  # type: ignore[no-untyped-def]
     tl.store(out + (i * levels + level)[:, None] * FEATURES + f[None, :], total, mask=both)
 
 
-@triton.jit(do_not_specialize=["x", "used", "samples", "levels"])
+@triton.jit(do_not_specialize=["x", "chosen", "g_out", "used", "samples", "levels", "columns"])
 def lattice_backward(  # type: ignore[no-untyped-def]
-    x, g_out, shapes, scales, bases, index, gradient, used, samples, levels,
-    FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    x, chosen, g_out, shapes, scales, bases, index, gradient, used, samples, levels, columns,
+    FEATURES: tl.constexpr, WIDE: tl.constexpr, CHOSEN: tl.constexpr, ALIKE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Add the gradient of one level for a block of samples to ``gradient`` (V, F); mark rows in ``used`` (V,)."""
+    """Add the gradient of one level for a block of samples to ``gradient`` (V, F); mark rows in ``used`` (V,).
+
+    ``g_out`` (S, ``columns``) begins with the gradients of all levels, or, if they are ``ALIKE``, has that of each.
+    Sample k lies at row k of ``x``, or, if only some are ``CHOSEN``, at row ``chosen[k]``.
+    """
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
-    there = i < samples
+    there = i < known(samples)
     both = there[:, None] & (f < FEATURES)[None, :]
-    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
-    g = tl.load(g_out + (i * levels + level)[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
+    place = tl.load(chosen + i, mask=there, other=0) if CHOSEN else i
+    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, place, there, shapes, scales, bases, level)
+    first = 0 if ALIKE else level * FEATURES
+    g = tl.load(g_out + (i * columns + first)[:, None] + f[None, :], mask=both, other=0.0)
     one = tl.full((BLOCK,), 1, tl.uint8)
     for corner in tl.static_range(8):
         word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)

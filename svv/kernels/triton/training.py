@@ -11,13 +11,11 @@ import triton.language as tl
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.kernels.triton.image import softplus
+from svv.kernels.triton.tables import known
 from svv.kernels.types import Context
 
 BLOCK = 128
-PENALTIES = 3
-"""Channels behind the colour: squared offsets, squared deviation of the shade from 1, and how mixed the weights are."""
 
 
 @triton.jit
@@ -26,14 +24,17 @@ def rising(x):  # type: ignore[no-untyped-def]
     return 1.0 / (1.0 + tl.exp(-tl.maximum(x, -80.0)))
 
 
-@triton.jit(do_not_specialize=["raw", "light", "colours", "samples", "count", "values", "weights"])
+@triton.jit(do_not_specialize=["raw", "light", "colours", "samples", "count", "values"])
 def mix(  # type: ignore[no-untyped-def]
-    raw, light, colours, bright, gleam, floor, values, weights, samples, count, OUTPUTS: tl.constexpr,
-    SETTLED: tl.constexpr, BLOCK: tl.constexpr,
+    raw, light, colours, bright, gleam, floor, values, samples, count, OUTPUTS: tl.constexpr,
+    BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write colours and penalties (S, 6) and palette weights (S, P) of samples (equation 4)."""
+    """Write colours and penalties (S, 6) of samples (equation 4).
+
+    The penalties: squared offsets, squared deviation of the shade from 1, and 1 minus the sum of squared weights.
+    """
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
-    there = i < samples
+    there = i < known(samples)
     at = raw + i * (1 + 4 * count)
     zero = tl.zeros((BLOCK,), tl.float32)
     red, green, blue, total, squares, offsets = zero, zero, zero, zero, zero, zero
@@ -48,9 +49,6 @@ def mix(  # type: ignore[no-untyped-def]
         total += w
         squares += w * w
         offsets += r * r + g * g + b * b
-    for p in range(count):
-        w = softplus(tl.load(at + 1 + p, mask=there, other=0.0)) + floor
-        tl.store(weights + i * count + p, w / total, mask=there)
     scale = softplus(tl.load(at, mask=there, other=0.0) + bright) / total
     specular = softplus(tl.load(light + OUTPUTS * i, mask=there, other=0.0) + gleam)
     shade = zero + 1.0
@@ -62,20 +60,24 @@ def mix(  # type: ignore[no-untyped-def]
     tl.store(to + 2, shade * scale * blue + specular, mask=there)
     tl.store(to + 3, offsets, mask=there)
     tl.store(to + 4, (shade - 1.0) * (shade - 1.0), mask=there)
-    tl.store(to + 5, zero if SETTLED else 1.0 - squares / (total * total), mask=there)
+    tl.store(to + 5, 1.0 - squares / (total * total), mask=there)
 
 
 @triton.jit(
-    do_not_specialize=["raw", "light", "colours", "g_values", "g_weights", "g_raw", "g_light", "parts", "samples",
+    do_not_specialize=["raw", "light", "colours", "g_values", "owner", "number", "g_raw", "g_light", "parts", "samples",
                        "count"]
 )  # fmt: skip
 def mix_backward(  # type: ignore[no-untyped-def]
-    raw, light, colours, bright, gleam, floor, g_values, g_weights, g_raw, g_light, parts, samples, count,
-    OUTPUTS: tl.constexpr, SETTLED: tl.constexpr, BLOCK: tl.constexpr,
+    raw, light, colours, bright, gleam, floor, g_values, owner, number, foreign, g_raw, g_light, parts, samples,
+    count, OUTPUTS: tl.constexpr, OWNED: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients of :func:`mix`; ``parts`` (programs, P, 3): those of the colours from each program."""
+    """Write the gradients of :func:`mix`; ``parts`` (programs, P, 3): those of the colours from each program.
+
+    If samples are ``OWNED`` by a region, ``owner`` (S,), the logarithm of their weight of it counts ``-foreign``,
+    averaged over the ``number`` (P,) of samples of each region.
+    """
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
-    there = i < samples
+    there = i < known(samples)
     at, back = raw + i * (1 + 4 * count), g_raw + i * (1 + 4 * count)
     zero = tl.zeros((BLOCK,), tl.float32)
     red, green, blue, total = zero, zero, zero, zero
@@ -105,6 +107,8 @@ def mix_backward(  # type: ignore[no-untyped-def]
     bright_shade = intensity * shade
     g0, g1, g2 = g0 * bright_shade, g1 * bright_shade, g2 * bright_shade
     mean = zero
+    if OWNED:
+        own_region = tl.load(owner + i, mask=there, other=-1)
     for p in range(count):
         w = (softplus(tl.load(at + 1 + p, mask=there, other=0.0)) + floor) / total
         moved = at + 1 + count + 3 * p
@@ -118,15 +122,24 @@ def mix_backward(  # type: ignore[no-untyped-def]
         tl.store(own + 1, tl.sum(w * g1, axis=0))
         tl.store(own + 2, tl.sum(w * g2, axis=0))
         slope = g0 * (tl.load(colours + 3 * p) + r) + g1 * (tl.load(colours + 3 * p + 1) + g)
-        slope += g2 * (tl.load(colours + 3 * p + 2) + b) + tl.load(g_weights + i * count + p, mask=there, other=0.0)
-        if not SETTLED:
-            slope -= 2.0 * g_mixed * w
+        slope += g2 * (tl.load(colours + 3 * p + 2) + b) - 2.0 * g_mixed * w
+        if OWNED:
+            slope -= tl.where(own_region == p, foreign / (tl.maximum(tl.load(number + p), 1).to(tl.float32) * w), 0.0)
         mean += slope * w
         tl.store(back + 1 + p, slope, mask=there)
     for p in range(count):
         x = tl.load(at + 1 + p, mask=there, other=0.0)
         slope = tl.load(back + 1 + p, mask=there, other=0.0)
         tl.store(back + 1 + p, (slope - mean) / total * rising(x), mask=there)
+
+
+@triton.jit(do_not_specialize=["owner", "number", "samples", "count"])
+def count_owned(owner, number, samples, count, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Add how many samples each region owns to ``number`` (P,), whose regions are ``owner`` (S,)."""
+    i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
+    own_region = tl.load(owner + i, mask=i < known(samples), other=-1)
+    for p in range(count):
+        tl.atomic_add(number + p, tl.sum((own_region == p).to(tl.int64), axis=0), sem="relaxed")
 
 
 @triton.jit(do_not_specialize=["out", "transmittance", "shown", "weight", "each", "g_out", "g_transmittance", "parts",
@@ -168,52 +181,11 @@ def error(  # type: ignore[no-untyped-def]
     tl.store(parts + 2 * tl.program_id(0) + 1, squared / 3.0)
 
 
-def mixed(raw: Tensor, light: Tensor, colours: Tensor, settled: bool) -> tuple[Tensor, Tensor]:
-    """Return colours with penalties (S, 6) and weights (S, P); see :class:`svv.kernels.types.TrainingKernels`."""
-    return _Mixed.apply(raw.contiguous(), light.contiguous(), colours.contiguous(), settled)
-
-
 def loss(
     out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
 ) -> tuple[Tensor, Tensor]:
     """Return the loss and the mean squared error of colour; see :class:`svv.kernels.types.TrainingKernels`."""
     return _Loss.apply(out.contiguous(), transmittance, shown, weight, each, alpha)
-
-
-class _Mixing(Context):
-    settled: bool
-    shape: tuple[int, int, int]
-
-
-class _Mixed(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: _Mixing, raw: Tensor, light: Tensor, colours: Tensor, settled: bool) -> tuple[Tensor, Tensor]:
-        ctx.save_for_backward(raw, light, colours)
-        ctx.settled, ctx.shape = settled, (len(raw), len(colours), light.shape[1])
-        samples, count, outputs = ctx.shape
-        values = torch.empty(samples, 3 + PENALTIES, device=raw.device)
-        weights = torch.empty(samples, count, device=raw.device)
-        if samples:
-            mix[(triton.cdiv(samples, BLOCK),)](
-                raw, light, colours, INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR, values, weights, samples, count,
-                outputs, settled, BLOCK,
-            )  # fmt: skip
-        return values, weights
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: _Mixing, g_values: Tensor, g_weights: Tensor) -> tuple[Tensor | None, ...]:
-        raw, light, colours = ctx.saved_tensors
-        samples, count, outputs = ctx.shape
-        programs = triton.cdiv(samples, BLOCK)
-        g_raw, g_light = torch.empty_like(raw), torch.empty_like(light)
-        parts = torch.empty(programs, count, 3, device=raw.device)
-        if samples:
-            mix_backward[(programs,)](
-                raw, light, colours, INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR, g_values.contiguous(),
-                g_weights.contiguous(), g_raw, g_light, parts, samples, count, outputs, ctx.settled, BLOCK,
-            )  # fmt: skip
-        return g_raw, g_light, parts.sum(dim=0), None
 
 
 class _Losing(Context):

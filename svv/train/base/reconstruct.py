@@ -12,13 +12,13 @@ from torch import Tensor
 
 from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
-from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions
+from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions, learning
 from svv.fields.radiance.occupancy import Occupancy
-from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
+from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives, shifts
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
-from svv.kernels.types import Samples
+from svv.kernels.types import Samples, TrainingKernels
 from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
 from svv.train.config import ReconstructSettings
@@ -26,6 +26,7 @@ from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
 from svv.train.run.loop import Loop, Running, falling, network_adam
+from svv.train.run.sample_room import SampleRoom
 
 LEAST_GAIN = 0.1
 """Gain in dB over the last tenth of a schedule, before learning rates fall to nothing, from which a longer schedule is
@@ -106,6 +107,7 @@ class Reconstruction:
         self.trained = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
         self.networks = network_adam(self.trained, settings.network_rate)
         self.tables = LatticeAdam(self.field.encodings)
+        self.room = SampleRoom(device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
@@ -113,9 +115,51 @@ class Reconstruction:
         if fraction >= REFINE_AT and self.refined is None and self.field.density is not None:
             self.refine()
         batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
-        samples = march(batch.rays, self.occupancy, self.field.density, self.marching, number + 1, batch.first)
+        kernels = self._kernels()
+        room = None if kernels is None else self.room.of(number, len(batch.rays))
+        marched = march(
+            batch.rays, self.occupancy, self.field.density, self.marching, number + 1, batch.first, room
+        )  # fmt: skip
+        self.networks.zero_grad(set_to_none=True)
+        if kernels is not None and len(marched):
+            error, cost = self._learn(kernels, marched, batch, number, counted=room is None)
+        else:
+            error, cost = self._learn_in_torch(marched, batch, number)
+        if room is None:
+            self.room.counted(len(marched), len(batch.rays))
+            self.budget.adjust(number, cost)
+        error = sum_gradients(error, self.trained, self.field.encodings)
+        self._update(falling(fraction, s.decay, s.hold))
+        if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
+            self.prune(grow=fraction < 0.25 and not self.known)
+        return error
+
+    def _kernels(self) -> TrainingKernels | None:
+        """Return the kernels that take a whole step, if there are any for this field."""
+        density, encoding = self.field.density, self.field.encoding
+        if density is None or self.field.facing or not encoding.table.requires_grad:
+            return None
+        kernels = kernels_for(density.table).TRAINING
+        return kernels if kernels is not None and kernels.fits(self.field.colour_mlp.weights) else None
+
+    def _learn(
+        self, kernels: TrainingKernels, samples: Samples, batch: Batch, number: int, counted: bool
+    ) -> tuple[Tensor, float]:
+        """Compute all gradients at once; returns as :meth:`_learn_in_torch`. The cost is true only if ``counted``."""
+        density, encoding = self.field.density, self.field.encoding
+        assert density is not None and isinstance(encoding, SparseLattice)
+        weights, shift = self.field.colour_mlp.weights, shifts(samples, number, batch.first)
+        target, tables = batch.target, (learning(density), learning(encoding))
+        error, gradients, colours = kernels.base(
+            samples, target, tables, weights, COLOUR_EVERY, shift, ALPHA_WEIGHT, counted
+        )  # fmt: skip
+        for weight, gradient in zip(weights, gradients, strict=True):
+            weight.grad = gradient
+        return error, colours + DENSITY_COST * len(samples)
+
+    def _learn_in_torch(self, samples: Samples, batch: Batch, number: int) -> tuple[Tensor, float]:
+        """Compute all gradients; returns the mean squared error of colour, and the cost of the samples in colours."""
         samples, sigma, colour, cost = self._look(samples, batch, number)
-        self.budget.adjust(number, cost)
         out, transmittance, _ = composite(samples, sigma, colour)
         each, fused = (
             numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA_WEIGHT], out.device),
@@ -127,13 +171,8 @@ class Reconstruction:
             missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
             errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
             loss, error = (errors * each).sum(), errors[:3].detach().mean()
-        self.networks.zero_grad(set_to_none=True)
         loss.backward()
-        error = sum_gradients(error, self.trained, self.field.encodings)
-        self._update(falling(fraction, s.decay, s.hold))
-        if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
-            self.prune(grow=fraction < 0.25 and not self.known)
-        return error
+        return error, cost
 
     def _look(self, samples: Samples, batch: Batch, number: int) -> tuple[Samples, Tensor, Tensor, float]:
         """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
@@ -179,6 +218,7 @@ class Reconstruction:
         self.tables.restart(self.field.encodings)
         self.marching = replace(self.marching, step=0.5 * self.marching.step)
         self.refined = self.occupancy
+        self.room.forget()
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
@@ -187,6 +227,7 @@ class Reconstruction:
         pruned = self.occupancy.pruned(largest * self.marching.step, self.prune_least, grow)
         if pruned.occupied.any():
             self.occupancy = pruned
+            self.room.forget()
 
     def layout(self) -> dict[str, NDArray[np.generic]]:
         """Return what a checkpoint needs, besides the parameters, to restore their layout."""
@@ -249,6 +290,7 @@ def reconstruct(
             loop.done, loop.spent = state.restored
         loop.save = lambda done, spent: state.save(done, spent, work.layout())
     seconds = loop.run(work.step)
+    running.notes.extend(work.room.notes())
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()

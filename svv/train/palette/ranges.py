@@ -29,7 +29,7 @@ through networks at once, so more rays would need gigabytes."""
 
 
 class Labelled(Protocol):
-    """Regions to which points belong."""
+    """Regions to which points belong; what is no point, such as NaN, belongs to any."""
 
     shared: bool
     """Whether a point may belong to several regions; the views then decide which part belongs to which."""

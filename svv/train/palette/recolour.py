@@ -12,8 +12,8 @@ from torch import Tensor
 
 from svv.core.colour.palette import Palette, PaletteSettings, extract_palette
 from svv.core.volumes.classified import ValueGrid
-from svv.fields.radiance.encodings import LatticeAdam
-from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions
+from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
+from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions, learning
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, march, not_hidden
@@ -22,7 +22,7 @@ from svv.fields.values.of_values import colours_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
-from svv.kernels.types import Samples
+from svv.kernels.types import Owned, Samples, TrainingKernels
 from svv.train.base.from_values import colours_told, palette_given
 from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, shares_of
@@ -32,6 +32,7 @@ from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
 from svv.train.run.loop import Loop, Running, falling, network_adam
 from svv.train.run.network_adam import Group
+from svv.train.run.sample_room import SampleRoom
 
 SETTLED_AT, SETTLED_IN = 4096, 100
 """Points of a step towards regions that a trained network is told, and the number of these steps."""
@@ -100,13 +101,73 @@ class Recolouring:
         self.networks = network_adam(groups)
         self.tables = LatticeAdam([encoding for encoding in encodings if encoding.table.requires_grad])
         self.budget = RayBudget(s.rays, s.samples)
+        self.room = SampleRoom(self.field.colours.device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
         batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
-        samples = march(batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first)
-        self.budget.adjust(number, len(samples))
+        kernels = self._kernels()
+        room = None if kernels is None else self.room.of(number, len(batch.rays))
+        samples = march(
+            batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first, room
+        )  # fmt: skip
+        if room is None:
+            self.budget.adjust(number, len(samples))
+            self.room.counted(len(samples), len(batch.rays))
+        early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
+        penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
+        self.networks.zero_grad(set_to_none=True)
+        if kernels is not None and len(samples):
+            error = self._learn(kernels, samples, batch, penalties)
+        else:
+            error = self._learn_in_torch(samples, batch, penalties)
+        trained = [p for group in self.networks.param_groups for p in group["params"]]
+        error = sum_gradients(error, trained, self.tables.encodings)
+        rate = falling(fraction, s.decay, s.hold)
+        for group in self.networks.param_groups:
+            group["lr"] = group["full"] * rate
+        self.networks.step()
+        self.tables.step([s.feature_rate * rate] * len(self.tables.encodings))
+        with torch.no_grad():
+            self.field.colours.clamp_(0.0, 1.0)
+        return error
+
+    def _kernels(self) -> TrainingKernels | None:
+        """Return the kernels that take a whole step, if there are any for these networks and penalties."""
+        base, field, lighting = self.base, self.field, self.field.lighting_mlp
+        alike = isinstance(base.encoding, SparseLattice) and isinstance(field.encoding, SparseLattice)
+        if base.density is None or lighting is None or not alike or self.given is not None or self.told is not None:
+            return None
+        if self.owners is not None and self.owners.shared:
+            return None
+        kernels = kernels_for(field.colours).TRAINING
+        fit = kernels is not None and all(kernels.fits(n.weights) for n in (lighting, field.palette_mlp))
+        return kernels if fit else None
+
+    def _learn(
+        self, kernels: TrainingKernels, samples: Samples, batch: Batch, penalties: tuple[float, float, float]
+    ) -> Tensor:
+        """Compute all gradients at once; returns the mean squared error of colour."""
+        geometry, encoding, lighting = self.base.encoding, self.field.encoding, self.field.lighting_mlp
+        assert isinstance(geometry, SparseLattice) and isinstance(encoding, SparseLattice) and lighting is not None
+        networks, colours, owned = (lighting.weights, self.field.palette_mlp.weights), self.field.colours, None
+        if self.owners is not None:
+            owner, count = self.owners.of(samples.position), len(colours)
+            owned = Owned(owner, ranks.summed(kernels.owned_by(samples, owner, count)), OWNER_WEIGHT / count)
+            penalties = *penalties[:2], 0.0  # each point's region is known, so weights need not be as little mixed
+        error, gradients = kernels.palette(
+            samples, batch.target, (geometry.layout, geometry.table.detach()), learning(encoding), networks,
+            colours.detach(), penalties, owned,
+        )  # fmt: skip
+        for parameter, gradient in zip([*networks[0], *networks[1], colours], gradients, strict=True):
+            parameter.grad = gradient
+        assert colours.grad is not None
+        colours.grad.add_(colours.detach() - self.start, alpha=2.0 * PALETTE_WEIGHT * batch.share)
+        return error
+
+    def _learn_in_torch(self, samples: Samples, batch: Batch, penalties: tuple[float, float, float]) -> Tensor:
+        """Compute all gradients; returns the mean squared error of colour."""
         with torch.no_grad():
             lit = self.field.lighting_mlp is not None
             # Without a lighting network the geometry features are unused; only the number of samples matters.
@@ -117,8 +178,6 @@ class Recolouring:
         values, weights = self._values(samples, geometry, batch.rays)
         out, transmittance, _ = composite(samples, sigma, values)
         out, mixtures = out[:, :6], out[:, 6:]
-        early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
-        penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
         loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
         drift = (self.field.colours - self.start).square().sum()
         loss = loss + PALETTE_WEIGHT * batch.share * drift
@@ -128,17 +187,7 @@ class Recolouring:
             loss = loss + self._not_as_given(self.given, mixtures, batch)
         if self.told is not None:
             loss = loss + batch.share * self._not_as_told(*self.told)
-        self.networks.zero_grad(set_to_none=True)
         loss.backward()
-        trained = [p for group in self.networks.param_groups for p in group["params"]]
-        error = sum_gradients(error, trained, self.tables.encodings)
-        rate = falling(fraction, s.decay, s.hold)
-        for group in self.networks.param_groups:
-            group["lr"] = group["full"] * rate
-        self.networks.step()
-        self.tables.step([s.feature_rate * rate] * len(self.tables.encodings))
-        with torch.no_grad():
-            self.field.colours.clamp_(0.0, 1.0)
         return error
 
     def settle(self, number: int) -> None:
@@ -163,12 +212,8 @@ class Recolouring:
 
     def _values(self, samples: Samples, geometry: Tensor, rays: Rays) -> tuple[Tensor, Tensor]:
         """Return what is composited: colours, penalties and given shares (S, 6 or 6 + P); and weights (S, P)."""
-        along, field, fused = rays.lit_along, self.field, kernels_for(geometry).TRAINING
+        along, field = rays.lit_along, self.field
         settled = self.owners is not None and not self.owners.shared
-        if fused is not None and field.lighting_mlp is not None and self.given is None:
-            raw = field.palette_mlp(field.encoding(samples.position))
-            light = field.lighting_mlp(torch.cat([geometry, encode_directions(along, samples.ray)], dim=1))
-            return fused.mixed(raw, light, field.colours, settled)
         beams = Beams.headlight(-along).at(samples.ray)
         parts = field(samples.position, geometry, encode_directions(along, samples.ray), beams)
         diffuse = parts.diffuse(field.colours + parts.offsets)
@@ -296,6 +341,7 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
             work.budget.rays = int((checkpoint.extra("palette") or {})["rays"])
         loop.save = lambda done, spent: state.save(done, spent, {"rays": np.array(work.budget.rays)})
     seconds = loop.run(work.step)
+    running.notes.extend(work.room.notes())
     if network.phong is not None:
         network.phong.settle(occupancy)
     network.requires_grad_(False)

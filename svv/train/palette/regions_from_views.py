@@ -103,7 +103,7 @@ class Labels:
 
     def of(self, position: Tensor) -> Tensor:
         """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
-        return self._region[self.rows_of(position)]
+        return self._region[self.rows_of(position).clamp(max=len(self._region) - 1)]
 
     def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""

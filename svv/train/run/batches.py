@@ -15,7 +15,7 @@ from svv.fields.radiance.rendering import RayCaster, Rays
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import moved, moved_at_once, on_device
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import PixelSource
+from svv.kernels.types import PixelSource, Target
 from svv.train.run import ranks
 from svv.train.run.pixels import pixels_of
 
@@ -37,6 +37,11 @@ class Batch:
     """Number of the first ray, if these are a part of a batch."""
     share: float = 1.0
     """The fraction of the whole batch that these are."""
+
+    @property
+    def target(self) -> Target:
+        """What the rays should show, as kernels take it."""
+        return Target(self.rays.lit_along, self.shown, self.weight)
 
     @property
     def premultiplied(self) -> Tensor:

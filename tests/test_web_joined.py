@@ -149,9 +149,7 @@ def test_a_painted_function_beside_one_that_is_not(open_page: Any, brushed: Scen
     assert least(opened, brushed, "pcn") > CLOSE
 
 
-def test_opacity_follows_strokes_as_strongly_as_they_are_painted(
-    open_page: Any, balls: Scene, tmp_path: Path
-) -> None:
+def test_opacity_follows_strokes_as_strongly_as_they_are_painted(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     """At each strength, on the page's slider and on the region's own, by as much as the renderer's does."""
     scene = faint(balls, 0.15).painted(paint(balls, 1), {0: EVIL, 1: "ink"}, {}, EVIL).with_stroke_opacity(-0.8, 0)
     scene = scene.with_strength(0.8, 0)

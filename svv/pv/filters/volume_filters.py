@@ -52,15 +52,7 @@ from svv.pv.panel.groups import (
 )
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
-from svv.pv.panel.properties import (
-    file,
-    kept_as,
-    panel,
-    picked,
-    shown_view,
-    status,
-    switch,
-)
+from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
 from svv.pv.results.cached import Keeping, Views, views_in, write_views
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
@@ -371,7 +363,8 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))
         camera = camera_for(whole.rig, values)
         if made is not None and made.data == present.data:
-            self.kept("moving", (name, present.data), lambda: moving_from(whole, inputs[0], values, present.time))
+            start = partial(moving_from, whole, inputs[0], values, present.time, self.times)
+            self.kept("moving", (name, present.data), start)
         if made is not None and follows(whole, inputs[0], made, present):
             moving = self.kept("moving", (name, made.data), lambda: None)
             make = partial(followed, whole, inputs[0], values, present, moving)

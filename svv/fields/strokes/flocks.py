@@ -46,7 +46,7 @@ class Flocks:
 
         def alive(strokes: Strokes, region: int, painted: Field, now: Field, matter: Places) -> Strokes:
             if strokes not in self._known:
-                self._known[strokes] = Flock(strokes, painted, (FAR, 2 * FAR + 1), region, GROWN - 1)
+                self._known[strokes] = Flock(strokes, painted, (FAR, 2 * FAR + 1), region, GROWN - 2)
             flock = self._known[strokes]
             if not flock.reached[-1] <= step <= flock.reached[1]:
                 flock.advance(step, now, matter)

@@ -398,3 +398,41 @@ for time, place in asked_for.items():
 """,
         tmp_path,
     )
+
+
+@pytest.mark.slow
+def test_what_appears_while_time_is_played_is_painted(pvpython, tmp_path) -> None:
+    """A ball is there from the fourth time on: it gets strokes, which are there again when it is played again."""
+    pvpython(
+        SOURCE
+        + """
+from svv.fields.strokes.flocks import FAR, Flocks
+from svv.io.pictures.output import write_png
+from svv.styles.gallery import gallery_picture
+write_png(sys.argv[1] + "/style.png", gallery_picture("impasto"))
+begun, plain = [], Flocks.__init__
+Flocks.__init__ = lambda self, *given: (begun.append(self), plain(self, *given))[1]
+moving, later = "(x - 4 - 4 * shown)", "+ (shown > 1.0) * np.exp(-((x - 11) ** 2 + (y - 8) ** 2 + (z - 8) ** 2) / 8.0)"
+source.Script = SCRIPT.replace(moving, "(x - 4 - 0.2 * shown)").replace(".astype(np.float32)", later).replace(
+    "numpy_to_vtk(values", "numpy_to_vtk(values.astype(np.float32)").replace("/ 14.0)", "/ 8.0)")
+filter = small(StyleRFStylizedView(Input=source, Preset="draft", Settings=FEW, Encoding="values", ImageSize=[40, 30],
+                                   StyleFiles=[sys.argv[1] + "/style.png"]))
+view = as_image(filter)
+animation.UpdateAnimationUsingDataTimeSteps()
+at(animation, 0.0, view)
+shown = {}
+for time in [*times[1:], 1.0, 1.5, 2.0]:
+    at(animation, time, view)
+    assert f"Followed to time {time:g}." in status(filter), status(filter)
+    seen = image(filter, time=time)[1]["RGBA"]
+    assert np.array_equal(shown.setdefault(time, seen), seen), time
+(flocks,) = begun
+assert flocks._times == times and flocks.painted == 0.0
+every = flocks.lives()
+assert (np.concatenate([lives.own[:, 1] for lives in every]) > FAR + 4).all(), "nothing has gone"
+born = [lives for lives in every if lives.born is not None]
+assert np.concatenate([lives.when[:, 0] for lives in born]).min() == FAR + 3
+assert np.concatenate([lives.born.where[:, 0] for lives in born]).min() > 0.4, "all lie on the new ball"
+""",
+        tmp_path,
+    )

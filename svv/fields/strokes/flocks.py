@@ -8,7 +8,7 @@ import numpy as np
 
 from svv.core.strokes.strokes import Strokes
 from svv.fields.strokes.advected import Field, Places
-from svv.fields.strokes.lives import GROWN, Flock
+from svv.fields.strokes.lives import GROWN, Flock, Lives
 
 FAR = 1 << 20
 """Number of the painted step: there are as many on both sides, for nobody knows how many will be shown."""
@@ -53,3 +53,7 @@ class Flocks:
             return flock.at(step, now, matter)
 
         return alive
+
+    def lives(self) -> list[Lives]:
+        """Return the lives of each region's strokes as far as they are known; the painted step has the number FAR."""
+        return [flock.lives() for flock in self._known.values()]

@@ -56,11 +56,11 @@ def swirl(time: float, voxels: int = 64) -> vtkImageData:
     return from_array(values.astype(np.float32), (2.0 / (voxels - 1),) * 3, (-1.0,) * 3)
 
 
-def counts(name: str, lives: Iterable[Lives], last: int) -> None:
-    """Print how many strokes of each region are painted, born and removed, up to the ``last`` number of a step."""
+def counts(name: str, lives: Iterable[Lives], first: int, last: int) -> None:
+    """Print how many strokes of each region are painted, born and removed, from one number of a step to another."""
     for region, own in enumerate(lives):
         born = 0 if own.born is None else len(own.born)
-        later, earlier = (own.own[:, 1] < last).sum(), (own.own[:, 0] > 0).sum()
+        later, earlier = (own.own[:, 1] < last).sum(), (own.own[:, 0] > first).sum()
         print(f"{name}, region {region}: {len(own.own)} strokes, {born} born, {later} removed, {earlier} begin later")
 
 
@@ -81,7 +81,7 @@ def played(scene: Scene) -> tuple[dict[int, Scene], dict[int, Scene]]:
         volume = swirl(step / (COUNT - 1))
         given = scene, classified_as(volume, FUNCTION), step, moving.matter(volume, step)
         alive[step], kept[step] = at_volume(*given, moving.strokes.at(step)), at_volume(*given)
-    counts("played", moving.strokes.lives(), 2 * FAR)
+    counts("played", moving.strokes.lives(), FAR - PAINTED, FAR + COUNT - 1 - PAINTED)
     return alive, kept
 
 
@@ -93,7 +93,7 @@ def main(style: Path) -> None:
     steps = [Step(str(k), float(k), partial(swirl, k / (COUNT - 1))) for k in range(COUNT)]
     series, _ = with_time_steps(scene, steps)
     assert series.styled is not None and series.styled.brushed is not None
-    counts("in a file", series.styled.brushed.lives.values(), COUNT - 1)
+    counts("in a file", series.styled.brushed.lives.values(), 0, COUNT - 1)
     sizes(scene, series)
     alive, kept = played(scene)
     seen = series.rig.orbit(181, SIZE)[60]

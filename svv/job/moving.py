@@ -17,7 +17,7 @@ from scipy.ndimage import map_coordinates
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.differences import above
-from svv.core.geometry.displacement import CELLS, Field, came_from, small
+from svv.core.geometry.displacement import CELLS, Field, came_from, small, smoothed
 from svv.dvr.read.grids import index_to_world, to_array
 from svv.fields.strokes.flocks import Flocks
 
@@ -61,12 +61,13 @@ class Moving:
         values, moved = self._known[time]
         if moved is None:
             return lambda position: position
+        smooth = smoothed(moved)
         factor = (np.array(self.points) - 1) / (np.array(values.shape) - 1)
         axes, origin = self.world[:3, :3] * factor, self.world[:3, 3]
 
         def place(position: NDArray[np.float64]) -> NDArray[np.float64]:
             cell = np.linalg.solve(axes, (position - origin).T)
-            found = np.stack([map_coordinates(axis, cell, order=1, mode="nearest") for axis in moved])
+            found = np.stack([map_coordinates(axis, cell, order=1, mode="nearest") for axis in smooth])
             return np.asarray(position + (axes @ found).T)
 
         return place

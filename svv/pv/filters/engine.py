@@ -203,17 +203,17 @@ def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: 
 
 
 def moving_from(
-    scene: Scene, data: vtkDataObject | None, values: Values, time: float | None, times: Sequence[float]
+    scene: Scene, data: vtkDataObject | None, values: Values, now: Moment, times: Sequence[float]
 ) -> Moving | None:  # fmt: skip
     """Return what follows the matter of a volume from the time, one of ``times``, at which a scene is painted.
 
     None if the scene cannot follow its volume, has no paint, or the data have no time.
     """
-    if scene.values is None or scene.styled is None or time is None or not _is_volume(data):
+    if scene.values is None or scene.styled is None or now.time is None or not _is_volume(data):
         return None
     from svv.job.moving import Moving
 
-    return Moving(volume_shown(volume_of(data, values), values), scene.values.interval, time, times)
+    return Moving(volume_shown(volume_of(data, values), values), scene.values.interval, now.time, times)
 
 
 def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, moving: Moving | None = None) -> Scene:

@@ -363,8 +363,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))
         camera = camera_for(whole.rig, values)
         if made is not None and made.data == present.data:
-            start = partial(moving_from, whole, inputs[0], values, present.time, self.times)
-            self.kept("moving", (name, present.data), start)
+            self.kept("moving", (name, made.data), lambda: moving_from(whole, inputs[0], values, present, self.times))
         if made is not None and follows(whole, inputs[0], made, present):
             moving = self.kept("moving", (name, made.data), lambda: None)
             make = partial(followed, whole, inputs[0], values, present, moving)

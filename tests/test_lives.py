@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from svv.core.strokes.strokes import Strokes, joined, straight_stroke
 from svv.fields.strokes.advected import Field
+from svv.fields.strokes.flocks import Flocks
 from svv.fields.strokes.lives import GROWN, Lives, Stage, at_step, lived
 
 CELLS, STEPS, PAINTED, LEVEL, WIDTH = 40, 9, 4, 0.5, 0.04
@@ -112,6 +114,14 @@ def test_strokes_stay_on_their_surface_where_the_flow_is_wrong() -> None:
         assert np.abs(off).mean() < 0.2 * WIDTH
 
 
+def check_covered(there: Strokes, balls: list[tuple[tuple[float, float, float], float]]) -> None:
+    for centre, radius in balls:
+        normals = np.random.default_rng(0).normal(size=(200, 3))
+        surface = np.array(centre) + radius * normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        away = cKDTree(there.where).query(surface[soft(surface, balls) < 0.52])[0]
+        assert np.quantile(away, 0.97) < 2.5 * WIDTH, centre
+
+
 @pytest.mark.parametrize("balls", [still, moving, appears, vanishes, divides, grows])
 def test_every_surface_is_covered_and_nothing_comes_back(balls: Balls) -> None:
     """Each stroke has one span of steps; what was covered by the painting's measure is so in all steps."""
@@ -122,12 +132,7 @@ def test_every_surface_is_covered_and_nothing_comes_back(balls: Balls) -> None:
         assert (lives.when[:, 0] != PAINTED).all()
     for step in range(STEPS):
         there = at_step(strokes, lives, stage, step)
-        for centre, radius in balls(step / (STEPS - 1)):
-            normals = np.random.default_rng(0).normal(size=(200, 3))
-            surface = np.array(centre) + radius * normals / np.linalg.norm(normals, axis=1, keepdims=True)
-            seen = soft(surface, balls(step / (STEPS - 1))) < 0.52
-            away = cKDTree(there.where).query(surface[seen])[0]
-            assert np.quantile(away, 0.97) < 2.5 * WIDTH, (step, centre)
+        check_covered(there, balls(step / (STEPS - 1)))
 
 
 def test_what_appears_gets_strokes_and_what_vanishes_loses_them() -> None:
@@ -191,3 +196,70 @@ def test_lives_are_within_the_steps_that_there_are() -> None:
     _, lives, _ = story(appears)
     assert lives.are_within(STEPS) and not lives.are_within(STEPS - 1) and not lives.are_within(0)
     assert not Lives(np.array([[-1, 2]])).are_within(STEPS)
+
+
+class Live:
+    """A series that is played: strokes as painted on its middle, and those that live at a time."""
+
+    def __init__(self, balls: Balls, times: tuple[float, ...] = ()) -> None:
+        strokes = painted(balls(PAINTED / (STEPS - 1)))
+        red = np.linspace(0.0, 1.0, len(strokes), dtype=np.float32)
+        self.balls, self.strokes = balls, replace(strokes, colour=np.stack([red] * 3, axis=1))
+        self.flocks = Flocks(float(PAINTED), times)
+
+    def at(self, step: float) -> Strokes:
+        before, now = (field_of(self.balls(one / (STEPS - 1))) for one in (PAINTED, step))
+        return self.flocks.at(step)(self.strokes, 0, before, now, lambda place: place)
+
+
+FORTH, BACK = range(PAINTED + 1, STEPS), range(PAINTED - 1, -1, -1)
+
+
+@pytest.mark.parametrize("balls", [still, moving, appears, vanishes, divides, grows])
+def test_what_is_played_is_covered_and_looks_the_same_again(balls: Balls) -> None:
+    """In whichever order: the ends in turn, and then all steps again."""
+    live = Live(balls)
+    seen = {step: live.at(step) for step in [*FORTH, *BACK]}
+    for step, there in seen.items():
+        check_covered(there, balls(step / (STEPS - 1)))
+        again = live.at(step)
+        assert np.array_equal(again.where, there.where) and np.array_equal(again.radius, there.radius)
+
+
+def test_played_strokes_change_little_from_step_to_step() -> None:
+    """Births, and removals of which nobody knew before, take as many steps as in a file of the series."""
+    for balls, way, changes in ((appears, FORTH, True), (vanishes, FORTH, True), (still, BACK, False)):
+        live, most = Live(balls), 0.0
+        before = _by_name(live.strokes)
+        for step in way:
+            there = _by_name(live.at(step))
+            most = max(most, *(abs(there.get(name, 0.0) - before.get(name, 0.0)) for name in {*there, *before}))
+            before = there
+        assert most < 1.01 * WIDTH / 2 / GROWN and (most > 0.99 * WIDTH / 2 / GROWN) == changes
+
+
+def _by_name(strokes: Strokes) -> dict[tuple[float, int], float]:
+    """The half widths of strokes, by their colours and irregularities, which they keep."""
+    told = zip(strokes.colour[:, 0].tolist(), strokes.seed.tolist(), _widths(strokes).tolist(), strict=True)
+    return {(red, seed): width for red, seed, width in told}
+
+
+def _widths(strokes: Strokes) -> np.ndarray:
+    return np.maximum.reduceat(strokes.radius, strokes.start[:-1])
+
+
+def test_after_a_jump_strokes_are_there_at_once_and_what_has_gone_is_not() -> None:
+    """Known times tell that steps are left out; one in which nothing is visible still removes no stroke."""
+    times = tuple(map(float, range(STEPS)))
+    live = Live(appears, times)
+    there = live.at(STEPS - 1)
+    check_covered(there, appears(1.0))
+    assert _widths(there).min() > 0.99 * WIDTH / 2
+    live = Live(vanishes, times)
+    there = live.at(STEPS - 1)
+    assert np.linalg.norm(there.where - (0.83, 0.5, 0.5), axis=1).min() > 0.14 and len(there) < len(live.strokes)
+    between = live.at(5.2)
+    assert len(between) == len(live.strokes), "they have not gone at once"
+    live = Live(lambda time: [] if time == 1.0 else still(time), times)
+    live.at(STEPS - 1)
+    assert len(live.at(STEPS - 2)) == len(live.strokes)

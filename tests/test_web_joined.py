@@ -15,7 +15,9 @@ from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
+from svv.fields.strokes.stroke_opacity import strokes_of
 from svv.render.notebook import _edited
+from svv.render.web.fields import EXTINCTION_STEP
 from svv.render.web.page import html_of, numbers_of, paintings_of, write_html
 from tests.browser import LARGEST, Opened
 from tests.cube import faint
@@ -23,6 +25,9 @@ from tests.loose_balls import RIGHT, TOP, in_world, loose_balls
 from tests.test_web import CLOSE, COARSE, EVIL, front, lit, paint
 
 FRAMES = (30, 90, 150)
+
+SHADED = "async () => { const { show } = await svv; return show.painter.rows(show.state, show.camera(), 1).at(-3) }"
+"""JavaScript that gives the rows ``uStrokes`` of the shader."""
 
 
 def beside(scene: Scene) -> Scene:
@@ -144,6 +149,21 @@ def test_a_painted_function_beside_one_that_is_not(open_page: Any, brushed: Scen
     assert least(opened, brushed, "pcn") > CLOSE
 
 
+def test_opacity_follows_strokes_as_strongly_as_they_are_painted(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    """At each strength, on the page's slider and on the region's own, by as much as the renderer's does."""
+    scene = faint(balls, 0.15).painted(paint(balls, 1), {0: EVIL, 1: "ink"}, {}, EVIL).with_stroke_opacity(-0.8, 0)
+    scene = scene.with_strength(0.8, 0)
+    write_html(tmp_path / "strokes.html", scene, "strokes")
+    page = shown(open_page, tmp_path / "strokes.html").page
+    for strength in (1.0, 0.8, 0.5, 0.3, 0.1):
+        page.get_by_label("Strength of the painting").fill(str(strength))
+        told = page.evaluate(SHADED)
+        truth = strokes_of(scene.with_strength(0.8 * strength, 0).with_strength(strength, 1))
+        assert truth is not None and truth[0, 1] < 0.0, "light strokes are the opaque ones"
+        np.testing.assert_allclose(np.array(told)[:, 1:], truth[:, 1:], rtol=2e-3)
+        np.testing.assert_allclose(np.array(told)[:, 0], truth[:, 0], atol=EXTINCTION_STEP / 4, err_msg=f"{strength}")
+
+
 def test_names_are_text_and_paintings_one(brushed: Scene, balls: Scene) -> None:
     other = faint(balls, 0.2).painted(paint(balls, 2), {1: "b"}, {}, 'it\'s "2"')
     three = joined([brushed, other])
@@ -154,7 +174,7 @@ def test_names_are_text_and_paintings_one(brushed: Scene, balls: Scene) -> None:
     header = json.loads(re.findall(r'id="scene">([^<]*)<', text)[0])
     assert header["paintings"][0]["styles"] == [None, None, EVIL, "ink", None, "b"]
     strokes = np.array(header["paintings"][0]["strokes"])
-    assert strokes.shape == (6, 4) and strokes[2].any() and not strokes[[0, 1, 3, 4, 5]].any()
+    assert strokes.shape == (6, 5) and strokes[2].any() and not strokes[[0, 1, 3, 4, 5]].any()
     assert [(layer["first"], layer["count"]) for layer in header["layers"]] == [(0, 2), (2, 2), (4, 2)]
 
 

@@ -1,7 +1,7 @@
 """One scene of 20 time steps and two transfer functions: accuracy alone and together, bytes, and flicker of paint.
 
 python docs/measurements/series.py STYLE.jpg
-python docs/measurements/series.py STYLE.jpg --picture      # writes docs/images/series.jpg instead
+python docs/measurements/series.py gallery:impasto --picture      # writes docs/images/series.jpg instead
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.fields.values.followed_scene import at_step
 from svv.fields.values.time_steps import TimeSteps
-from svv.io.pictures.style_picture import read_style
 from svv.job.series import Step, with_time_steps
+from svv.render.supersampled import supersampled
+from svv.styles.gallery import open_style
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import stylize_scene, train_scene
 
@@ -169,11 +170,11 @@ def told(title: str, frames: dict[str, list[NDArray[np.float32]]]) -> None:
         print(f"| {name} | {total / found['volume rendering']:.2f} |", flush=True)
 
 
-def picture(style: Path) -> None:
+def picture(style: str) -> None:
     """Draw steps of a painted scene: volume rendering, palette network, and paint that moves with the matter."""
     train, _ = make_views(flow(APART * TRAINED), FUNCTIONS[0], n=40, test=1, size=240, mapper="cpu")
     scene, _ = train_scene(train, "balanced", encoding="values")
-    scene, _ = stylize_scene(scene, [read_style(style)], "fast")
+    scene, _ = stylize_scene(scene, [open_style(style)[1]], "fast")
     steps = [Step(str(k), float(k), partial(flow, APART * k)) for k in range(COUNT)]
     series, _ = with_time_steps(scene, steps)
     seen = series.rig.orbit(181, 300)[90]
@@ -182,14 +183,14 @@ def picture(style: Path) -> None:
     for step in range(TRAINED - 6, TRAINED + 7, 4):
         there = at_step(series, step)
         drawn = render_views(flow(APART * step), FUNCTIONS[0], [camera], "cpu")[0] / np.float32(255.0)
-        pictures = [drawn, there.render(camera, "pcn").rgba, there.render(camera, "styled").rgba]
+        pictures = [drawn, there.render(camera, "pcn").rgba, supersampled(there, camera, "styled").rgba]
         columns.append(np.concatenate([over(each, WHITE) for each in pictures]))
     sheet = np.rint(255 * np.clip(np.concatenate(columns, axis=1), 0.0, 1.0)).astype(np.uint8)
     target = Path(__file__).resolve().parents[1] / "images" / "series.jpg"
     Image.fromarray(sheet).save(target, quality=88, optimize=True, progressive=True)
 
 
-def main(style: Path) -> None:
+def main(style: str) -> None:
     """Print everything."""
     scenes, steps = [], [Step(str(k), float(k), partial(flow, APART * k)) for k in range(COUNT)]
     with tempfile.TemporaryDirectory() as folder:
@@ -208,7 +209,7 @@ def main(style: Path) -> None:
         print(f"| following {COUNT} steps, both functions | {time.perf_counter() - begun:.0f} s |")
         size(f"{COUNT} steps, both functions", series)
         accuracy(series)
-        painted, _ = stylize_scene(scenes[0], [read_style(style)], "fast")
+        painted, _ = stylize_scene(scenes[0], [open_style(style)[1]], "fast")
         size("function 1, painted", painted)
         series, _ = with_time_steps(painted, steps)
         size(f"{COUNT} steps, painted", series)
@@ -216,4 +217,4 @@ def main(style: Path) -> None:
 
 
 if __name__ == "__main__":
-    (picture if "--picture" in sys.argv else main)(Path(sys.argv[1]))
+    (picture if "--picture" in sys.argv else main)(sys.argv[1])

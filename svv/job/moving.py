@@ -1,8 +1,15 @@
-"""Where the matter of a volume that changes in time was when it was painted, found while the volume is played."""
+"""Where the matter of a volume that changes in time was when it was painted, found while the volume is played.
+
+So paint moves with the matter, and strokes are born and removed, in a series of which only what is shown is known::
+
+    moving = Moving(volumes[0], scene.values.interval, 0.0)
+    for time, volume in enumerate(volumes):
+        shown = at_volume(scene, classified_as(volume, tf), time, moving.matter(volume, time), moving.strokes.at(time))
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +17,9 @@ from scipy.ndimage import map_coordinates
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.differences import above
-from svv.core.geometry.displacement import CELLS, Field, came_from, small
+from svv.core.geometry.displacement import CELLS, Field, came_from, small, smoothed
 from svv.dvr.read.grids import index_to_world, to_array
+from svv.fields.strokes.flocks import Flocks
 
 MOST_KNOWN = 32
 """Maximum number of times whose displacements are kept."""
@@ -23,14 +31,19 @@ Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 class Moving:
     """Follows the matter of a volume from one time to another, from the nearest time that is known."""
 
-    def __init__(self, image: vtkImageData, interval: tuple[float, float], time: float) -> None:
+    def __init__(
+        self, image: vtkImageData, interval: tuple[float, float], time: float, times: Sequence[float] = ()
+    ) -> None:  # fmt: skip
         """Begin with the time at which the volume was painted.
 
         Args:
             image: The volume at that time (see :func:`svv.dvr.read.grids.as_volume`).
             interval: Values between which it shows something.
             time: The time.
+            times: The times of the series, if they are known.
         """
+        self.strokes = Flocks(time, times)
+        """The strokes of the painting."""
         self.interval, self.world, self.points = interval, index_to_world(image), image.GetDimensions()
         self.painted = time
         self._known: dict[float, tuple[Field, Field | None]] = {time: (self._small(image), None)}
@@ -48,12 +61,13 @@ class Moving:
         values, moved = self._known[time]
         if moved is None:
             return lambda position: position
+        smooth = smoothed(moved)
         factor = (np.array(self.points) - 1) / (np.array(values.shape) - 1)
         axes, origin = self.world[:3, :3] * factor, self.world[:3, 3]
 
         def place(position: NDArray[np.float64]) -> NDArray[np.float64]:
             cell = np.linalg.solve(axes, (position - origin).T)
-            found = np.stack([map_coordinates(axis, cell, order=1, mode="nearest") for axis in moved])
+            found = np.stack([map_coordinates(axis, cell, order=1, mode="nearest") for axis in smooth])
             return np.asarray(position + (axes @ found).T)
 
         return place

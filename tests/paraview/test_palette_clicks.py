@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from svv.core.geometry.cameras import sphere_cameras
 from svv.io.pictures.output import to_bytes
@@ -23,10 +24,10 @@ flat.ViewSize = [120, 120]
 show_image(image, flat)
 Render(flat)
 fit(flat, 60, 60)
-hand = flat.GetInteractor()
 LEFT, RIGHT, CORNER = (34, 60), (84, 60), (3, 3)
 
-def click(at):
+def click(at, view=flat):
+    hand = view.GetInteractor()
     hand.SetEventInformation(*at)
     hand.InvokeEvent("LeftButtonPressEvent")
     hand.InvokeEvent("LeftButtonReleaseEvent")
@@ -40,13 +41,18 @@ def sides():
 """
 
 
-def test_clicks_say_of_which_region_a_place_is(inside: Callable, tmp_path: Path) -> None:
-    """Two grey balls are one region, beside another that shows nowhere; a click makes the left one that region."""
+@pytest.fixture(autouse=True)
+def _balls(tmp_path: Path) -> None:
+    """Write two grey balls, one region beside another that shows nowhere, and views of them."""
     balls = loose_balls()
     balls.save(tmp_path / "balls.svv")
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.4, 48)
     images = np.stack([to_bytes(balls.render(camera).rgba) for camera in cameras])
     ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12))).write(tmp_path / "views", "train")
+
+
+def test_clicks_say_of_which_region_a_place_is(inside: Callable) -> None:
+    """A click makes the left one of two balls of one region another region."""
     said = inside(
         SHOWN
         + """
@@ -101,3 +107,59 @@ said["from behind"] = [click(LEFT), palette.Points]
     assert points.endswith("=2") and (rows, shown) == ([0, 1, 2], [2, 0]), told
     both = said["from behind"][1].split("; ")
     assert len(both) == 2 and float(both[1].split(",")[0]) > 0.2 and both[1].endswith("=1"), both
+
+
+def test_clicks_hit_what_the_picture_shows(inside: Callable) -> None:
+    """A filter behind the palette hides the nearer ball: in each picture of its scene, clicks meet the farther one."""
+    said = inside(
+        SHOWN
+        + """
+RIGHT_BALL, CAMERA = "0.28,0,0", [3, 0, 0, 0, 0, 0, 0, 1, 0, 23]
+edit = StyleRFEdit(Input=palette, Parts=RIGHT_BALL)
+edit.GetProperty("Region2Hide").SetData(1)
+Hide(image, flat)
+palette.ClickRegion()
+
+def solid(source):
+    view = CreateView("RenderView")
+    view.ViewSize = [120, 120]
+    Show(source, view)
+    view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = CAMERA[:3], CAMERA[3:6], CAMERA[6:9]
+    view.CameraViewAngle = CAMERA[9]
+    palette.ClickRegion(); palette.ClickRegion()  # its clicks are heard in this view, too
+    Render(view)
+    return view
+
+def met(view, name):
+    palette.Points = ""
+    said[name] = [click((60, 60), view), palette.Points]
+
+whole = StyleRFRender(Input=palette, ImageSize=[60, 60], Camera=CAMERA)
+shown = StyleRFRender(Input=edit, ImageSize=[60, 60], Camera=CAMERA)
+for picture, name in ((whole, "whole"), (shown, "hidden")):
+    show_image(picture, flat)
+    fit(flat, 60, 60)
+    Render(flat)
+    met(flat, name)
+    Hide(picture, flat)
+edit.Region2Hide, edit.Region2Opacity = 0, 0.01
+show_image(shown, flat)
+Render(flat)
+met(flat, "faint")
+edit.Region0Hide = edit.Region2Hide = 1
+Render(flat)
+met(flat, "nothing")
+edit.Region0Hide, edit.Region2Opacity = 0, 1.0
+met(solid(StyleRFPlaceInView(Input=StyleRFRender(Input=edit))), "placed")
+baked = StyleRFVolume(Input=edit)
+view = solid(baked)
+met(view, "volume")
+baked.Cut = 1
+met(view, "cut")
+"""
+    )
+    assert float(said["whole"][1].split(",")[0]) > 0.1, said["whole"]
+    for name in ("hidden", "faint", "placed", "volume"):
+        assert float(said[name][1].split(",")[0]) < -0.1, (name, said[name])
+    assert "Nothing is visible at the pixel" in said["nothing"][0] and said["nothing"][1] == ""
+    assert "turn Cut off" in said["cut"][0] and said["cut"][1] == ""

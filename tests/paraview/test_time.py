@@ -4,101 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from filter_script import VOLUME  # type: ignore[import-not-found]
-
-TIMES = "[0.0, 0.5, 1.0, 1.5, 2.0]"
-
-BLOB = (
-    VOLUME
-    + f"""
-import numpy as np
-from svv.pv.filters import engine
-from svv.pv.client.linked_camera import fit, show_image
-times = {TIMES}
-counted = []
-def counting(name):
-    plain = getattr(engine, name)
-    setattr(engine, name, lambda *given: (counted.append(name), plain(*given))[1])
-[counting(name) for name in ("train", "draw_views")]
-
-def blob(time, size=16):
-    z, y, x = np.mgrid[0:size, 0:size, 0:size]
-    return np.exp(-((x - 4 - 4 * time) ** 2 + (y - 8) ** 2 + (z - 8) ** 2) / 14.0).astype(np.float32)
-
-def as_volume(source):
-    view = CreateView("RenderView")
-    view.ViewSize = [80, 60]
-    display = Show(source, view)
-    display.SetRepresentationType("Volume")
-    ColorBy(display, ("POINTS", "v"))
-    table, opacity = GetColorTransferFunction("v"), GetOpacityTransferFunction("v")
-    table.RescaleTransferFunction(0.0, 1.0)
-    opacity.Points = [0.0, 0.0, 0.5, 0.0, 0.3, 0.0, 0.5, 0.0, 1.0, 0.8, 0.5, 0.0]
-    Render(view)
-    animation = GetAnimationScene()
-    animation.UpdateAnimationUsingDataTimeSteps()
-    return animation
-
-def as_image(filter):
-    view = CreateView("RenderView")
-    view.ViewSize = [80, 60]
-    show_image(filter, view)
-    fit(view, 40, 30)
-    Render(view)
-    return view
-
-def at(animation, time, *views):
-    animation.AnimationTime = time
-    for view in views:
-        Render(view)
-
-def steps(animation):
-    return [float(time) for time in animation.TimeKeeper.TimestepValues]
-"""
-)
-
-SOURCE = (
-    BLOB
-    + """
-noted = sys.argv[1] + "/asked"  # numpy's names come into __main__ with the source
-def asked():
-    there = [eval(line) for line in open(noted)] if os.path.exists(noted) else []
-    open(noted, "w").close()
-    return there
-
-source = ProgrammableSource(OutputDataSetType="vtkImageData")
-source.ScriptRequestInformation = '''
-executive = self.GetExecutive()
-info = executive.GetOutputInformation(0)
-info.Remove(executive.TIME_STEPS()); info.Remove(executive.TIME_RANGE())
-for time in TIMES: info.Append(executive.TIME_STEPS(), time)
-for time in (TIMES[0], TIMES[-1]): info.Append(executive.TIME_RANGE(), time)
-info.Set(executive.WHOLE_EXTENT(), 0, 15, 0, 15, 0, 15)
-'''.replace("TIMES", str(times))
-SCRIPT = '''
-import builtins
-import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk
-executive = self.GetExecutive()
-info = executive.GetOutputInformation(0)
-time = info.Get(executive.UPDATE_TIME_STEP()) if info.Has(executive.UPDATE_TIME_STEP()) else None
-with open("LOG", "a") as file:
-    file.write(repr(time) + chr(10))
-shown = builtins.max(t for t in TIMES if t <= (time or 0.0))
-z, y, x = np.mgrid[0:16, 0:16, 0:16]
-values = np.exp(-((x - 4 - 4 * shown) ** 2 + (y - 8) ** 2 + (z - 8) ** 2) / 14.0).astype(np.float32)
-array = numpy_to_vtk(values.ravel(), deep=1)
-array.SetName("v")
-output = self.GetOutput()
-output.SetDimensions(16, 16, 16)
-output.GetPointData().SetScalars(array)
-output.GetInformation().Set(output.DATA_TIME_STEP(), shown)
-'''.replace("TIMES", str(times)).replace("LOG", noted)
-source.Script = SCRIPT
-animation = as_volume(source)
-assert steps(animation) == times
-"""
-)
+from time_script import BLOB, SOURCE  # type: ignore[import-not-found]
 
 
 @pytest.mark.slow
@@ -395,6 +301,44 @@ assert sorted(asked_for) == [0.5, 1.0], asked_for
 for time, place in asked_for.items():
     moved = (place(here := np.array([[4.0 + 4.0 * time, 8.0, 8.0]])) - here)[0]
     assert abs(moved[0] + 4.0 * time) < 1.5 and np.abs(moved[1:]).max() < 0.7, (time, moved)
+""",
+        tmp_path,
+    )
+
+
+@pytest.mark.slow
+def test_what_appears_while_time_is_played_is_painted(pvpython, tmp_path) -> None:
+    """A ball is there from the fourth time on: it gets strokes, which are there again when it is played again."""
+    pvpython(
+        SOURCE
+        + """
+from svv.fields.strokes.flocks import FAR, Flocks
+from svv.io.pictures.output import write_png
+from svv.styles.gallery import gallery_picture
+write_png(sys.argv[1] + "/style.png", gallery_picture("impasto"))
+begun, plain = [], Flocks.__init__
+Flocks.__init__ = lambda self, *given: (begun.append(self), plain(self, *given))[1]
+moving, later = "(x - 4 - 4 * shown)", "+ (shown > 1.0) * np.exp(-((x - 11) ** 2 + (y - 8) ** 2 + (z - 8) ** 2) / 8.0)"
+source.Script = SCRIPT.replace(moving, "(x - 4 - 0.2 * shown)").replace(".astype(np.float32)", later).replace(
+    "numpy_to_vtk(values", "numpy_to_vtk(values.astype(np.float32)").replace("/ 14.0)", "/ 8.0)")
+filter = small(StyleRFStylizedView(Input=source, Preset="draft", Settings=FEW, Encoding="values", ImageSize=[40, 30],
+                                   StyleFiles=[sys.argv[1] + "/style.png"]))
+view = as_image(filter)
+animation.UpdateAnimationUsingDataTimeSteps()
+at(animation, 0.0, view)
+shown = {}
+for time in [*times[1:], 1.0, 1.5, 2.0]:
+    at(animation, time, view)
+    assert f"Followed to time {time:g}." in status(filter), status(filter)
+    seen = image(filter, time=time)[1]["RGBA"]
+    assert np.array_equal(shown.setdefault(time, seen), seen), time
+(flocks,) = begun
+assert flocks._times == times and flocks.painted == 0.0
+every = flocks.lives()
+assert (np.concatenate([lives.own[:, 1] for lives in every]) > FAR + 4).mean() > 0.8, "hardly anything has gone"
+born = [lives for lives in every if lives.born is not None]
+assert np.concatenate([lives.when[:, 0] for lives in born]).min() == FAR + 3
+assert np.concatenate([lives.born.where[:, 0] for lives in born]).min() > 0.4, "all lie on the new ball"
 """,
         tmp_path,
     )

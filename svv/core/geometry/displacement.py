@@ -20,6 +20,10 @@ CELLS = 48
 RADIUS = 4
 """Radius of the windows that move as one, in those cells."""
 
+SMOOTH = 1.2
+"""Standard deviation by which a displacement is smoothed before strokes follow it, in those cells: what moves single
+places apart is noise, and crumples them."""
+
 Field = NDArray[np.float32]
 
 
@@ -50,3 +54,8 @@ def came_from(before: Field, after: Field, earlier: Field | None = None) -> Fiel
         return step
     place = np.indices(after.shape, np.float32) + step
     return step + np.stack([map_coordinates(axis, place, order=1, mode="nearest") for axis in earlier])
+
+
+def smoothed(moved: Field) -> Field:
+    """Return displacements (3, X, Y, Z) without the noise of single places."""
+    return np.asarray(gaussian_filter(moved, (0.0, SMOOTH, SMOOTH, SMOOTH), mode="nearest"), np.float32)

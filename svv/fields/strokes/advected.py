@@ -61,34 +61,42 @@ class Field:
         return np.stack(found, axis=1) * (0.5 * self.cells)
 
 
-def advected(
-    strokes: Strokes, was: Points, fields: tuple[Field, Field], backward: Places, start: Points, size: float = 1.0
-) -> tuple[Strokes, Points]:
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """Strokes as they were laid, and what leads from there to other time steps."""
+
+    strokes: Strokes
+    matter: Points
+    """Where the matter under their points was in the painted step. (K, 3)"""
+    value: Points
+    """Value of the surface on which each point was laid. (K,)"""
+    slope: Points
+    """Gradient of the values there. (K, 3)"""
+
+    @classmethod
+    def on(cls, strokes: Strokes, field: Field, backward: Places = lambda place: place) -> Laid:
+        """Return strokes that are laid on a field, whose matter ``backward`` leads to the painted step."""
+        where = strokes.where.astype(np.float64)
+        return cls(strokes, backward(where), field.at(where), field.slope(where))
+
+
+def advected(laid: Laid, field: Field, backward: Places) -> tuple[Strokes, Points]:
     """Return strokes where their matter is now, and how far each point is from a surface of its value. (K,)
 
     Args:
-        strokes: The strokes as they were laid.
-        was: Where the matter of their points was at the time to which ``backward`` leads. (K, 3)
-        fields: The field on which they were laid, and the one now.
-        backward: Where the matter at places of now was. (K, 3) -> (K, 3)
-        start: Where their points would be at rest, in coordinates of now. (K, 3)
-        size: How long a unit of the strokes' box is now.
+        laid: The strokes as they were laid.
+        field: The values of now.
+        backward: Where the matter at places of now was in the painted step. (K, 3) -> (K, 3)
     """
-    before, after = fields
-    place, missed = _inverse(backward, was, start, size)
+    strokes, start = laid.strokes, laid.strokes.where.astype(np.float64)
+    place, missed = _inverse(backward, laid.matter, start)
     for _ in range(SMOOTHED):  # a brush is stiff: what moves single points apart is noise of the flow
         place = start + along_strokes(place - start, strokes)
-    laid = strokes.where.astype(np.float64)
-    place = place + along_strokes(landed(place, before.at(laid), after, size * strokes.unit) - place, strokes)
-    slope = after.slope(place)
-    left = np.abs(before.at(laid) - after.at(place)) / np.maximum(np.linalg.norm(slope, axis=1), 1e-3)
-    moved = replace(
-        strokes,
-        where=place.astype(np.float32), normal=_turned(strokes, before.slope(laid), slope),
-        radius=(size * strokes.radius).astype(np.float32), inner=(size * strokes.inner).astype(np.float32),
-        outer=(size * strokes.outer).astype(np.float32),
-    )  # fmt: skip
-    return moved, np.maximum(left, missed)
+    place = place + along_strokes(landed(place, laid.value, field, strokes.unit) - place, strokes)
+    slope = field.slope(place)
+    left = np.abs(laid.value - field.at(place)) / np.maximum(np.linalg.norm(slope, axis=1), 1e-3)
+    normal = _turned(strokes, laid.slope, slope)
+    return replace(strokes, where=place.astype(np.float32), normal=normal), np.maximum(left, missed)
 
 
 def landed(place: Points, value: Points, field: Field, width: float) -> Points:
@@ -113,12 +121,12 @@ def along_strokes(values: Points, strokes: Strokes) -> Points:
     )
 
 
-def _inverse(backward: Places, wanted: Points, start: Points, size: float) -> tuple[Points, Points]:
+def _inverse(backward: Places, wanted: Points, start: Points) -> tuple[Points, Points]:
     """Return where a displacement takes matter, and by how much that misses, (K, 3) and (K,)."""
     place = start.copy()
     for _ in range(ROUNDS):
-        place -= DAMPED * size * (backward(place) - wanted)
-    return place, size * np.linalg.norm(backward(place) - wanted, axis=1)
+        place -= DAMPED * (backward(place) - wanted)
+    return place, np.linalg.norm(backward(place) - wanted, axis=1)
 
 
 def _turned(strokes: Strokes, then: Points, now: Points) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ steps in a row, so that nothing comes and goes. Letters: K points of strokes, N 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
 from svv.core.strokes.strokes import Strokes, joined
-from svv.fields.strokes.advected import Field, Places, Points, advected, landed, unit
+from svv.fields.strokes.advected import Field, Laid, Places, Points, advected, landed, unit
 
 GROWN = 3
 """Steps in which a stroke grows or shrinks."""
@@ -97,69 +97,135 @@ class Stage:
     matter: Callable[[int], Places]
     """Where the matter at places of a step was in the painted one."""
 
-    def moved(self, strokes: Strokes, laid: int, step: int) -> tuple[Strokes, Points]:
-        """Return strokes that were laid at one step at another one, and how far each point is off its surface. (K,)"""
-        where = strokes.where.astype(np.float64)
-        if laid == step:
-            return strokes, np.zeros(len(where))
-        return advected(
-            strokes, self.matter(laid)(where), (self.field(laid), self.field(step)), self.matter(step), where
-        )
+    def laid(self, strokes: Strokes, step: int) -> Laid:
+        """Return strokes that are laid at a step."""
+        return Laid.on(strokes, self.field(step), self.matter(step))
 
 
 def at_step(strokes: Strokes, lives: Lives | None, stage: Stage, step: int) -> Strokes:
     """Return the strokes of a region at a step: those that live, each as large as it is then."""
-    moved, _ = stage.moved(strokes, stage.painted, step)
-    if lives is None:
-        return moved
-    parts = [_as_old(moved, lives.own, step, stage.count)]
-    if lives.born is not None and lives.when is not None:
-        alive = (lives.when[:, 1] <= step) & (step <= lives.when[:, 2])
-        for laid in np.unique(lives.when[alive, 0]):
-            here = alive & (lives.when[:, 0] == laid)
-            one, _ = stage.moved(chosen(lives.born, here), int(laid), step)
-            parts.append(_as_old(one, lives.when[here, 1:], step, stage.count))
-    left = [part for part in parts if part is not None]
-    return joined(left) if left else chosen(_narrow(moved, np.full(len(moved), 1e-3)), np.arange(len(moved)) == 0)
+    own = np.tile([0, stage.count - 1], (len(strokes), 1)) if lives is None else lives.own
+    groups = [(strokes, stage.painted, own)]
+    if lives is not None and lives.born is not None and lives.when is not None:
+        for laid in np.unique(lives.when[:, 0]):
+            here = (lives.when[:, 0] == laid) & (lives.when[:, 1] <= step) & (step <= lives.when[:, 2])
+            if here.any():
+                groups.append((chosen(lives.born, here), int(laid), lives.when[here, 1:]))
+    laid = [(begun, stage.laid(group, begun), ends) for group, begun, ends in groups]
+    return living(laid, step, stage.count, stage.field(step), stage.matter(step))
+
+
+def living(
+    groups: Sequence[tuple[int, Laid, NDArray[np.int64]]], step: int, count: int, field: Field, matter: Places
+) -> Strokes:  # fmt: skip
+    """Return the strokes that live at a step of ``count``, each as large as it is then.
+
+    Args:
+        groups: Of the strokes laid at each step, the painted one first: the step, the strokes, and the first and the
+            last step of each. (N, 2)
+        step: The step.
+        count: Number of steps; strokes that live at the first or the last one have always lived, or always will.
+        field: The values of the step.
+        matter: Where the matter at places of the step was in the painted one.
+    """
+    left: list[Strokes] = []
+    for laid, group, ends in groups:
+        size = _size(ends, step, count)
+        if size.any() or not left:
+            moved = group.strokes if laid == step else advected(group, field, matter)[0]
+            left.append(moved if size.min() == 1.0 else chosen(_narrow(moved, size), size > 0.0))
+    if any(map(len, left)):
+        return joined([one for one in left if len(one)])
+    return chosen(_narrow(moved, np.full(len(moved), 1e-3)), np.arange(len(moved)) == 0)
 
 
 def lived(strokes: Strokes, stage: Stage, seed: int) -> Lives:
     """Follow the strokes of a region from the painted step to both ends of the series."""
-    own = np.tile([0, stage.count - 1], (len(strokes), 1))
-    born: list[Strokes] = []
-    when: list[NDArray[np.int64]] = []
-    bare = _Bare(strokes, stage)
-    for way in (1, -1):
-        last = stage.count - 1 if way > 0 else 0
-        flock = [(stage.painted, strokes, own)]
-        doubt = [np.zeros(len(strokes), bool)]
-        for step in range(stage.painted + way, last + way, way):
-            living, laid = [], 0
-            for number, (begun, group, ends) in enumerate(flock):
-                moved, off = stage.moved(group, begun, step)
-                gone = _gone(group, moved, off)
-                end = 1 if way > 0 else 0
-                alive = ends[:, end] == last
-                removed = alive & gone & doubt[number]
-                ends[removed, end] = step
-                doubt[number] = gone
-                there = alive & ~removed
-                if there.any():
-                    living.append(chosen(moved, there))
-                laid += len(group)
-            if laid > (1.0 + MOST_BORN) * len(strokes):
-                continue
-            new = bare.laid(joined(living) if living else None, step, np.random.default_rng([seed, step]))
-            if new is not None:
-                span = np.tile([step, last] if way > 0 else [last, step], (len(new), 1))
-                flock.append((step, new, span))
-                doubt.append(np.zeros(len(new), bool))
-        for begun, group, ends in flock[1:]:
-            born.append(group)
-            when.append(np.column_stack([np.full(len(group), begun), ends]))
-    if not born:
-        return Lives(own)
-    return Lives(own, joined(born), np.concatenate(when))
+    flock = Flock(strokes, stage.field(stage.painted), (stage.painted, stage.count), seed)
+    for steps in (range(stage.painted + 1, stage.count), range(stage.painted - 1, -1, -1)):
+        for step in steps:
+            flock.advance(step, stage.field(step), stage.matter(step))
+    return flock.lives()
+
+
+@dataclass(eq=False)
+class _Group:
+    """Strokes that were laid at one step, as they are followed one way."""
+
+    begun: int
+    laid: Laid
+    ends: NDArray[np.int64]
+    """First and last step of each stroke. (N, 2)"""
+    doubt: NDArray[np.bool_]
+    """Which of them were gone at the step before. (N,)"""
+
+
+class Flock:
+    """Strokes of a region that are followed both ways from the painted step, one step after the other."""
+
+    def __init__(
+        self, strokes: Strokes, painted: Field, steps: tuple[int, int], seed: int, later: int = 0
+    ) -> None:  # fmt: skip
+        """Begin with the painting.
+
+        Args:
+            strokes: The strokes as they were painted.
+            painted: The values that were painted.
+            steps: Number of the painted step, and how many there are.
+            seed: For what is random.
+            later: Steps that a stroke lives on after it was found to be gone, where it is shown before.
+        """
+        self.painted, self.count = steps
+        self.seed, self.later = seed, later
+        self._bare = _Bare(strokes, painted)
+        own, laid = np.tile([0, self.count - 1], (len(strokes), 1)), Laid.on(strokes, painted)
+        self._ways = {way: [_Group(self.painted, laid, own, np.zeros(len(own), bool))] for way in (1, -1)}
+        self.reached = {1: self.painted, -1: self.painted}
+        """The farthest steps that are known."""
+
+    def advance(self, step: int, field: Field, matter: Places) -> None:
+        """Let strokes be born and removed at a step beyond those that are known.
+
+        If steps are left out, it is not known when in between they were, and nothing that could flicker was shown: a
+        stroke is gone at once, unless nothing at all is visible, and one that is born has begun to grow before.
+        """
+        way = 1 if step > self.painted else -1
+        end, last = (1, self.count - 1) if way > 0 else (0, 0)
+        before, self.reached[way] = self.reached[way], step
+        flock, alive, place = self._ways[way], [], self._bare.surface(field)
+        far = abs(step - before) > 1 and len(place) > 0
+        for group in flock:
+            moved, off = advected(group.laid, field, matter)
+            gone, there = _gone(group.laid.strokes, moved, off), group.ends[:, end] == last
+            removed = there & gone & (group.doubt | far)
+            group.ends[removed, end] = before + way * (1 + self.later)
+            group.doubt = gone
+            if (there & ~removed).any():
+                alive.append(chosen(moved, there & ~removed))
+        if sum(len(group.ends) for group in flock) > (1.0 + MOST_BORN) * len(flock[0].ends):
+            return
+        generator = np.random.default_rng([self.seed, step])
+        new = self._bare.covered(place, joined(alive) if alive else None, (field, matter), generator)
+        if new is not None:
+            first = step - way * min(abs(step - before) - 1, GROWN - 1)
+            ends = np.tile([first, last] if way > 0 else [last, first], (len(new), 1))
+            flock.append(_Group(step, Laid.on(new, field, matter), ends, np.zeros(len(new), bool)))
+
+    def at(self, step: int, field: Field, matter: Places) -> Strokes:
+        """Return the strokes that live at a step that is known, or between such steps."""
+        groups = [(-1, group.laid, group.ends) for group in self._every()]
+        return living(groups, step, self.count, field, matter)
+
+    def lives(self) -> Lives:
+        """Return the lives of the strokes as far as they are known."""
+        first, *born = self._every()
+        if not born:
+            return Lives(first.ends)
+        when = [np.column_stack([np.full(len(group.ends), group.begun), group.ends]) for group in born]
+        return Lives(first.ends, joined([group.laid.strokes for group in born]), np.concatenate(when))
+
+    def _every(self) -> list[_Group]:
+        return [*self._ways[1], *self._ways[-1][1:]]
 
 
 def chosen(strokes: Strokes, which: NDArray[np.bool_]) -> Strokes:
@@ -175,16 +241,12 @@ def chosen(strokes: Strokes, which: NDArray[np.bool_]) -> Strokes:
     return Strokes(**found, start=start)
 
 
-def _as_old(strokes: Strokes, ends: NDArray[np.int64], step: int, count: int) -> Strokes | None:
-    """Return those that live at a step, narrower at the beginning and the end of their lives; None if none do."""
+def _size(ends: NDArray[np.int64], step: int, count: int) -> NDArray[np.floating]:
+    """Return how large strokes are at a step, from 0 to 1: they grow and shrink at the ends of their lives. (N,)"""
     first, last = ends.T
     age = np.where(first > 0, step - first + 1, GROWN)
     left = np.where(last < count - 1, last - step + 1, GROWN)
-    size = np.minimum(age, left).clip(0, GROWN) / GROWN
-    alive = size > 0.0
-    if alive.all() and size.min() == 1.0:
-        return strokes
-    return chosen(_narrow(strokes, size), alive) if alive.any() else None
+    return np.asarray(np.minimum(age, left).clip(0, GROWN) / GROWN)
 
 
 def _narrow(strokes: Strokes, size: NDArray[np.floating]) -> Strokes:
@@ -203,48 +265,52 @@ def _gone(laid: Strokes, moved: Strokes, off: Points) -> NDArray[np.bool_]:
 class _Bare:
     """Sets down copies of strokes where a surface has become bare."""
 
-    def __init__(self, strokes: Strokes, stage: Stage) -> None:
-        self.stage, self.width, self.painted = stage, strokes.unit, strokes
+    def __init__(self, strokes: Strokes, painted: Field) -> None:
+        self.field, self.width, self.painted = painted, strokes.unit, strokes
         where = strokes.where.astype(np.float64)
-        self.level = float(np.median(stage.field(stage.painted).at(where)))
+        self.level = float(np.median(painted.at(where)))
         self.tree, self.far = cKDTree(where), LEAST_BARE * self.width
-        own = self._surface(stage.painted)
+        own = self.surface(painted)
         if len(own):
             self.far = max(self.far, BARE * float(np.median(self.tree.query(own)[0])))
 
-    def _surface(self, step: int) -> Points:
-        """Return places on the surface at a step, at most one in each cube of a third of a width. (B, 3)"""
-        field = self.stage.field(step)
+    def surface(self, field: Field) -> Points:
+        """Return places on the surface of a field, at most one in each cube of a third of a width. (B, 3)"""
         if not field.values.min() < self.level < field.values.max():
             return np.zeros((0, 3))
         found = marching_cubes(field.values, self.level)[0] / field.cells + field.origin
         _, first = np.unique((found / (self.width / 3.0)).astype(np.int64), axis=0, return_index=True)
         return np.asarray(found[np.sort(first)], np.float64)
 
-    def laid(self, living: Strokes | None, step: int, generator: np.random.Generator) -> Strokes | None:
-        """Return strokes for what is bare at a step, among those that live; None if nothing is."""
-        place = self._surface(step)
-        if not len(place):
-            return None
-        if living is not None:
+    def covered(
+        self, place: Points, living: Strokes | None, now: tuple[Field, Places], generator: np.random.Generator
+    ) -> Strokes | None:  # fmt: skip
+        """Return strokes for those places of a surface that are bare among strokes that live; None if none are.
+
+        Args:
+            place: Places on the surface of now. (B, 3)
+            living: The strokes that live.
+            now: The values of now, and where the matter was in the painted step.
+            generator: For what is random.
+        """
+        if living is not None and len(place):
             place = place[cKDTree(living.where).query(place)[0] > self.far]
         if not len(place):
             return None
         # What lay bare in the painting stays so: nobody sees it.
-        was = self.stage.matter(step)(place)
-        painted, width = self.stage.field(self.stage.painted), self.width
+        was = now[1](place)
+        painted, width = self.field, self.width
         surface = landed(was, np.full(len(was), self.level), painted, width)
         steep = np.linalg.norm(painted.slope(surface), axis=1)
         off = np.abs(painted.at(surface) - self.level) / np.maximum(steep, 1e-3)
         there = (off < SAME * width) & (np.linalg.norm(surface - was, axis=1) < SAME * width)
         place = place[~(there & (self.tree.query(surface)[0] > self.far))]
-        return self._copied(place, self.painted if living is None else living, step, generator)
+        return self._copied(place, self.painted if living is None else living, now[0], generator)
 
     def _copied(
-        self, place: Points, living: Strokes, step: int, generator: np.random.Generator
+        self, place: Points, living: Strokes, field: Field, generator: np.random.Generator
     ) -> Strokes | None:  # fmt: skip
         """Return copies of strokes that lie near, one after the other where it is still bare."""
-        field = self.stage.field(step)
         middle = (living.start[:-1] + living.start[1:]) // 2
         # Outwards is towards lower values, or, around what is hollow, towards higher ones: as in the living strokes.
         upwards = field.slope(living.where[middle].astype(np.float64))

@@ -14,13 +14,16 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from svv.core.geometry.box import Box
+from svv.core.strokes.strokes import Strokes
 from svv.core.volumes.classified import ValueGrid
 from svv.errors import Progress, silent
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.model import Model
-from svv.fields.strokes.advected import Field, advected
+from svv.fields.strokes.advected import Field, Laid, advected
+from svv.fields.strokes.flocks import Alive
 from svv.fields.strokes.kept_strokes import Brushed
 from svv.fields.strokes.lives import Stage, at_step, lived
 from svv.fields.values.time_steps import TimeSteps
@@ -33,8 +36,8 @@ Owners = Callable[[NDArray[np.float32]], NDArray[np.uint8]]
 
 
 def carried(
-    network: UnrestrictedField, scene: Model, over: tuple[Occupancy, ValueGrid], step: int | None, matter: Matter,
-    owners: Owners,
+    network: UnrestrictedField, scene: Model, over: tuple[Occupancy, ValueGrid], step: int | Alive | None,
+    matter: Matter, owners: Owners,
 ) -> UnrestrictedField:  # fmt: skip
     """Return paint on the vertices of other cells, on the CPU.
 
@@ -42,7 +45,8 @@ def carried(
         network: The paint as it was laid.
         scene: The scene that it was laid on.
         over: The other cells, and the values there.
-        step: Number of the scene's step that this is; None for another volume.
+        step: Number of the scene's step that this is; for another volume what gives the strokes that live there, or
+            None: all do.
         matter: Where the matter at box coordinates of the other cells was, in the same coordinates.
         owners: The regions of places in the other cells.
     """
@@ -90,28 +94,39 @@ def with_lives(network: UnrestrictedField, steps: TimeSteps, progress: Progress 
 
 
 def _moved(
-    laid: Brushed, scene: Model, over: tuple[Occupancy, ValueGrid], step: int | None, matter: Matter
+    laid: Brushed, scene: Model, over: tuple[Occupancy, ValueGrid], step: int | Alive | None, matter: Matter
 ) -> Brushed:  # fmt: skip
     """Return strokes where their matter is."""
     assert scene.steps is not None
     steps, (occupancy, grid) = scene.steps, over
     old, box = scene.occupancy.box, occupancy.box
-    if laid.lives and step is not None and old == steps.box == box:
+    if laid.lives and isinstance(step, int) and old == steps.box == box:
         stage = stage_of(steps)
         there = {k: (at_step(s, laid.lives.get(k), stage, step), b) for k, (s, b) in laid.regions.items()}
         return Brushed(there, None, laid.flats, laid.glazes)
     own = steps.grid(steps.own, (0.0, 1.0)).over(grid.interval, grid.visible)
-    both = Field.of(own, steps.box, old), Field.of(grid, box, box)
+    # All in coordinates of the box that was painted.
+    painted, now = Field.of(own, steps.box, old), Field.of(grid, box, old)
 
     def backward(place: NDArray[np.float64]) -> NDArray[np.float64]:
-        return old.to_box(box.to_world(matter(place)))
+        return old.to_box(box.to_world(matter(box.to_box(old.to_world(place)))))
 
     found = {}
     for region, (strokes, brush) in laid.regions.items():
-        was = strokes.where.astype(np.float64)
-        start = box.to_box(old.to_world(was))
-        found[region] = advected(strokes, was, both, backward, start, old.size / box.size)[0], brush
+        if step is None or isinstance(step, int):
+            moved = advected(Laid.on(strokes, painted), now, backward)[0]
+        else:
+            moved = step(strokes, region, painted, now, backward)
+        found[region] = _in_box(moved, old, box), brush
     return Brushed(found, None, laid.flats, laid.glazes)
+
+
+def _in_box(strokes: Strokes, old: Box, box: Box) -> Strokes:
+    """Return strokes of one box in the coordinates of another."""
+    size = np.float32(old.size / box.size)
+    where = box.to_box(old.to_world(strokes.where.astype(np.float64))).astype(np.float32)
+    widths = {name: size * getattr(strokes, name) for name in ("radius", "inner", "outer")}
+    return replace(strokes, where=where, **widths)
 
 
 def _look_up(

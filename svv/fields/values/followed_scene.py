@@ -23,6 +23,7 @@ from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedFi
 from svv.fields.radiance.occupancy import PRUNED, Occupancy, largest_in, least_extinction
 from svv.fields.scene.joined import members, with_members
 from svv.fields.scene.model import Model, S
+from svv.fields.strokes.flocks import Alive
 from svv.fields.strokes.kept_strokes import NOBODY
 from svv.fields.values.carried_paint import carried
 from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_features, fill_palette
@@ -81,16 +82,20 @@ def step_at(steps: TimeSteps, time: float) -> int:
     return max(0, int(np.searchsorted(steps.times, time, side="right")) - 1)
 
 
-def at_volume(scene: S, volume: ClassifiedVolume, time: float = 0.0, matter: Matter = lambda position: position) -> S:
+def at_volume(
+    scene: S, volume: ClassifiedVolume, time: float = 0.0, matter: Matter = lambda position: position,
+    alive: Alive | None = None,
+) -> S:  # fmt: skip
     """Return the scene as another volume's values make it, with the same palette, edits and paint.
 
-    Where there was no paint before, it is that of the nearest place.
+    Where there was no paint before, it is that of the nearest place, or strokes are born.
 
     Args:
         scene: A scene of the encoding ``values``, with a palette network and without regions that were split off.
         volume: The other volume, classified by the scene's transfer function.
         time: Its time.
         matter: Where the matter at positions in the world was when the scene was painted; by default at rest.
+        alive: The strokes that live in this volume (:meth:`svv.fields.strokes.flocks.Flocks.at`); by default all.
 
     Raises:
         BadInput: The scene is not one of these, or the volume comes without its values.
@@ -100,7 +105,8 @@ def at_volume(scene: S, volume: ClassifiedVolume, time: float = 0.0, matter: Mat
         raise BadInput("The volume comes without its values: classify it again.")
     grid = volume.values.over(function.interval, function.visible)
     box = volume.box
-    return _over(scene, grid, box, TimeSteps.of(grid, box, time), lambda at: box.to_box(matter(box.to_world(at))))
+    steps = TimeSteps.of(grid, box, time)
+    return _over(scene, grid, box, steps, lambda at: box.to_box(matter(box.to_world(at))), alive)
 
 
 def check_follows(scene: Model) -> tuple[ValueFunction, PaletteField]:
@@ -122,8 +128,10 @@ def check_follows(scene: Model) -> tuple[ValueFunction, PaletteField]:
 
 
 @torch.no_grad()
-def _over(scene: S, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter, step: int | None = None) -> S:
-    """Return the scene over a grid of values, one of its own ``step`` or another."""
+def _over(
+    scene: S, grid: ValueGrid, box: Box, steps: TimeSteps, matter: Matter, step: int | Alive | None
+) -> S:  # fmt: skip
+    """Return the scene over a grid of values, one of its own ``step`` or another (:func:`carried`)."""
     function, palette = check_follows(scene)
     device, old = scene.device, scene.base.density
     assert old is not None

@@ -1,26 +1,26 @@
 """Places in a scene, chosen by clicks into views: buttons of the panels of StyleRF Edit and StyleRF Palette.
 
-Client code. A click sends the camera and the pixel to the filter, which looks up the point in space that is visible
-there; the client appends the filter's answer to a property. Points, unlike pixels, mean the same after the camera has
-moved and other regions were hidden.
+Client code. A click asks the filter whose picture was clicked on which point in space is visible there, for filters
+behind the panel's may hide regions; the client tells it to the panel's filter, and appends the answer to a property.
+Points, unlike pixels, mean the same after the camera has moved and other regions were hidden.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 from svv.pv.client.clicks import pixel_at, place_under, press
-from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of, upstream
+from svv.pv.client.linked_camera import PLACED, camera_numbers, parallel_scale_of, upstream
 from svv.pv.client.observers import python_proxy, with_data
 from svv.pv.paraview_types import Property, Proxy, SMProxy, View
 
 ROWS = {"ClickPart": "Parts", "ClickRegion": "Points", "ClickSame": "Points"}
 """Button -> the property to which its clicks add."""
 
-IMAGE = "StyleRFRender"
-"""The filter whose image of the scene can be clicked into."""
+IMAGE, VOLUME = "StyleRFRender", "StyleRFVolume"
+"""The filters whose pictures of the scene can be clicked on; an image may be placed in the 3D view."""
 
 
 @with_data("string0")
@@ -50,12 +50,7 @@ def pick(edit: Proxy, view: View, at: Sequence[int], button: str = "ClickPart") 
 
     if ROWS[button] == "Points":
         seen |= {"button": button, "region": _in_panel(edit.GetProperty("PointRegion"))}
-    edit.GetProperty("Pick").SetData(json.dumps(seen))
-    edit.SMProxy.UpdateVTKObjects()
-    edit.UpdatePropertyInformation()
-    point = edit.GetProperty("Picked").GetData() or ""
-    edit.GetProperty("Pick").SetData("")  # so that another click on the same pixel is a change, too
-    edit.SMProxy.UpdateVTKObjects()
+    point = _asked(edit, seen)
     if not point:
         return  # the filter has said why
     row = edit.GetProperty(ROWS[button])
@@ -69,38 +64,56 @@ def _in_panel(row: Property) -> str:
     return str(row.SMProperty.GetUncheckedElement(0))
 
 
+def _asked(filter: Proxy, seen: Mapping[str, object]) -> str:
+    """Return what a filter answers to a click."""
+    filter.GetProperty("Pick").SetData(json.dumps(seen))
+    filter.SMProxy.UpdateVTKObjects()
+    filter.UpdatePropertyInformation()
+    answer = filter.GetProperty("Picked").GetData() or ""
+    filter.GetProperty("Pick").SetData("")  # so that another click on the same pixel is a change, too
+    filter.SMProxy.UpdateVTKObjects()
+    return answer
+
+
 def seen_at(edit: Proxy, view: View, at: Sequence[int]) -> dict[str, object] | None:
     """Return the camera and the pixel that a click means, as values of StyleRF Render; None beside an image.
 
-    In a view that shows an image of the filter's scene, the camera is that of the image, otherwise the view's own.
+    In a view that shows an image of the filter's scene, the camera is that of the image, otherwise the view's own. If
+    the view shows a picture of the scene, the place that is visible in it is there as well, or why there is none.
     """
-    image = _image_in(view, edit)
-    if image is None:
+    picture, flat = _picture_in(view, edit)
+    if picture is None or not flat:
         width, height = view.ViewSize
-        return {
+        seen = {
             "Camera": camera_numbers(view), "ParallelScale": parallel_scale_of(view), "Frame": 0,
             "ImageSize": [width, height], "pixel": [at[0], height - 1 - at[1]],
         }  # fmt: skip
-    width, height = image.ImageSize
-    pixel = pixel_at(place_under(view, at), (width, height, width, height))
-    if pixel is None:
-        return None
-    return {
-        "Camera": list(image.Camera), "ParallelScale": image.ParallelScale, "Frame": image.Frame,
-        "ImageSize": [width, height], "pixel": list(pixel),
-    }  # fmt: skip
+    else:
+        width, height = picture.ImageSize
+        pixel = pixel_at(place_under(view, at), (width, height, width, height))
+        if pixel is None:
+            return None
+        seen = {
+            "Camera": list(picture.Camera), "ParallelScale": picture.ParallelScale, "Frame": picture.Frame,
+            "ImageSize": [width, height], "pixel": list(pixel),
+        }  # fmt: skip
+    return seen if picture is None else seen | json.loads(_asked(picture, seen))
 
 
-def _image_in(view: View, edit: Proxy) -> Proxy | None:
-    """Return the filter whose image of the filter's scene, before it or after it, a view shows; None if none is."""
+def _picture_in(view: View, edit: Proxy) -> tuple[Proxy | None, bool]:
+    """Return the filter whose picture of the filter's scene, before it or after it, a view shows, and if it is flat."""
     for display in view.Representations:
         given = getattr(display, "Input", None)
-        if given is None or not display.Visibility or given.SMProxy.GetXMLName() != IMAGE:
+        if given is None or not display.Visibility:
             continue
-        image = python_proxy(given.SMProxy)
-        shown = image.Input
-        if any(source.SMProxy == edit.SMProxy for source in upstream(image)):
-            return image
-        if shown is not None and any(source.SMProxy == shown.SMProxy for source in upstream(edit)):
-            return image
-    return None
+        flat = given.SMProxy.GetXMLName() == IMAGE
+        shown = given.Input if given.SMProxy.GetXMLName() == PLACED else given
+        if shown is None or shown.SMProxy.GetXMLName() not in (IMAGE, VOLUME):
+            continue
+        picture = python_proxy(shown.SMProxy)
+        own = picture.Input
+        if any(source.SMProxy == edit.SMProxy for source in upstream(picture)):
+            return picture, flat
+        if own is not None and any(source.SMProxy == own.SMProxy for source in upstream(edit)):
+            return picture, flat
+    return None, False

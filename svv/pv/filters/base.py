@@ -84,6 +84,13 @@ class Filter(VTKPythonAlgorithmBase):
         self.steps: Steps[Any] = Steps()
         self.AddObserver("DeleteEvent", _forgetter(self._kept, self.steps))
 
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The times that the first input has; empty if it has none."""
+        executive = self.GetExecutive()
+        info, key = executive.GetInputInformation(0, 0), executive.TIME_STEPS()
+        return tuple(info.Get(key)) if info is not None and info.Has(key) else ()
+
     # --- the pipeline's requests --------------------------------------------------------------------------------------
 
     def ProcessRequest(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:

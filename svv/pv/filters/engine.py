@@ -6,7 +6,7 @@ twice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -202,16 +202,18 @@ def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: 
     return moved and None not in (scene.values, scene.steps) and _is_volume(data) and crew_of(data) is None
 
 
-def moving_from(scene: Scene, data: vtkDataObject | None, values: Values, time: float | None) -> Moving | None:
-    """Return what follows the matter of a volume from the time at which a scene is painted.
+def moving_from(
+    scene: Scene, data: vtkDataObject | None, values: Values, now: Moment, times: Sequence[float]
+) -> Moving | None:  # fmt: skip
+    """Return what follows the matter of a volume from the time, one of ``times``, at which a scene is painted.
 
     None if the scene cannot follow its volume, has no paint, or the data have no time.
     """
-    if scene.values is None or scene.styled is None or time is None or not _is_volume(data):
+    if scene.values is None or scene.styled is None or now.time is None or not _is_volume(data):
         return None
     from svv.job.moving import Moving
 
-    return Moving(volume_shown(volume_of(data, values), values), scene.values.interval, time)
+    return Moving(volume_shown(volume_of(data, values), values), scene.values.interval, now.time, times)
 
 
 def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, moving: Moving | None = None) -> Scene:
@@ -230,7 +232,7 @@ def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, mov
     time = now.time or 0.0
     if moving is None:
         return at_volume(scene, classified_as(volume, tf), time)
-    return at_volume(scene, classified_as(volume, tf), time, moving.matter(volume, time))
+    return at_volume(scene, classified_as(volume, tf), time, moving.matter(volume, time), moving.strokes.at(time))
 
 
 def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:

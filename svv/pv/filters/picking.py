@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 from svv.core.json_values import parsed
 from svv.errors import BadInput
+from svv.options.making import NetworkName, RenderOptions
 from svv.pv.filters.base import Filter
+from svv.pv.filters.vtk_data import scene_of
+from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 
 if TYPE_CHECKING:
@@ -19,6 +23,10 @@ class Click(Values, total=False):
     pixel: tuple[int, int]
     button: str
     region: str
+    place: str
+    """What the picture that was clicked on shows there, as x,y,z; without it, the filter's own scene counts."""
+    said: str
+    """Why the picture that was clicked on shows nothing there."""
 
 
 class Picking(Filter):
@@ -55,19 +63,55 @@ class Picking(Filter):
         raise NotImplementedError
 
 
-def point_seen(scene: Scene, seen: Click) -> str:
-    """Return the point of a scene that is visible at a pixel, as the properties Parts and Points hold it.
+class Clickable(Filter):
+    """A filter whose picture of a scene can be clicked on: it tells others which place a pixel of it shows."""
+
+    _picked = ""
+
+    def pick(self, where: str) -> None:
+        """Find the place of a click, for :meth:`GetPicked`.
+
+        Args:
+            where: Camera and pixel as JSON; empty: there was no click.
+        """
+        self._picked = ""
+        if where:
+            try:
+                self._picked = json.dumps({"place": self._place(parsed(where))})
+            except BadInput as error:
+                self._picked = json.dumps({"said": str(error)})
+
+    def GetPicked(self) -> str:
+        """Return what a :class:`Click` takes over: the place that is visible there, or why there is none."""
+        return self._picked
+
+    def _place(self, seen: Click) -> str:
+        if self.values.get("Cut"):
+            raise BadInput("Clicks do not see where a volume is cut open: turn Cut off, or click on an image.")
+        scene, options = scene_of(self.GetInputDataObject(0, 0)), options_in(RenderOptions, self.values)
+        if options.variant is not None:
+            scene = scene.with_variant(options.variant)
+        return point_seen(scene, seen, options.network)
+
+
+def point_seen(scene: Scene, seen: Click, network: NetworkName | None = None) -> str:
+    """Return the point that is visible at a pixel, as the properties Parts and Points hold it.
 
     Args:
-        scene: The scene as it is shown.
+        scene: The scene that is shown if the click was on no picture.
         seen: Camera and pixel, from :func:`svv.pv.client.part_picking.seen_at`.
+        network: As in :meth:`svv.Scene.render`.
 
     Raises:
         BadInput: Nothing is visible there.
     """
     from svv.pv.filters.engine import camera_for
 
-    return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene.rig, seen), seen["pixel"]))
+    if "said" in seen:
+        raise BadInput(seen["said"])
+    return seen.get("place") or ",".join(
+        f"{value:.7g}" for value in scene.point_at(camera_for(scene.rig, seen), seen["pixel"], network)
+    )
 
 
 class Pointing(Picking):

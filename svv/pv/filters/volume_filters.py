@@ -19,6 +19,7 @@ from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.filters.parallel import DividedInput
+from svv.pv.filters.picking import Clickable
 from svv.pv.filters.resampled import told as told_of
 from svv.pv.filters.retuned import as_edited_since
 from svv.pv.filters.unfinished import mark_unfinished
@@ -51,14 +52,7 @@ from svv.pv.panel.groups import (
 )
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
-from svv.pv.panel.properties import (
-    file,
-    kept_as,
-    panel,
-    shown_view,
-    status,
-    switch,
-)
+from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
 from svv.pv.results.cached import Keeping, Views, views_in, write_views
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
@@ -215,9 +209,9 @@ class StyleRFTrain(DividedInput, Beside):
 @smproxy.filter(label="StyleRF Render", support_reload=False)
 @menu
 @keep_input_visible
-@panel(*image_properties(400), device(), status())
+@panel(*image_properties(400), device(), *picked(), status())
 @takes_scene
-class StyleRFRender(ImageOutput):
+class StyleRFRender(ImageOutput, Clickable):
     """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
     orbit around the scene; the macro StyleRF play orbit makes Play and Save Animation show them all.
     """
@@ -263,9 +257,9 @@ class StyleRFPlaceInView(Filter):
 @smproxy.filter(label="StyleRF Volume", support_reload=False)
 @menu
 @smhint.xml('<RepresentationType view="RenderView" type="Volume"/>')
-@panel(*properties_of(BakeOptions()), *cut_properties(), status())
+@panel(*properties_of(BakeOptions()), *cut_properties(), *picked(), status())
 @takes_scene
-class StyleRFVolume(VolumeOutput):
+class StyleRFVolume(VolumeOutput, Clickable):
     """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, at
     its own frame rate, and cut open by a plane, box, sphere or cylinder. An edit before this filter updates it without
     looking at the scene again.
@@ -369,7 +363,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))
         camera = camera_for(whole.rig, values)
         if made is not None and made.data == present.data:
-            self.kept("moving", (name, present.data), lambda: moving_from(whole, inputs[0], values, present.time))
+            self.kept("moving", (name, made.data), lambda: moving_from(whole, inputs[0], values, present, self.times))
         if made is not None and follows(whole, inputs[0], made, present):
             moving = self.kept("moving", (name, made.data), lambda: None)
             make = partial(followed, whole, inputs[0], values, present, moving)

@@ -292,15 +292,24 @@ def paintings_of(scene: Scene) -> list[str]:
 
 def _painting(scene: Scene, name: str) -> dict[str, object]:
     """Return the name, the regions' styles and the effects of the painting that a scene shows."""
-    strokes = [(strokes_of(member), len(member.regions)) for member in members(scene)]
-    rows = [row for own, count in strokes for row in ([[0.0] * 4] * count if own is None else own.tolist())]
+    whole, half = _strokes(scene, 1.0), _strokes(scene, 0.5)
     regions = [scene.regions[number] for number in numbers_of(scene)]
     return {
         "name": name,
         "styles": [r.style for r in regions],
         "paint_light": [r.paint_light for r in regions],
-        "strokes": None if all(own is None for own, _ in strokes) else rows,
+        "strokes": [[*row, gain] for row, (gain, *_) in zip(whole, half, strict=True)],
     }
+
+
+def _strokes(scene: Scene, strength: float) -> list[list[float]]:
+    """Return how each region's extinction depends on its strokes at a fraction of its style's strength: g, k, y, b."""
+    rows: list[list[float]] = []
+    for member in members(scene):
+        regions = tuple(replace(region, strength=strength * region.strength) for region in member.regions)
+        own = strokes_of(replace(member, regions=regions))
+        rows += [[0.0] * 4] * len(regions) if own is None else own.tolist()
+    return rows
 
 
 def _compressed(arrays: Sequence[NDArray[np.uint8]]) -> str:

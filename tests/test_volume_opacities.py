@@ -138,7 +138,7 @@ def test_what_cannot_be_shown_says_why(scene: Scene) -> None:
         with_opacities(scene, function(0.0, 0.0), BALL)
     with pytest.raises(BadInput, match="more than the space that the scene fills"):
         with_opacities(scene, function(0.1, 0.8, 0.12), BALL)
-    with pytest.raises(BadInput, match="has no colours for .* at values of"):
+    with pytest.raises(BadInput, match=r"has no colours for .* at values of"):
         with_opacities(scene, bumps((0.5, 0.15, 0.9, (0.1, 0.9, 0.1)), CORE), BALL)
     alone = replace(scene, made={**scene.made, "learned_from": "views only"})
     with pytest.raises(BadInput, match="not learned from its volume"):

@@ -35,6 +35,9 @@ VIEWS, SIZE = 30, 64
 RAYS = 1 << 16
 """Rays of these that are followed together."""
 
+KNOWN = 2049
+"""Values at which functions are known."""
+
 HIDDEN = 0.1
 """Largest transmittance from any of these views at which a place counts as hidden."""
 
@@ -53,7 +56,9 @@ APPROXIMATE = "approximate"
 """Key of a scene's record: sentences about what its opacities show only approximately."""
 
 
-def with_opacities_of(scene: Scene, before: TransferFunction, function: TransferFunction, volume: vtkImageData) -> Scene:
+def with_opacities_of(
+    scene: Scene, before: TransferFunction, function: TransferFunction, volume: vtkImageData
+) -> Scene:
     """Return a scene with the opacities of another function of its volume, with its palette, edits and paint.
 
     Args:
@@ -95,9 +100,7 @@ def with_opacities_of(scene: Scene, before: TransferFunction, function: Transfer
     return replace(result, made={**result.made, APPROXIMATE: said})
 
 
-def adapted(
-    learned: NDArray[np.floating], old: NDArray[np.float64], new: NDArray[np.float64]
-) -> NDArray[np.float32]:
+def adapted(learned: NDArray[np.floating], old: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return logarithms of an extinction for another function, from what training has found for the old one.
 
     It keeps its ratio to the classified extinction, of which ``old`` and ``new`` are the logarithms. Where nothing was
@@ -127,7 +130,7 @@ class _Seen:
         assert scene.base.density is not None and scene.palette_network is not None
         cells, cameras = scene.base.density.resolutions[-1], scene.rig.sphere(VIEWS, SIZE)
         caster, box = RayCaster(cameras, scene.occupancy.box, scene.device), scene.occupancy.box
-        known = np.linspace(np.nanmin(values), np.nanmax(values), 2049)
+        known = np.linspace(np.nanmin(values), np.nanmax(values), KNOWN)
         opacity, hue = function.opacity_at(known), _hue(function.colour_at(known))
         places, weights, clear, other, found = [], [], [], [], []
         for pixels in torch.arange(VIEWS * SIZE * SIZE).split(RAYS):
@@ -141,7 +144,9 @@ class _Seen:
             _, mixed, offsets = scene.palette_network.material(samples.position)
             colour = (mixed[:, :, None] * (scene.palette_network.colours + offsets)).sum(1).cpu().numpy()
             told = np.stack([np.interp(value, known, channel) for channel in hue.T], axis=1)
-            places.append(place), weights.append(np.where(shown, w, 0.0)), found.append(value)
+            places.append(place)
+            weights.append(np.where(shown, w, 0.0))
+            found.append(value)
             clear.append((weight / alpha.clamp(min=1e-6)).cpu().numpy())
             other.append(np.abs(_hue(colour) - _hue(told)).max(axis=1) > OTHER)
         self.place, self.clear, self.other, self.value = map(np.concatenate, (places, clear, other, found))
@@ -173,7 +178,10 @@ def _approximate(
     other = float(now.weight[now.other].sum() - before.weight[before.other].sum())
     said = []
     if other > TOLD:
-        low, high = np.quantile(now.value[now.other & (now.weight > 0)], (0.05, 0.95))
+        known = np.linspace(np.nanmin(values), np.nanmax(values), KNOWN)
+        new = np.interp(now.value, known, functions[0].opacity_at(known)) <= 0.0
+        wrong = now.other & (now.weight > 0.0)
+        low, high = np.quantile(now.value[wrong & new if (wrong & new).any() else wrong], (0.05, 0.95))
         where = f"{other:.0%} of what the function shows, at values of {interval_text(low, high)}, "
         if other > MOST_OTHER:
             raise BadInput(f"The scene has no colours for {where[:-2]}: train a scene with this function.")

@@ -196,9 +196,7 @@ class ClassifiedVolume:
         return cells_with(self.exponent >= np.log(least), self.cells, grid_shape(self.box, cells), cells)
 
 
-def cells_with(
-    there: NDArray[np.bool_], own: int, shape: NDArray[np.int64], cells: int
-) -> NDArray[np.uint8]:
+def cells_with(there: NDArray[np.bool_], own: int, shape: NDArray[np.int64], cells: int) -> NDArray[np.uint8]:
     """Mark the cells that have a marked vertex of another grid. (X, Y, Z)
 
     Args:

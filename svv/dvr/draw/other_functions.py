@@ -37,7 +37,8 @@ def exponents_over(
     numbers = to_array(image)
     first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
     low, high = float(numbers.min()), float(numbers.max())
-    values, found = np.zeros(0, np.float32), []
+    values = np.zeros(0, np.float32)
+    found: list[NDArray[np.float16]] = []
     for function in functions:
         stage = place_part(numbers, first, (first, last), image, function.fitted(low, high, rescale=False))
         if not found:

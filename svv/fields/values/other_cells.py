@@ -40,8 +40,7 @@ def on_cells(scene: S, occupancy: Occupancy, density: SparseLattice) -> S:
     palette = scene.palette_network
     if palette is None or scene.base.density is None:
         raise BadInput(
-            "Only scenes of the encoding lattice or values, with a palette, can show another extinction: train it again "
-            "with --encoding lattice."
+            "The scene has no palette, or its extinction is in a hash grid: train it again with --encoding lattice."
         )
     check_paint_follows(scene)
     base = BaseField(scene.settings, occupancy, density.resolutions)

@@ -1,7 +1,7 @@
 """Scenes whose transfer function has been edited since they were trained: other opacities are shown at once.
 
-That takes a scene that knows its volume's values, or the volume (:mod:`svv.job.opacities`). What it cannot show, such as
-other colours, stays as it was trained, and the user is told why, or what is only approximate.
+That takes a scene that knows its volume's values, or the volume (:mod:`svv.job.opacities`). What it cannot show, such
+as other colours, stays as it was trained, and the user is told why, or what is only approximate.
 """
 
 from __future__ import annotations
@@ -72,7 +72,8 @@ def retuned(scene: Scene | Stored, values: Values, data: vtkDataObject | None) -
     """Return a scene with the opacities of the panel's transfer function; None if it cannot show them, and why."""
     from svv.fields.scene.scene import Scene
     from svv.job.opacities import with_opacities
-    from svv.pv.filters.engine import transfer_function_of, volume_of, volume_shown
+    from svv.pv.display.shown import volume_shown
+    from svv.pv.filters.engine import transfer_function_of, volume_of
 
     whole = Scene.load(scene.path) if isinstance(scene, Stored) else scene
     try:

@@ -179,6 +179,16 @@ def test_types_do_not_change_an_image(kind: str) -> None:
     assert np.abs(found - expected).max() < 1e-3
 
 
+def test_values_beyond_the_table_look_like_its_ends() -> None:
+    values = GeneratedSource(48).read(0, (0, 0, 0), (48, 48, 48)).astype(np.float32)
+    far = np.where(values > 200.0, np.float32(1e15), np.where(values < 20.0, np.float32(-1e15), values))
+    near = np.where(values > 200.0, np.float32(1e6), np.where(values < 20.0, np.float32(-1e6), values))
+    camera = around(48, 1, 40)[0]
+    expected = drawn(ArraySource(near), ramp_look(), camera)
+    assert expected[..., 3].max() > 0.5
+    assert np.abs(drawn(ArraySource(far), ramp_look(), camera) - expected).max() < 0.02
+
+
 def test_memory_and_threads_do_not_change_an_image() -> None:
     source, look = ArraySource(GeneratedSource(180).read(0, (0, 0, 0), (180, 180, 180))), ramp_look()
     for camera in around(180, 2, 60):

@@ -185,14 +185,11 @@ def test_straight_alpha_keeps_colours() -> None:
     assert straight(drawn).tolist() == [[[128, 64, 0, 128], [0, 0, 0, 0]]]
 
 
-@pytest.mark.parametrize(
-    ("mapper", "many", "drawn"), [("auto", 1, "bricks"), ("auto", 10**9, "cpu"), ("cpu", 1, "cpu")]
-)
-def test_many_voxels_are_drawn_by_bricks_unless_another_ray_caster_is_named(
-    mapper: MapperName, many: int, drawn: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("mapper", "drawn"), [("auto", "bricks"), ("cpu", "cpu")])
+def test_volumes_are_drawn_by_bricks_unless_another_ray_caster_is_named(
+    mapper: MapperName, drawn: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And their truth, for scores, is drawn as they were; the picture is the same."""
-    monkeypatch.setattr(large, "MANY", many)
     monkeypatch.setattr(casters, "hardware_opengl", lambda: False)
     image = stirred_volume(40, levels=255)
     train, test = make_views(image, tf(), n=3, test=1, size=64, rescale=False, mapper=mapper)
@@ -205,7 +202,6 @@ def test_many_voxels_are_drawn_by_bricks_unless_another_ray_caster_is_named(
 
 
 def test_what_memory_or_the_table_does_not_hold_is_left_to_vtk(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(large, "MANY", 1)
     monkeypatch.setattr(casters, "hardware_opengl", lambda: False)
     image = stirred_volume(40, levels=255)
     assert large.quickest(image, "auto", 1.0) == "bricks"

@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 RAYS_AT_A_TIME = 4096
 """Number of rays in a piece of work for a thread."""
 
+MOST_BRICKS = np.iinfo(np.int32).max // VOXELS
+"""Bricks in memory, whose voxels must have places that an int32 can hold: 6 to 13 GB."""
+
 
 @dataclass(frozen=True, eq=False)
 class Look:
@@ -96,7 +99,7 @@ class BrickCaster:
         self._slots = np.full(table, UNKNOWN, np.int32)
         self._inverse = np.linalg.inv(self.level.axes)
         bytes_each = VOXELS * (self._numbers.dtype.itemsize + 2)
-        count = min(max(64, memory // bytes_each), self._slots.size)
+        count = min(max(64, memory // bytes_each), self._slots.size, MOST_BRICKS)
         # Memory that is never written to takes no room: the pool grows as bricks are read.
         self._values = np.empty((count, VOXELS), self._numbers.dtype)
         self._codes = np.empty((count, VOXELS), np.uint16)

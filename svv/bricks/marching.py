@@ -13,6 +13,23 @@ import numpy as np
 from numba import njit
 
 from svv.core.fast_math import FAST_MATH
+from svv.core.lanes import (
+    LANES,
+    as_floats,
+    bits_of,
+    first_of,
+    gather,
+    gather_pairs,
+    load,
+    mask_of,
+    maximum,
+    minimum,
+    number_of,
+    select,
+    splat,
+    store,
+    truncated,
+)
 
 BRICK = 32
 """Cells along each side of a brick."""
@@ -43,6 +60,15 @@ BLANK = 1 << 15
 
 SPENT = np.float32(1.0 / 128.0)
 """Transmittance at which a ray ends, as in VTK's ray caster (255 / 32767)."""
+
+
+TO_BRICK, TO_BLOCK, TO_PART, CELLS = 5, 3, 2, BRICK - 1
+"""Shifts from a cell's number to those of its brick, block and eighth, and a mask of its number within the brick."""
+
+ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+FAR, NEVER = np.float32(1e9), np.float32(1e30)
+ENDED, ALL, ENOUGH = np.int32(-1), (1 << LANES) - 1, LANES - 2
+"""Last sample of a ray that has ended; bits of all lanes; lanes with rays up to which waiting rays take the others."""
 
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
@@ -142,106 +168,80 @@ def fill(box, first, to_world, values, codes):  # type: ignore[no-untyped-def]
                 place += 1
 
 
-@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
-def _leaves(o, d, low, high):  # type: ignore[no-untyped-def]
-    """Return the distance at which a ray that is inside a slab leaves it."""
-    if d > 1e-12:
-        return (high - o) / d
-    if d < -1e-12:
-        return (low - o) / d
-    return 1e30
+@njit(nogil=True, fastmath=FAST_MATH, inline="always")
+def _within(a, low, high):  # type: ignore[no-untyped-def]
+    """Return whole numbers, or the nearest ones between two limits."""
+    return minimum(maximum(a, splat(np.int32(low))), splat(np.int32(high)))
 
 
-@njit(nogil=True, fastmath=FAST_MATH, cache=True)
-def through_block(  # type: ignore[no-untyped-def]
-    ox, oy, oz, dx, dy, dz, step, k, until, first, seen, values, codes, table, alphas, low, gain, shades, glossy,
-    blanks, nearest, red, green, blue, through,
-):  # fmt: skip
-    """Add the light of the samples ``k`` to ``until`` of a ray, which lie in one block, and return it.
-
-    (ox, oy, oz) and (dx, dy, dz) are the ray's start and direction in voxels, counted from the brick's first one;
-    ``first`` is the block's first cell (x, y, z), and ``seen`` its byte; ``values`` and ``codes`` (VOXELS,) are the
-    brick's; (red, green, blue) is the light so far, and ``through`` the
-    transmittance. Other arguments are those of :func:`march`.
-    """
-    last, shine = len(table) - 1, np.float32(0.0)
-    while k < until:
-        t = (k + 0.5) * step
-        k += 1
-        x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-        i = min(max(int(x), 0), BRICK - 1)
-        j = min(max(int(y), 0), BRICK - 1)
-        h = min(max(int(z), 0), BRICK - 1)
-        eighth = (h - first[2] >= PART) << 2 | (j - first[1] >= PART) << 1 | (i - first[0] >= PART)
-        if not (seen >> eighth) & 1:
-            continue
-        wx, wy, wz = np.float32(x - i), np.float32(y - j), np.float32(z - h)
-        # The first voxels of the four rows of a cell.
-        a = (h * SIDE + j) * SIDE + i
-        b, c = a + SIDE, a + SIDE * SIDE
-        d = c + SIDE
-        if (blanks or nearest) and _to_nearest(codes, a, wx, wy, wz, blanks) < 0:
-            continue
-        if nearest:
-            a += _to_nearest(codes, a, wx, wy, wz, False)
-            b = c = d = a
-            wx = wy = wz = np.float32(0.0)
-        near = _between(values[a], values[a + 1], values[b], values[b + 1], wx, wy)
-        far = _between(values[c], values[c + 1], values[d], values[d + 1], wx, wy)
-        entry = min(max(int((near + wz * (far - near) - low) * gain + np.float32(0.5)), 0), last)
-        alpha = alphas[entry]
-        if alpha <= np.float32(0.0):
-            continue
-        lit = _shade(codes, shades, 0, a, b, c, d, wx, wy, wz)
-        if glossy:
-            shine = _shade(codes, shades, 1, a, b, c, d, wx, wy, wz)
-        weight = through * alpha
-        red += weight * (table[entry, 0] * lit + shine)
-        green += weight * (table[entry, 1] * lit + shine)
-        blue += weight * (table[entry, 2] * lit + shine)
-        through -= weight
-        if through < SPENT:
-            break
-    return red, green, blue, through
+@njit(nogil=True, fastmath=FAST_MATH, inline="always")
+def _between(near, far, wx, wy):  # type: ignore[no-untyped-def]
+    """Interpolate bilinearly between pairs of neighbours in x."""
+    a, b = as_floats(near[0]), as_floats(far[0])
+    low, high = a + wx * (as_floats(near[1]) - a), b + wx * (as_floats(far[1]) - b)
+    return low + wy * (high - low)
 
 
-@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
-def _to_nearest(codes, first, wx, wy, wz, blanks):  # type: ignore[no-untyped-def]
-    """Return the way from a cell's first voxel to the one nearest to a sample; -1 if the sample is blanked.
-
-    It is with the nearest voxel, and with those that are nearest after that along each axis.
-    """
-    x, y, z = int(wx >= 0.5), int(wy >= 0.5), int(wz >= 0.5)
-    way = (z * SIDE + y) * SIDE + x
-    if blanks:
-        voxel = first + way
-        flags = codes[voxel] | codes[voxel + 1 - 2 * x]
-        flags |= codes[voxel + (1 - 2 * y) * SIDE] | codes[voxel + (1 - 2 * z) * SIDE * SIDE]
-        if flags & BLANK:
-            return -1
-    return way
+@njit(nogil=True, fastmath=FAST_MATH, inline="always")
+def _inside(pairs, wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Interpolate trilinearly between the pairs of neighbours in x of a cell's four rows."""
+    near = _between(pairs[0], pairs[1], wx, wy)
+    return near + wz * (_between(pairs[2], pairs[3], wx, wy) - near)
 
 
-@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
-def _between(v00, v01, v10, v11, wx, wy):  # type: ignore[no-untyped-def]
-    """Interpolate bilinearly."""
-    v0 = np.float32(v00) + wx * (np.float32(v01) - np.float32(v00))
-    v1 = np.float32(v10) + wx * (np.float32(v11) - np.float32(v10))
-    return v0 + wy * (v1 - v0)
-
-
-@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
-def _shade(codes, shades, which, a, b, c, d, wx, wy, wz):  # type: ignore[no-untyped-def]
-    """Interpolate a column of the shades of a cell's eight voxels."""
-    near = _between(
-        shades[codes[a], which], shades[codes[a + 1], which], shades[codes[b], which], shades[codes[b + 1], which],
-        wx, wy,
+@njit(nogil=True, fastmath=FAST_MATH, inline="always")
+def _rows(array, at):  # type: ignore[no-untyped-def]
+    """Return what the voxels of a cell hold, as four pairs; ``at`` is the place of the first."""
+    above = SIDE * SIDE
+    return (
+        gather_pairs(array, at, 0), gather_pairs(array, at, SIDE),
+        gather_pairs(array, at, above), gather_pairs(array, at, above + SIDE),
     )  # fmt: skip
-    far = _between(
-        shades[codes[c], which], shades[codes[c + 1], which], shades[codes[d], which], shades[codes[d + 1], which],
-        wx, wy,
+
+
+@njit(nogil=True, fastmath=FAST_MATH, inline="always")
+def _shade(rows, shades, wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Interpolate the shades of the codes of a cell's voxels."""
+    a, b, c, d = rows
+    return _inside(
+        (
+            (gather(shades, a[0] * 2), gather(shades, a[1] * 2)), (gather(shades, b[0] * 2), gather(shades, b[1] * 2)),
+            (gather(shades, c[0] * 2), gather(shades, c[1] * 2)), (gather(shades, d[0] * 2), gather(shades, d[1] * 2)),
+        ), wx, wy, wz,
     )  # fmt: skip
-    return near + wz * (far - near)
+
+
+@njit(nogil=True, fastmath=FAST_MATH, inline="always")
+def _both(shades, codes):  # type: ignore[no-untyped-def]
+    """Return the shades of a pair of codes, and their highlights."""
+    one, other = gather_pairs(shades, codes[0] * 2, 0), gather_pairs(shades, codes[1] * 2, 0)
+    return (one[0], other[0]), (one[1], other[1])
+
+
+@njit(nogil=True, fastmath=FAST_MATH)
+def _shade_glossy(rows, shades, wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Interpolate the shades of the codes of a cell's voxels, and their highlights."""
+    a, b, c, d = _both(shades, rows[0]), _both(shades, rows[1]), _both(shades, rows[2]), _both(shades, rows[3])
+    return _inside((a[0], b[0], c[0], d[0]), wx, wy, wz), _inside((a[1], b[1], c[1], d[1]), wx, wy, wz)
+
+
+@njit(nogil=True, fastmath=FAST_MATH)
+def _not_blanked(codes, at, x, y, z):  # type: ignore[no-untyped-def]
+    """Return whether the voxels nearest to samples, and those next to them along each axis, are not blanked.
+
+    ``at`` is the first voxel of their cells; ``x``, ``y``, ``z`` are 1 where the second along an axis is the nearest.
+    """
+    voxel = at + (z * SIDE + y) * SIDE + x
+    flags = gather(codes, voxel) | gather(codes, voxel + 1 - 2 * x)
+    flags = flags | gather(codes, voxel + (1 - 2 * y) * SIDE) | gather(codes, voxel + (1 - 2 * z) * (SIDE * SIDE))
+    return (flags & BLANK) == 0
+
+
+@njit(nogil=True, fastmath=FAST_MATH, inline="always")
+def _steps_to(low, size, start, inverse):  # type: ignore[no-untyped-def]
+    """Return after how many steps rays leave boxes, with where they start and steps a voxel, along one axis."""
+    wall = as_floats(select(inverse > ZERO, low + size, low))
+    return select(inverse == ZERO, splat(NEVER), (wall - start) * inverse)
 
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
@@ -266,12 +266,60 @@ def _clipped(o, d, low, high, near, far):  # type: ignore[no-untyped-def]
     return max(near, min(a, b)), min(far, max(a, b))
 
 
+@njit(nogil=True, fastmath=FAST_MATH)
+def _shine(count, places, weights, pixels, light, codes, table, shades, glossy, state):  # type: ignore[no-untyped-def]
+    """Add the light of samples to the first columns of their pixels' ``state``.
+
+    ``places`` (2, LANES) holds the samples' first voxels and entries of the table, ``weights`` (4, LANES) their weights
+    and their offsets from the voxels. Samples of several rays wait for each other, because few of those that are taken
+    at the same time show anything, and light is what takes longest.
+    """
+    rows, entry = _rows(codes, load(places, 0)), load(places, LANES)
+    weight, wx, wy, wz = (load(weights, 0), load(weights, LANES), load(weights, 2 * LANES), load(weights, 3 * LANES))
+    if glossy:
+        lit, shine = _shade_glossy(rows, shades, wx, wy, wz)
+    else:
+        lit, shine = _shade(rows, shades, wx, wy, wz), splat(ZERO)
+    warm, cold = gather_pairs(table, entry * 4, 0), gather_pairs(table, entry * 4, 2)
+    store(light, 0, weight * (warm[0] * lit + shine))
+    store(light, LANES, weight * (warm[1] * lit + shine))
+    store(light, 2 * LANES, weight * (cold[0] * lit + shine))
+    for k in range(count):
+        for c in range(3):
+            state[pixels[k], c] += light[c, k]
+
+
+@njit(nogil=True, fastmath=FAST_MATH)
+def _begin(number, width, frame, corner, pixel, lengths, bounds, step, done, lane, ray, steps):  # type: ignore[no-untyped-def]
+    """Write a ray into a lane: its first sample and what a step is, and the numbers of its samples.
+
+    The first sample is that at the bounds, even if ``done`` samples have been taken: an image must not depend on where
+    a ray had to wait. Returns whether there are samples to take.
+    """
+    u, v = corner[0] + number % width, corner[1] + number // width
+    ox, oy, oz, dx, dy, dz = _ray(u, v, frame, pixel)
+    if lengths[0] > 0.0:
+        length = math.sqrt((dx * lengths[0]) ** 2 + (dy * lengths[1]) ** 2 + (dz * lengths[2]) ** 2)
+        dx, dy, dz = dx / length, dy / length, dz / length
+    near, far = 0.0, 1e30
+    for axis, o, d in ((0, ox, dx), (1, oy, dy), (2, oz, dz)):
+        near, far = _clipped(o, d, bounds[0, axis], bounds[1, axis], near, far)
+    first, last = int(math.ceil(near / step - 0.5)), int(math.floor(far / step - 0.5))
+    if max(done, first) > last:
+        return False
+    for axis, o, d in ((0, ox, dx), (1, oy, dy), (2, oz, dz)):
+        ray[axis, lane], ray[3 + axis, lane] = o + (first + 0.5) * step * d, step * d
+        ray[6 + axis, lane] = 1.0 / (step * d) if abs(d) > 1e-12 else 0.0
+    steps[0, lane], steps[1, lane], steps[2, lane] = first, max(done - first, 0), last - first
+    return True
+
+
 @njit(nogil=True, fastmath=FAST_MATH, cache=True)
-def march(  # type: ignore[no-untyped-def]
+def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     rays, width, frame, corner, pixel, lengths, bounds, step, slots, stamps, now, seen, values, codes, table, alphas,
     low, gain, shades, glossy, blanks, nearest, state, samples, wanted,
 ):  # fmt: skip
-    """March rays until they end or reach a brick that is not in memory.
+    """March rays until they end or reach a brick that is not in memory, each in a lane of its own.
 
     A ray takes samples at (k + 0.5) ``step`` from the camera, k = 0, 1, ... Values, and the light at the 8 voxels
     around, are interpolated trilinearly, and colours and opacities looked up for the interpolated value, as in VTK's
@@ -306,55 +354,128 @@ def march(  # type: ignore[no-untyped-def]
         wanted: Receives the flat index of the brick that a ray needs, or -1 if it has ended. (R,)
     """
     bricks_z, bricks_y, bricks_x = slots.shape
-    for r in range(len(rays)):
-        number = rays[r]
-        wanted[r] = -1
-        u, v = corner[0] + number % width, corner[1] + number // width
-        ox, oy, oz, dx, dy, dz = _ray(u, v, frame, pixel)
-        if lengths[0] > 0.0:
-            length = math.sqrt((dx * lengths[0]) ** 2 + (dy * lengths[1]) ** 2 + (dz * lengths[2]) ** 2)
-            dx, dy, dz = dx / length, dy / length, dz / length
-        near, far = 0.0, 1e30
-        for axis, o, d in ((0, ox, dx), (1, oy, dy), (2, oz, dz)):
-            near, far = _clipped(o, d, bounds[0, axis], bounds[1, axis], near, far)
-        k = max(samples[number], int(math.ceil(near / step - 0.5)))
-        end = int(math.floor(far / step - 0.5))
-        red, green, blue, through = state[number, 0], state[number, 1], state[number, 2], state[number, 3]
-        while k <= end:
-            t = (k + 0.5) * step
-            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-            bx = min(max(int(x) // BRICK, 0), bricks_x - 1)
-            by = min(max(int(y) // BRICK, 0), bricks_y - 1)
-            bz = min(max(int(z) // BRICK, 0), bricks_z - 1)
-            slot = slots[bz, by, bx]
-            if slot == UNKNOWN:
-                wanted[r] = (bz * bricks_y + by) * bricks_x + bx
+    entries = len(table) - 1
+    ray, light = np.zeros((9, LANES), np.float32), np.ones(LANES, np.float32)
+    steps, number_in = np.zeros((3, LANES), np.int32), np.zeros(LANES, np.int32)
+    now_at, places = np.zeros((2, LANES), np.int32), np.zeros((2, LANES), np.int32)
+    now_weights, weights = np.zeros((4, LANES), np.float32), np.zeros((4, LANES), np.float32)
+    pixel_of, owner = np.zeros(LANES, np.int64), np.full(LANES, -1, np.int64)
+    lights = np.zeros((3, LANES), np.float32)
+    coming, going, queued = 0, 0, 0
+    nothing, none = splat(ZERO), splat(np.int32(0))
+    x0 = y0 = z0 = sx = sy = sz = rx = ry = rz = through = nothing
+    k, last, held = none, none, splat(ENDED)
+    while True:
+        if going == 0 or (number_of(going) <= ENOUGH and coming < len(rays)):
+            # Rays that have ended hand over their light, and others take their lanes.
+            store(light, 0, through)
+            store(steps, LANES, k)
+            ended = ALL & ~going
+            while ended != 0:
+                lane = first_of(ended)
+                ended &= ended - 1
+                if owner[lane] >= 0:
+                    number = rays[owner[lane]]
+                    state[number, 3] = light[lane]
+                    samples[number] = steps[0, lane] + steps[1, lane]
+                    owner[lane] = -1
+                while coming < len(rays) and owner[lane] < 0:
+                    number = rays[coming]
+                    wanted[coming] = -1
+                    if _begin(
+                        number, width, frame, corner, pixel, lengths, bounds, step, samples[number], lane, ray, steps
+                    ):
+                        owner[lane] = coming
+                        going |= 1 << lane
+                        light[lane] = state[number, 3]
+                    coming += 1
+            if going == 0:
                 break
-            # Within the brick, positions count from its first voxel.
-            sx, sy, sz = ox - bx * BRICK, oy - by * BRICK, oz - bz * BRICK
-            if slot == EMPTY:
-                leave = min(_leaves(sx, dx, 0.0, BRICK), _leaves(sy, dy, 0.0, BRICK), _leaves(sz, dz, 0.0, BRICK))
-                k = max(k + 1, int(math.floor(leave / step - 0.5)) + 1)
-                continue
-            stamps[slot] = now
-            x, y, z = sx + t * dx, sy + t * dy, sz + t * dz
-            mx = min(max(int(x) // BLOCK, 0), BLOCKS - 1)
-            my = min(max(int(y) // BLOCK, 0), BLOCKS - 1)
-            mz = min(max(int(z) // BLOCK, 0), BLOCKS - 1)
-            leave = min(
-                _leaves(sx, dx, mx * BLOCK, (mx + 1) * BLOCK),
-                _leaves(sy, dy, my * BLOCK, (my + 1) * BLOCK),
-                _leaves(sz, dz, mz * BLOCK, (mz + 1) * BLOCK),
-            )
-            until = max(k + 1, int(math.floor(leave / step - 0.5)) + 1)
-            if not seen[slot, mz, my, mx]:
-                k = until
-                continue
-            red, green, blue, through = through_block(
-                sx, sy, sz, dx, dy, dz, step, k, min(until, end + 1), (mx * BLOCK, my * BLOCK, mz * BLOCK),
-                int(seen[slot, mz, my, mx]), values[slot], codes[slot], table, alphas, low, gain, shades, glossy,
-                blanks, nearest, red, green, blue, through,
-            )  # fmt: skip
-            k = end + 1 if through < SPENT else until
-        state[number, 0], state[number, 1], state[number, 2], state[number, 3] = red, green, blue, through
-        samples[number] = k
+            x0, y0, z0 = load(ray, 0), load(ray, LANES), load(ray, 2 * LANES)
+            sx, sy, sz = load(ray, 3 * LANES), load(ray, 4 * LANES), load(ray, 5 * LANES)
+            rx, ry, rz = load(ray, 6 * LANES), load(ray, 7 * LANES), load(ray, 8 * LANES)
+            through = load(light, 0)
+            k, last = load(steps, LANES), select(mask_of(going), load(steps, 2 * LANES), splat(ENDED))
+        t = as_floats(k)
+        x, y, z = x0 + t * sx, y0 + t * sy, z0 + t * sz
+        # The cell, its brick, the block and the eighth of the block.
+        i = _within(truncated(x), 0, bricks_x * BRICK - 1)
+        j = _within(truncated(y), 0, bricks_y * BRICK - 1)
+        h = _within(truncated(z), 0, bricks_z * BRICK - 1)
+        place = ((h >> TO_BRICK) * bricks_y + (j >> TO_BRICK)) * bricks_x + (i >> TO_BRICK)
+        slot = gather(slots, place)
+        there = k <= last
+        unknown = bits_of(there & (slot == UNKNOWN))
+        if unknown != 0:
+            store(number_in, 0, place)
+            last = select(slot == UNKNOWN, splat(ENDED), last)
+            there = k <= last
+            going = bits_of(there)
+            while unknown != 0:
+                lane = first_of(unknown)
+                unknown &= unknown - 1
+                wanted[owner[lane]] = number_in[lane]
+            continue
+        moved = bits_of(there & (slot >= 0) & ((slot < held) | (slot > held)))
+        if moved != 0:
+            store(number_in, 0, slot)
+            held = slot
+            while moved != 0:
+                lane = first_of(moved)
+                moved &= moved - 1
+                stamps[number_in[lane]] = now
+        own = maximum(slot, none)
+        at = ((own * BLOCKS + ((h & CELLS) >> TO_BLOCK)) * BLOCKS + ((j & CELLS) >> TO_BLOCK)) * BLOCKS
+        block = select(slot >= 0, gather(seen, at + ((i & CELLS) >> TO_BLOCK)), none)
+        eighth = (((h >> TO_PART) & 1) << 2) | (((j >> TO_PART) & 1) << 1) | ((i >> TO_PART) & 1)
+        visible = there & (((block >> eighth) & 1) == 1)
+        here, coming_next = bits_of(visible), k + 1
+        if here != going:
+            # Go to the first sample behind the largest of brick, block and eighth in which nothing is visible.
+            wide = select(block == 0, splat(np.int32(BLOCK)), splat(np.int32(PART)))
+            wide = select(slot < 0, splat(np.int32(BRICK)), wide)
+            inner = none - wide
+            leaves = _steps_to(i & inner, wide, x0, rx)
+            leaves = minimum(leaves, _steps_to(j & inner, wide, y0, ry))
+            leaves = minimum(minimum(leaves, _steps_to(h & inner, wide, z0, rz)), splat(FAR))
+            coming_next = select(visible, coming_next, maximum(coming_next, truncated(leaves) + 1))
+        if here != 0:
+            wx, wy, wz = x - as_floats(i), y - as_floats(j), z - as_floats(h)
+            at = ((own * SIDE + (h & CELLS)) * SIDE + (j & CELLS)) * SIDE + (i & CELLS)
+            if blanks or nearest:
+                half, one = splat(HALF), splat(np.int32(1))
+                nx, ny, nz = select(wx < half, none, one), select(wy < half, none, one), select(wz < half, none, one)
+                if blanks:
+                    visible = visible & _not_blanked(codes, at, nx, ny, nz)
+                if nearest:
+                    wx, wy, wz = as_floats(nx), as_floats(ny), as_floats(nz)
+            value = (_inside(_rows(values, at), wx, wy, wz) - low) * gain + HALF
+            entry = truncated(minimum(maximum(value, nothing), splat(np.float32(entries))))
+            alpha = gather(alphas, entry)
+            visible = visible & (alpha > ZERO)
+            weight = through * alpha
+            shown = bits_of(visible)
+            if shown != 0:
+                through = select(visible, through - weight, through)
+                coming_next = select(through < SPENT, last + 1, coming_next)
+                store(now_at, 0, at)
+                store(now_at, LANES, entry)
+                store(now_weights, 0, weight)
+                store(now_weights, LANES, wx)
+                store(now_weights, 2 * LANES, wy)
+                store(now_weights, 3 * LANES, wz)
+            while shown != 0:
+                lane = first_of(shown)
+                shown &= shown - 1
+                for c in range(2):
+                    places[c, queued] = now_at[c, lane]
+                for c in range(4):
+                    weights[c, queued] = now_weights[c, lane]
+                pixel_of[queued] = rays[owner[lane]]
+                queued += 1
+                if queued == LANES:
+                    _shine(queued, places, weights, pixel_of, lights, codes, table, shades, glossy, state)
+                    queued = 0
+        k = minimum(coming_next, maximum(last + 1, k))
+        going = bits_of(k <= last)
+    _shine(queued, places, weights, pixel_of, lights, codes, table, shades, glossy, state)

@@ -51,7 +51,7 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
     """Sample rays at a fixed step in occupied cells and keep the samples that matter.
 
-    For the rules of keeping, merging and skipping samples see :func:`svv.kernels.numba.marching.march`.
+    For the rules of keeping, merging and skipping samples see :func:`svv.kernels.numba.packets.march`.
 
     Args:
         origins: Starting points of R rays. (R, 3)

@@ -20,11 +20,16 @@ from torch import Tensor
 from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.fast_math import FAST_MATH
+from svv.core.lanes import LANES, exp, gather, lane_numbers, load, maximum, minimum, select, softplus, splat, store
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, cell_at, mean_of, weights_of
 from svv.kernels.types import Lattice, Samples, Surface
 
+PARTS = 64
+"""Parts of the samples, each for one thread."""
+
+ZERO32, TWO32 = np.float32(0.0), np.float32(2.0)
 RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
 """The constants in single precision; with Python floats, numba would compute in double precision."""
 
@@ -44,6 +49,12 @@ def _end(sigma, tail, start, count, step):  # type: ignore[no-untyped-def]
             tail[r] = 0.0
 
 
+@njit(fastmath=FAST_MATH, inline="always")
+def _two_rows(tables, row):  # type: ignore[no-untyped-def]
+    """Return a row of half as many numbers as there are lanes, and the next one: neighbours in z."""
+    return load(tables, np.int64(row) * (LANES // 2))
+
+
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
     """Write inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
@@ -52,39 +63,59 @@ def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, li
     :func:`svv.kernels.numba.lattice.encode`.
     """
     levels, own, count = shapes.shape[0], len(width), harmonics.shape[1]
-    for i in prange(x.shape[0]):
-        px, py, pz = x[i, 0], x[i, 1], x[i, 2]
-        for level in range(levels):
-            a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
-            w = weights_of(wx, wy, wz)
-            for f in range(own):
-                g, m = np.uint64(f), np.uint64(own + f)
-                one, other = mean_of(tables, a, b, c, d, w, g), mean_of(tables, a, b, c, d, w, m)
-                lit[i, level * own + f] = one
-                plain[i, level * own + f] = other
-        r = ray[i]
-        for k in range(count):
-            lit[i, levels * own + k] = harmonics[r, k]
+    second, rows = lane_numbers() >= LANES // 2, tables.size // max(2 * own, 1)
+    for part in prange(PARTS):
+        sums = np.empty(LANES, np.float32)
+        for i in range(part * len(x) // PARTS, (part + 1) * len(x) // PARTS):
+            px, py, pz = x[i, 0], x[i, 1], x[i, 2]
+            for level in range(levels):
+                a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
+                if 4 * own == LANES and rows > 1:
+                    ux, uy = ONE32 - wx, ONE32 - wy
+                    near = ux * uy * _two_rows(tables, a) + ux * wy * _two_rows(tables, b)
+                    far = wx * uy * _two_rows(tables, c) + wx * wy * _two_rows(tables, d)
+                    store(sums, 0, select(second, splat(wz), splat(ONE32 - wz)) * (near + far))
+                    for f in range(own):
+                        lit[i, level * own + f] = sums[f] + sums[2 * own + f]
+                        plain[i, level * own + f] = sums[own + f] + sums[3 * own + f]
+                    continue
+                w = weights_of(wx, wy, wz)
+                for f in range(own):
+                    lit[i, level * own + f] = mean_of(tables, a, b, c, d, w, np.uint64(f))
+                    plain[i, level * own + f] = mean_of(tables, a, b, c, d, w, np.uint64(own + f))
+            r = ray[i]
+            for k in range(count):
+                lit[i, levels * own + k] = harmonics[r, k]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-untyped-def]
     """Write diffuse colour I sum_i w_i (P_i + delta_i) (S, 3) and region (S,) from the palette MLP (S, 1 + 4 P)."""
-    count = colours.shape[0]
-    for i in prange(raw.shape[0]):
-        red = green = blue = total = largest = np.float32(0.0)
+    count, columns, last = colours.shape[0], raw.shape[1], len(raw) - 1
+    for block in prange((len(raw) + LANES - 1) // LANES):
+        first = block * LANES
+        out, most = np.empty((3, LANES), np.float32), np.empty(LANES, np.int32)
+        row = minimum(lane_numbers() + first, splat(np.int32(last))) * columns
+        red = green = blue = total = largest = splat(np.float32(0.0))
+        which = splat(np.int32(0))
         for p in range(count):
-            w = _softplus(raw[i, 1 + p]) + floor
-            at = 1 + count + 3 * p
-            red += w * (colours[p, 0] + raw[i, at])
-            green += w * (colours[p, 1] + raw[i, at + 1])
-            blue += w * (colours[p, 2] + raw[i, at + 2])
-            total += w
-            if w > largest:
-                largest = w
-                region[i] = p
-        scale = _softplus(raw[i, 0] + shift) / total
-        diffuse[i, 0], diffuse[i, 1], diffuse[i, 2] = scale * red, scale * green, scale * blue
+            w = softplus(gather(raw, row + (1 + p))) + floor
+            at = row + (1 + count + 3 * p)
+            red = red + w * (gather(raw, at) + colours[p, 0])
+            green = green + w * (gather(raw, at + 1) + colours[p, 1])
+            blue = blue + w * (gather(raw, at + 2) + colours[p, 2])
+            total = total + w
+            which = select(w > largest, splat(np.int32(p)), which)
+            largest = maximum(w, largest)
+        scale = softplus(gather(raw, row) + shift) / total
+        store(out, 0, scale * red)
+        store(out, LANES, scale * green)
+        store(out, 2 * LANES, scale * blue)
+        store(most, 0, which)
+        for lane in range(min(LANES, len(raw) - first)):
+            region[first + lane] = most[lane]
+            for c in range(3):
+                diffuse[first + lane, c] = out[c, lane]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -124,12 +155,22 @@ def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
 
     ``lights`` (regions, 3): response of each region (:func:`svv.fields.radiance.paint_light.lights_of`).
     """
-    for i in prange(raw.shape[0]):
-        shade, r = ONE32, region[i]
-        if raw.shape[1] > 1:
-            shade = np.float32(2.0) / (ONE32 + np.exp(-raw[i, 1]))
-        specular = lights[r, 0] * (_softplus(raw[i, 0] + shift) - lights[r, 2])
-        _lit(colour, i, lights[r, 0], lights[r, 1] * shade, specular)
+    columns, one = raw.shape[1], splat(ONE32)
+    for block in prange((len(raw) + LANES - 1) // LANES):
+        first = block * LANES
+        shades, gloss = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+        row = minimum(lane_numbers() + first, splat(np.int32(len(raw) - 1))) * columns
+        store(gloss, 0, softplus(gather(raw, row) + shift))
+        store(shades, 0, TWO32 / (exp(ZERO32 - gather(raw, row + 1)) + ONE32) if columns > 1 else one)
+        for lane in range(min(LANES, len(raw) - first)):
+            r = region[first + lane]
+            _lit(
+                colour,
+                first + lane,
+                lights[r, 0],
+                lights[r, 1] * shades[lane],
+                lights[r, 0] * (gloss[lane] - lights[r, 2]),
+            )
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)

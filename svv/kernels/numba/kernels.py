@@ -7,11 +7,12 @@ from functools import cache
 
 import numpy as np
 import torch
+from numba import get_num_threads
 from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.kernels.numba import beams as numba_beams
-from svv.kernels.numba import bfloat16
+from svv.kernels.numba import bfloat16, packets
 from svv.kernels.numba import bricks as numba_bricks
 from svv.kernels.numba import hashing as numba_hashing
 from svv.kernels.numba import image as numba_image
@@ -108,20 +109,22 @@ def march(
     first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March blocks of rays, each into a separate part of the buffers, and pack the parts afterwards."""
-    count, blocks = len(origins), -(-len(origins) // numba_marching.RAYS_A_BLOCK)
+    count = len(origins)
+    rays_a_block = min(max(count // (4 * get_num_threads()), packets.LEAST_RAYS), packets.MOST_RAYS)
+    blocks = -(-count // rays_a_block)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     bricks = numba_bricks.bricks_for(where, table, limits, count)
     while True:
         # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
-        buffers = _sample_buffers(blocks * numba_marching.RAYS_A_BLOCK * room)
+        buffers = _sample_buffers(blocks * rays_a_block * room)
         full = np.zeros(blocks, np.uint8)
-        numba_marching.march(
+        packets.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
             np.float32(limits.step), seed, first_ray, *_layout(where), table.detach().numpy()[:, 0],
             *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
-            *buffers, start, number, tail, full,
+            *buffers, start, number, tail, full, rays_a_block,
         )  # fmt: skip
         if not full.any():
             break

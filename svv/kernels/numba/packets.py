@@ -1,0 +1,304 @@
+"""Marching of rays through occupied cells, a packet of them at a time: each lane of a vector follows a ray of its own.
+
+So a step's arithmetic is done for all rays of the packet at once, and the look-ups of all of them are on their way at
+the same time, which counts most in training, where nearly every one leaves the caches. A ray leaps through empty cells
+and ends by itself; the packet goes on until its last ray has ended.
+
+Letters: R rays, (X, Y, Z) cells of the occupancy grid. All positions are box coordinates
+(:mod:`svv.core.geometry.box`), all lengths are box units.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from svv.core.fast_math import FAST_MATH
+from svv.core.lanes import (
+    LANES,
+    as_floats,
+    bits_of,
+    exp,
+    first_of,
+    gather,
+    gather_halves,
+    gather_pairs,
+    load,
+    mask_of,
+    maximum,
+    minimum,
+    number_of,
+    ones_in_each,
+    select,
+    splat,
+    store,
+    truncated,
+)
+from svv.kernels.numba.bricks import MASK, PLANE, SHIFT, SIDE, VERTICES
+from svv.kernels.numba.leaping import octant
+from svv.kernels.numba.marching import clip_to_box, inverse, uniform
+
+ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+NONE, BIT, ENDED = np.int32(0), np.int32(1), np.int32(-1)
+FAR, NEVER = np.float32(1e9), np.float32(1e30)
+
+KEPT = 5
+"""Numbers of a sample that is kept: its position, the optical depth skipped before it, and its extinction."""
+
+SHIFTS, LEFT_OUT, TAU, FRONT, STATE = 9, 10, 11, 12, 13
+"""Rows of a packet's state behind the rays' starts, directions and their inverses, and how many rows there are: shift
+of the samples, optical depth since the last kept sample and since the start of the ray, and an upper bound of the
+transmittance in front of the next sample."""
+
+ALL = (1 << LANES) - 1
+"""Bits of all lanes."""
+
+ENOUGH = LANES - 2
+"""Lanes with rays up to which waiting rays take the others: an exchange costs as much as half a step."""
+
+LEAST_RAYS, MOST_RAYS = 64, 256
+"""Rays in a block, which one thread marches; the samples of a block are written contiguously. With fewer, more lanes
+are idle at its end; with more, the last block keeps other threads waiting."""
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _within(a, low, high):  # type: ignore[no-untyped-def]
+    """Return numbers, or the nearest ones between two limits."""
+    return minimum(maximum(a, low), high)
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _cell(x, y, z, scale, shape):  # type: ignore[no-untyped-def]
+    """Return the cells of positions along each axis, ``shape`` being the numbers of vertices, and the offsets in it."""
+    fx, fy, fz = x * scale, y * scale, z * scale
+    ix = minimum(truncated(fx), splat(np.int32(shape[0] - 2)))
+    iy = minimum(truncated(fy), splat(np.int32(shape[1] - 2)))
+    iz = minimum(truncated(fz), splat(np.int32(shape[2] - 2)))
+    return ix, iy, iz, fx - as_floats(ix), fy - as_floats(iy), fz - as_floats(iz)
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _between(a, b, c, d, wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Interpolate trilinearly between the pairs of neighbours in z at (0, 0), (0, 1), (1, 0) and (1, 1)."""
+    ux, uy, uz = ONE - wx, ONE - wy, ONE - wz
+    near = uy * (uz * a[0] + wz * a[1]) + wy * (uz * b[0] + wz * b[1])
+    return ux * near + wx * (uy * (uz * c[0] + wz * c[1]) + wy * (uz * d[0] + wz * d[1]))
+
+
+@njit(fastmath=FAST_MATH)
+def _values_in_bricks(x, y, z, scale, shape, slots, values):  # type: ignore[no-untyped-def]
+    """Return the trilinear interpolations at positions in occupied cells; see :mod:`svv.kernels.numba.bricks`."""
+    ix, iy, iz, wx, wy, wz = _cell(x, y, z, scale, shape)
+    slot = gather(slots, ((ix >> SHIFT) * slots.shape[1] + (iy >> SHIFT)) * slots.shape[2] + (iz >> SHIFT))
+    at = slot * VERTICES + (ix & MASK) * PLANE + (iy & MASK) * SIDE + (iz & MASK)
+    a, b = gather_pairs(values, at, 0), gather_pairs(values, at, SIDE)
+    c, d = gather_pairs(values, at, PLANE), gather_pairs(values, at, PLANE + SIDE)
+    return _between(a, b, c, d, wx, wy, wz)
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _pairs_at(table, index, at, before, last):  # type: ignore[no-untyped-def]
+    """Return the values of vertices, and of their neighbours in z; see :func:`svv.kernels.numba.trilinear.row_at`."""
+    stored, row = gather_halves(index, at)
+    return gather_pairs(table, minimum(row + ones_in_each(stored & before), last), 0)
+
+
+@njit(fastmath=FAST_MATH)
+def _values_of_table(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
+    """Return the sums over levels of the trilinear interpolations of a one-channel table."""
+    total, last = splat(ZERO), splat(np.int32(bases[shapes.shape[0]]))
+    for level in range(shapes.shape[0]):
+        ix, iy, iz, wx, wy, wz = _cell(x, y, z, scales[level], shapes[level])
+        ny, words = shapes[level, 1], (shapes[level, 2] + 31) >> 5
+        at = (ix * ny + iy) * words + (iz >> 5) + bases[level]
+        before = (splat(BIT) << (iz & 31)) - 1
+        a, b = _pairs_at(table, index, at, before, last), _pairs_at(table, index, at + words, before, last)
+        at = at + ny * words
+        c, d = _pairs_at(table, index, at, before, last), _pairs_at(table, index, at + words, before, last)
+        total = total + _between(a, b, c, d, wx, wy, wz)
+    return total
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _leap(cell, empty, o, d, inverse_d, side):  # type: ignore[no-untyped-def]
+    """Return where rays leave the slabs of ``empty`` cells that begin with their cells, along one axis."""
+    wall = select(d > ZERO, cell + empty, cell + ONE - empty) * side
+    return select(inverse_d == ZERO, splat(NEVER), (wall - o) * inverse_d)
+
+
+@njit(fastmath=FAST_MATH)
+def _begin(origins, directions, extent, step, shift, r, lane, state, steps):  # type: ignore[no-untyped-def]
+    """Write the state at the start of a ray into a lane; returns whether there are steps to take."""
+    near, far = clip_to_box(origins, directions, r, extent)
+    if near >= far:
+        return False
+    for k in range(3):
+        state[k, lane], state[3 + k, lane] = origins[r, k], directions[r, k]
+        state[6 + k, lane] = inverse(directions[r, k])
+    state[SHIFTS, lane], state[LEFT_OUT, lane], state[TAU, lane], state[FRONT, lane] = shift, ZERO, ZERO, ONE
+    steps[0, lane], steps[1, lane] = math.ceil(near / step - shift), math.floor(far / step - shift)
+    steps[2, lane] = octant(directions[r, 0], directions[r, 1], directions[r, 2])
+    return steps[0, lane] <= steps[1, lane]
+
+
+@njit(fastmath=FAST_MATH)
+def _hand_over(  # type: ignore[no-untyped-def]
+    ended, n, end, owner, number, kept, state, position, skipped, sigma, ray, start, count, tail
+):
+    """Write the samples of rays that have ended from row ``n`` on; returns the next row, beyond ``end`` if one is."""
+    while ended != 0:
+        lane = first_of(ended)
+        ended &= ended - 1
+        r = owner[lane]
+        if r < 0:
+            continue
+        start[r], count[r], tail[r] = n, number[lane], state[LEFT_OUT, lane]
+        if n + number[lane] > end:
+            return end + 1
+        for k in range(number[lane]):
+            for axis in range(3):
+                position[n, axis] = kept[lane, k, axis]
+            skipped[n], sigma[n], ray[n] = kept[lane, k, 3], kept[lane, k, 4], r
+            n += 1
+        owner[lane], number[lane] = -1, 0
+    return n
+
+
+@njit(fastmath=FAST_MATH)
+def _drawn(among, steps, seed, first_ray, owner, keep):  # type: ignore[no-untyped-def]
+    """Return the lanes, as bits, whose samples are kept by chance, of those that are set in ``among``."""
+    drawn = 0
+    while among != 0:
+        lane = first_of(among)
+        among &= among - 1
+        if uniform(seed, first_ray + owner[lane], steps[0, lane] + 1) < keep:
+            drawn |= 1 << lane
+    return drawn
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
+    origins, directions, distance, cells, extent, step, seed, first_ray, shapes, scales, bases, index, table, slots,
+    bricks, ceiling, least_weight, keep, stop, fade, merge, position, skipped, sigma, ray, start, count, tail, full,
+    rays_a_block,
+):  # fmt: skip
+    """March rays through the occupied cells and keep the samples that matter.
+
+    ``distance`` (8, X, Y, Z) tells how far a ray may leap, 0 for occupied cells (:func:`svv.core.rays.cells.leaps`).
+    Every ray is sampled with a fixed step (shifted by a random fraction of it if ``seed`` > 0, by half a step
+    otherwise; ``first_ray`` is the number of the first ray in its batch, for its random numbers). A sample whose weight
+    is below ``least_weight`` is kept only with probability ``keep``; the optical
+    depth of samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so that
+    transmittance stays exact. With ``merge``, it becomes part of the next sample instead, as soon as both together
+    weigh enough: there are few samples, and no part of the pixel is lost. Optical depth is multiplied by ``fade`` when
+    it dims a sample and when it ends a ray (above ``stop``), because extinctions may be scaled later by factors of
+    ``fade`` or more. With 0, no ray ends.
+
+    Where there are bricks (:mod:`svv.kernels.numba.bricks`), they have the values of ``table``.
+
+    A thread marches ``rays_a_block`` rays. The samples of block k are written from ``k * capacity`` on, where capacity
+    is ``len(sigma) // blocks``. A block that needs more room marks itself in ``full`` (blocks,) and stops.
+    """
+    blocks = len(full)
+    capacity, longest = sigma.shape[0] // blocks, int(math.ceil(math.sqrt(3.0) / step)) + 2
+    nx, ny, nz = distance.shape[1:]
+    side, rate = ONE / cells, ONE / step
+    low = splat(NONE)
+    last_x, last_y, last_z = splat(np.int32(nx - 1)), splat(np.int32(ny - 1)), splat(np.int32(nz - 1))
+    nothing, end_x, end_y, end_z = splat(ZERO), splat(extent[0]), splat(extent[1]), splat(extent[2])
+    for block in prange(blocks):
+        state, steps = np.zeros((STATE, LANES), np.float32), np.zeros((3, LANES), np.int32)
+        found, kept = np.empty((KEPT, LANES), np.float32), np.empty((LANES, longest, KEPT), np.float32)
+        owner, number = np.full(LANES, -1, np.int64), np.zeros(LANES, np.int64)
+        n, end = block * capacity, (block + 1) * capacity
+        coming, after = block * rays_a_block, min(len(origins), (block + 1) * rays_a_block)
+        going = 0
+        ox = oy = oz = dx = dy = dz = rx = ry = rz = shifts = left_out = tau = front = nothing
+        i, last, ahead = low, low, low
+        while True:
+            if going == 0 or (number_of(going) <= ENOUGH and coming < after):
+                # Rays that have ended hand over their samples, and others take their lanes.
+                store(state, LEFT_OUT * LANES, left_out)
+                store(state, TAU * LANES, tau)
+                store(state, FRONT * LANES, front)
+                store(steps, 0, i)
+                ended = ALL & ~going
+                n = _hand_over(
+                    ended, n, end, owner, number, kept, state, position, skipped, sigma, ray, start, count, tail
+                )
+                while coming < after and ended != 0:
+                    shift = uniform(seed, first_ray + coming, 0) if seed > 0 else HALF
+                    lane = first_of(ended)
+                    start[coming], count[coming], tail[coming] = n, 0, ZERO
+                    if _begin(origins, directions, extent, step, shift, coming, lane, state, steps):
+                        owner[lane] = coming
+                        going |= 1 << lane
+                        ended &= ended - 1
+                    coming += 1
+                full[block] = n > end
+                if going == 0 or n > end:
+                    break
+                ox, oy, oz = load(state, 0), load(state, LANES), load(state, 2 * LANES)
+                dx, dy, dz = load(state, 3 * LANES), load(state, 4 * LANES), load(state, 5 * LANES)
+                rx, ry, rz = load(state, 6 * LANES), load(state, 7 * LANES), load(state, 8 * LANES)
+                shifts, left_out = load(state, SHIFTS * LANES), load(state, LEFT_OUT * LANES)
+                tau, front = load(state, TAU * LANES), load(state, FRONT * LANES)
+                i, last = load(steps, 0), select(mask_of(going), load(steps, LANES), splat(ENDED))
+                ahead = load(steps, 2 * LANES) * (nx * ny * nz)
+            now, t = i, (as_floats(i) + shifts) * step
+            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+            cx = _within(truncated(x * cells), low, last_x)
+            cy = _within(truncated(y * cells), low, last_y)
+            cz = _within(truncated(z * cells), low, last_z)
+            empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
+            occupied = (i <= last) & (empty == 0)
+            i = i + 1
+            if bits_of(occupied) != going:
+                # Go to the first sample behind the cube of empty cells around this one.
+                wide = as_floats(empty)
+                tx, ty = _leap(as_floats(cx), wide, ox, dx, rx, side), _leap(as_floats(cy), wide, oy, dy, ry, side)
+                leaves = minimum(tx, minimum(ty, _leap(as_floats(cz), wide, oz, dz, rz, side)))
+                leaves = minimum(leaves * rate - shifts, splat(FAR))
+                whole = truncated(leaves)
+                whole = select(as_floats(whole) < leaves, whole + 1, whole)
+                i = select(occupied, i, maximum(i, whole))
+            if bits_of(occupied) != 0:
+                x, y, z = _within(x, nothing, end_x), _within(y, nothing, end_y), _within(z, nothing, end_z)
+                if slots.size > 0:
+                    raw = _values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
+                else:
+                    raw = _values_of_table(x, y, z, shapes, scales, bases, index, table)
+                s = exp(minimum(raw, splat(ceiling)))
+                thickness = select(occupied, s * step, nothing)
+                before = left_out if merge else nothing
+                weight = (thickness + before) * front  # an upper bound, which saves most exponentials
+                heavy = occupied & (weight >= least_weight)
+                if bits_of(heavy) != 0:
+                    front = select(heavy, exp((before - tau) * fade), front)
+                    weight = front * (ONE - exp(ZERO - thickness - before))
+                    heavy = heavy & (weight >= least_weight)
+                taken = bits_of(heavy)
+                if keep > 0:
+                    store(steps, 0, now)
+                    taken |= _drawn(bits_of(occupied) & ~taken, steps, seed, first_ray, owner, keep)
+                behind = left_out + thickness
+                if taken != 0:
+                    store(found, 0, x)
+                    store(found, LANES, y)
+                    store(found, 2 * LANES, z)
+                    store(found, 3 * LANES, left_out - before)
+                    store(found, 4 * LANES, s + before * rate)
+                    behind = select(mask_of(taken), nothing, behind)
+                while taken != 0:
+                    lane = first_of(taken)
+                    taken &= taken - 1
+                    for k in range(KEPT):
+                        kept[lane, number[lane], k] = found[k, lane]
+                    number[lane] += 1
+                left_out = behind
+                tau = tau + thickness
+                last = select(tau * fade > stop, splat(ENDED), last)
+            i = minimum(i, last + 1)
+            going = bits_of(i <= last)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from svv.bricks import marching, pyramid
+from svv.bricks import filling, pyramid
 from svv.bricks.caster import BrickCaster, Look
 from svv.bricks.pyramid import halved, with_pyramid
 from svv.bricks.source import ArraySource, Source
@@ -149,9 +149,9 @@ def test_pyramids_have_a_bound(tmp_path: Path, cache: Path, monkeypatch: pytest.
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))
 def test_a_normal_survives_its_code(vector: tuple[float, float, float]) -> None:
     axis = np.array(vector) / np.linalg.norm(vector)
-    again = marching.decoded()[marching.encoded(*vector)]
+    again = filling.decoded()[filling.encoded(*vector)]
     assert abs(axis @ again) > np.cos(np.radians(1.11))
-    assert marching.encoded(0.0, 0.0, 0.0) == 0
+    assert filling.encoded(0.0, 0.0, 0.0) == 0
 
 
 def test_images_are_the_integral_along_rays() -> None:

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bricks import marching
-from svv.bricks.marching import BLOCKS, BRICK, EMPTY, UNKNOWN, VOXELS
+from svv.bricks import filling, marching
+from svv.bricks.filling import BLOCKS, BRICK, VOXELS
+from svv.bricks.marching import EMPTY, UNKNOWN
 from svv.bricks.numbers import Numbers
 from svv.bricks.source import Box, Source
 from svv.core.colour.shading import Shading
@@ -67,7 +68,7 @@ class Look:
         The light comes from the camera, along ``view`` everywhere in the image, and both sides of a surface are lit.
         So is a place without a gradient, but by the ambient light only (as in ``vtkEncodedGradientShader``).
         """
-        shading, normals = self.shading, marching.decoded()
+        shading, normals = self.shading, filling.decoded()
         cosine = np.abs(normals @ view)
         if not shading.on:
             shades = np.stack([np.ones_like(cosine), np.zeros_like(cosine)], axis=1)
@@ -75,7 +76,7 @@ class Look:
             shine = np.where(cosine > 1e-3, shading.specular * cosine**shading.specular_power, 0.0)
             shades = np.stack([shading.ambient + shading.diffuse * cosine, shine], axis=1)
         if self.blank is not None:  # the same again for voxels that are blanked, on which shown samples may border
-            shades = np.concatenate([np.pad(shades, [(0, marching.BLANK - len(shades)), (0, 0)]), shades])
+            shades = np.concatenate([np.pad(shades, [(0, filling.BLANK - len(shades)), (0, 0)]), shades])
         return shades.astype(np.float32)
 
 
@@ -206,12 +207,12 @@ class BrickCaster:
         stop = np.minimum(index + BRICK + 2, self.level.shape)
         box = self._numbers.converted(self.source.read(self.number, _box(start), _box(stop)))
         first = index - start
-        if not marching.find_visible(box, first, self._ranges, self._seen[slot]):
+        if not filling.find_visible(box, first, self._ranges, self._seen[slot]):
             return False
-        marching.fill(box, first, self._inverse.T.copy(), self._values[slot], self._codes[slot])
+        filling.fill(box, first, self._inverse.T.copy(), self._values[slot], self._codes[slot])
         if self.look.blank is not None:
-            voxels = [np.minimum(i + np.arange(marching.SIDE), n - 1) for i, n in zip(index, self.level.shape)]
-            self._codes[slot][self.look.blank[np.ix_(*voxels)].ravel()] |= np.uint16(marching.BLANK)
+            voxels = [np.minimum(i + np.arange(filling.SIDE), n - 1) for i, n in zip(index, self.level.shape)]
+            self._codes[slot][self.look.blank[np.ix_(*voxels)].ravel()] |= np.uint16(filling.BLANK)
         return True
 
 

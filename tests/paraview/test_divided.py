@@ -89,7 +89,7 @@ for case in json.loads(sys.argv[2]):
         crew.serve()
         continue
     projection = "orthographic" if case == "turned" else "perspective"
-    options = ViewOptions(n=4, size=96, test=0, projection=projection, step=0.5)
+    options = ViewOptions(n=4, size=96, test=0, projection=projection, step=0.5, mapper="cpu")
     with crew:
         ours, _ = make_crew_views(crew, TF, options, Shading(), "w", lambda *_: None)
     alone, _ = make_views(changed(wavelet(), case), TF, options, shading=Shading(), rescale=False, name="w")

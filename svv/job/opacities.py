@@ -47,9 +47,7 @@ def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageDat
         BadInput: The scene is not one of these, or was trained on another volume; or the function has other colours, or
             shows values of which the scene never saw a colour.
 
-    >>> fainter = svv.TransferFunction.read("fainter.json")
-    >>> with_opacities(scene, fainter, read_volume("head.vti")).made["approximate"]
-    []
+    ``with_opacities(scene, TransferFunction.read("fainter.json"), read_volume("head.vti"))`` is an example.
     """
     scene.check_alone("Changing opacities")
     told = scene.made.get("source", {}).get("tf")

@@ -105,6 +105,9 @@ def adapted(learned: NDArray[np.floating], old: NDArray[np.float64], new: NDArra
 
     It keeps its ratio to the classified extinction, of which ``old`` and ``new`` are the logarithms. Where nothing was
     visible, training had nothing to adapt. All have the same shape.
+
+    >>> adapted(np.array([2.5, -4.0]), np.array([2.0, -3.0]), np.array([1.0, 1.0]))
+    array([1.5, 1. ], dtype=float32)
     """
     shown, now = old > EMPTY_LOG_EXTINCTION, new > EMPTY_LOG_EXTINCTION
     kept = np.where(shown, np.minimum(learned, EMPTY_LOG_EXTINCTION), learned)

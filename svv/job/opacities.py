@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.interval_text import interval_text
-from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, MOST_LOG_EXTINCTION
+from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.fields.values.followed_scene import at_step, check_follows
 from svv.fields.values.of_values import SLOPE_RANGE, SLOPES, VALUES, colours_of
+from svv.job.volume_opacities import adapted, with_opacities_of
 
 KNOWN = 4097
 """Values at which functions are compared."""
@@ -28,45 +30,63 @@ UNLEARNED, SHOWN = 0.3, 0.05
 from which that matters: the colours of faint values are less exact in any case."""
 
 
-def with_opacities(scene: Scene, function: TransferFunction) -> Scene:
+def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageData | None = None) -> Scene:
     """Return a scene as its transfer function shows it with other opacities, with its palette, edits and paint.
 
-    The extinction that training found for a value and slope is multiplied by the ratio of the classified extinctions
-    (:class:`svv.train.base.extinction_table.ExtinctionTable` starts from these), so what training adapted is kept.
+    The extinction that training found is multiplied by the ratio of the classified extinctions, of which it started
+    (:class:`svv.train.base.extinction_table.ExtinctionTable`), so what training adapted is kept: for each value and
+    slope in a scene of the encoding ``values``, and otherwise at each vertex, from the volume.
 
     Args:
-        scene: A scene of the encoding ``values`` of one transfer function; its time steps stay.
+        scene: A scene of one transfer function; its time steps stay.
         function: The function, at values of the data.
+        volume: The volume on which it was trained (:func:`svv.dvr.read.volumes.read_volume`), unless it is of the
+            encoding ``values``. What is then shown only approximately is told in ``made["approximate"]``.
 
     Raises:
-        BadInput: The scene is not one of these, the function has other colours, or shows values of which the scene
-            never saw a colour.
+        BadInput: The scene is not one of these, or was trained on another volume; or the function has other colours, or
+            shows values of which the scene never saw a colour.
+
+    ``with_opacities(scene, TransferFunction.read("fainter.json"), read_volume("head.vti"))`` is an example.
     """
     scene.check_alone("Changing opacities")
-    values, _ = check_follows(scene)
-    told, steps = scene.made.get("source", {}).get("tf"), scene.steps
-    if told is None or steps is None:
-        raise BadInput("The scene does not record its transfer function and its values: train it again.")
+    told = scene.made.get("source", {}).get("tf")
+    if scene.values is None and volume is None:
+        raise BadInput("The scene does not know its volume's values: name its volume, or train it on that with "
+                       "--encoding values.")  # fmt: skip
+    if told is None:
+        raise BadInput("The scene does not record its transfer function: train it again.")
     if not function.placed:
         raise BadInput(f"'{function.name}' has no opacity points: export it from ParaView with its opacities.")
     before = TransferFunction.from_dict(told)
+    if before.unit_distance is None:
+        raise BadInput("The scene does not record the unit distance of its opacities: train it again.")
+    function = replace(function, unit_distance=function.unit_distance or before.unit_distance)
+    if scene.values is None and volume is not None:
+        low, high = before.range
+        _check_colours(before, function, np.linspace(low, high, KNOWN))
+        result = with_opacities_of(scene, before, function, volume)
+    else:
+        result = _with_opacities(scene, before, function)
+    made = {**result.made, "source": {**scene.made["source"], "tf": function.to_dict()}}
+    return replace(result, made=made)
+
+
+def _with_opacities(scene: Scene, before: TransferFunction, function: TransferFunction) -> Scene:
+    """Return a scene of the encoding ``values`` with another function than the one ``before``."""
+    values, _ = check_follows(scene)
+    steps = scene.steps
+    if steps is None or before.unit_distance is None or function.unit_distance is None:
+        raise BadInput("The scene was made before scenes kept their values: train it again.")
     low, high = values.interval
     at = np.linspace(low, high, KNOWN)
     _check(before, function, at)
     _check_learned(scene, before, function)
-    if before.unit_distance is None:
-        raise BadInput("The scene does not record the unit distance of its opacities: train it again.")
     old = _classified(before, at, before.unit_distance / values.size)
-    new = _classified(function, at, (function.unit_distance or before.unit_distance) / values.size)
-    learned = values.table.cpu().numpy().reshape(VALUES, SLOPES)
-    # Where nothing was visible, training had nothing to adapt.
-    shown, now = old > EMPTY_LOG_EXTINCTION, new > EMPTY_LOG_EXTINCTION
-    kept = np.where(shown, np.minimum(learned, EMPTY_LOG_EXTINCTION), learned)
-    table = np.where(now, np.where(shown, learned + new - old, np.maximum(learned, new)), kept)
-    table = np.minimum(table, MOST_LOG_EXTINCTION).astype(np.float32)
+    new = _classified(function, at, function.unit_distance / values.size)
+    table = adapted(values.table.cpu().numpy().reshape(VALUES, SLOPES), old, new)
     changed = replace(values, table=torch.from_numpy(table.ravel()).to(values.table))
-    made = {**scene.made, "source": {**scene.made["source"], "tf": function.to_dict()}}
-    result = at_step(replace(scene, values=changed, made=made), steps.own, anew=True)
+    result = at_step(replace(scene, values=changed), steps.own, anew=True)
     for mine, its in zip(_paintings(result), _paintings(scene), strict=True):
         if mine.brushed is not None and its.brushed is not None:
             mine.brushed.lives = its.brushed.lives
@@ -93,7 +113,13 @@ def _check(before: TransferFunction, function: TransferFunction, at: NDArray[np.
             f"The function shows values of {interval_text(outside[0], outside[-1])}, which the scene does not know: "
             "train a scene with this function."
         )
-    if np.abs(function.colour_at(at[seen]) - before.colour_at(at[seen])).max() > OTHER:
+    _check_colours(before, function, at)
+
+
+def _check_colours(before: TransferFunction, function: TransferFunction, at: NDArray[np.float64]) -> None:
+    """Raise BadInput if a function has other colours than before, at values that both show."""
+    both = at[(function.opacity_at(at) > LEAST) & (before.opacity_at(at) > LEAST)]
+    if len(both) and np.abs(function.colour_at(both) - before.colour_at(both)).max() > OTHER:
         raise BadInput(
             "The function has other colours than the scene's: only opacities can be changed so; svv edit --colour "
             "changes the colours of regions."

@@ -89,12 +89,33 @@ train.TakeAsEdited()
 drawn(plain)
 assert counted[-1] == "train" and len(counted) == 3 and SINCE not in status(train), (counted, status(train))
 
-lattice = trained(volume)
-drawn(StyleRFRender(Input=lattice, ImageSize=[60, 60]))
-before, known = scene(lattice), len(counted)
+# Features that were learned are changed by the volume, and at once as well.
+lattice = small(StyleRFTrain(Input=volume, Preset="draft", Settings=MORE))
+paint = StyleRFStylize(Input=lattice, StyleFiles=[sys.argv[1]], Preset="draft", Device="cpu")
+plain, painted = StyleRFRender(Input=lattice, ImageSize=[60, 60]), StyleRFRender(Input=paint, ImageSize=[60, 60])
+first, stroked, as_trained, known = drawn(plain), drawn(painted), scene(lattice), len(counted)
+edited(0.2)
+fainter, fainter_paint = drawn(plain), drawn(painted)
+assert NOW in status(lattice) and SINCE not in status(lattice), status(lattice)
+assert fainter[..., 3].sum() < 0.8 * first[..., 3].sum() and differ(fainter, first) > 2
+assert fainter_paint[..., 3].sum() < 0.9 * stroked[..., 3].sum() and differ(fainter_paint, fainter) > 0.5
+edited(0.2, start=215)
+assert drawn(plain)[..., 3].sum() < fainter[..., 3].sum() and NOW in status(lattice), status(lattice)
+edited(0.2, start=60)
+drawn(plain)
+assert SINCE in status(lattice) and scene(lattice) == as_trained, status(lattice)
+edited(1.0)
+assert differ(drawn(plain), first) == 0 and differ(drawn(painted), stroked) == 0 and scene(lattice) == as_trained
+assert len(counted) == known, "painted or trained again"
+
+# Views tell nothing of the volume.
+drawn_views = small(StyleRFViews(Input=volume))
+alone = StyleRFTrain(Input=drawn_views, Preset="draft", Settings=FEW)
+drawn(StyleRFRender(Input=alone, ImageSize=[60, 60]))
+before = scene(alone)
 edited(0.3)
-lattice.UpdatePipeline()
-assert scene(lattice) == before and len(counted) == known
+alone.UpdatePipeline()
+assert scene(alone) == before and NOW not in status(alone), status(alone)
 """,
         brush,
     )

@@ -28,7 +28,7 @@ FOLLOW = (
 """Examples in the help."""
 
 OPACITIES = (
-    "svv opacities scene.svv --tf fainter.json --out fainter.svv",
+    "svv opacities scene.svv head.vti --tf fainter.json --out fainter.svv",
     "svv opacities series.svv --tf core-alone.json --out core.svv",
 )
 """Examples in the help."""
@@ -85,25 +85,43 @@ def follow(
     )
 
 
+@spread
 def opacities(
     scene: SceneFile,
-    tf: Annotated[
-        Path, typer.Option("--tf", metavar="TF.json", help="The transfer function, with the scene's colours.")
-    ],
     out: Out,
+    volume: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="VOLUME", help="The volume that it was trained on; scenes of the encoding values need none."
+        ),
+    ] = None,
+    reading: VolumeOptions = VolumeOptions(),
 ) -> None:
     """Show a scene with other opacities of its transfer function, without views or training.
 
-    The scene must have been trained with --encoding values, and one transfer function. Values that were transparent
-    then have no colour in the scene, so they stay so; svv edit changes colours. Paint, edits and time steps stay.
+    --tf names the function, with the scene's colours. A scene of the encoding values needs nothing else; another one
+    must have been trained with its volume, which tells where the function shows something. What the training did not
+    see is said to be approximate, or refused; svv edit changes colours. Paint, edits and time steps stay.
     """
     from svv.dvr.functions.transfer_functions import TransferFunction
+    from svv.dvr.read.volumes import read_volume
     from svv.io.files.atomic import check_writable
     from svv.job.opacities import with_opacities
 
     loaded = load(scene)
     check_writable(out)
-    with_opacities(loaded, TransferFunction.read(tf)).save(out)
+    if reading.only is None:
+        raise BadInput("Name the transfer function: --tf TF.json.")
+    function, image = TransferFunction.read(reading.only), None
+    if volume is not None:
+        image = read_volume(
+            volume, reading.dims, reading.dtype, reading.spacing, None, reading.only_array, reading.channel,
+            reading.time, reading.resample_to,
+        )  # fmt: skip
+    result = with_opacities(loaded, function, image)
+    result.save(out)
+    for said in result.made.get("approximate", []):
+        print(f"svv: {said}", file=sys.stderr)
     print(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 

@@ -193,18 +193,27 @@ class ClassifiedVolume:
 
         (X, Y, Z) uint8. ``cells`` must be a power of two.
         """
-        shape = grid_shape(self.box, cells)
-        parts = max(1, self.cells // cells)  # cells of this grid per cell of the other, along an axis
-        copies = max(1, cells // self.cells)
-        coarse = -(-shape // copies)
-        seen = np.zeros(coarse * parts + 1, bool)
-        there = self.exponent >= np.log(least)
-        kept = tuple(slice(0, min(a, b)) for a, b in zip(seen.shape, there.shape))
-        seen[kept] = there[kept]
-        for axis in range(3):  # a cell has the vertices 0 to `parts`, inclusive
-            seen = np.moveaxis(seen, axis, 0)
-            inner = seen[:-1].reshape(-1, parts, *seen.shape[1:]).any(axis=1)
-            seen = np.moveaxis(inner | seen[parts::parts], 0, axis)
-        for axis in range(3):
-            seen = seen.repeat(copies, axis)
-        return seen[: shape[0], : shape[1], : shape[2]].astype(np.uint8)
+        return cells_with(self.exponent >= np.log(least), self.cells, grid_shape(self.box, cells), cells)
+
+
+def cells_with(there: NDArray[np.bool_], own: int, shape: NDArray[np.int64], cells: int) -> NDArray[np.uint8]:
+    """Mark the cells that have a marked vertex of another grid. (X, Y, Z)
+
+    Args:
+        there: Marked vertices of a grid with ``own`` cells per box unit.
+        own: Cells of that grid, a power of two.
+        shape: Number of cells along each side, as from :func:`grid_shape`. (3,)
+        cells: Their number per box unit, a power of two.
+    """
+    parts = max(1, own // cells)  # cells of the other grid per cell of this one, along an axis
+    copies = max(1, cells // own)
+    seen = np.zeros(-(-shape // copies) * parts + 1, bool)
+    kept = tuple(slice(0, min(a, b)) for a, b in zip(seen.shape, there.shape))
+    seen[kept] = there[kept]
+    for axis in range(3):  # a cell has the vertices 0 to `parts`, inclusive
+        seen = np.moveaxis(seen, axis, 0)
+        inner = seen[:-1].reshape(-1, parts, *seen.shape[1:]).any(axis=1)
+        seen = np.moveaxis(inner | seen[parts::parts], 0, axis)
+    for axis in range(3):
+        seen = seen.repeat(copies, axis)
+    return seen[: shape[0], : shape[1], : shape[2]].astype(np.uint8)

@@ -183,7 +183,7 @@ def classified_grid(
         low, high = (round(float(stage.of_volume(known[i])), decimals) for i in (inside[0], inside[-1]))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
-    exponent, owner = _averaged(values, known, sigma, starts)
+    exponent, owner = averaged(values, known, sigma, starts)
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma)
     low, high = stage.of_volume(kept.interval).tolist()
@@ -289,7 +289,7 @@ def _weights(counts: Array, sigma: Array) -> Array:
     return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
 
 
-def _averaged(
+def averaged(
     values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int]
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
     """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.

@@ -39,7 +39,7 @@ def carried(
     network: UnrestrictedField, scene: Model, over: tuple[Occupancy, ValueGrid], step: int | Alive | None,
     matter: Matter, owners: Owners,
 ) -> UnrestrictedField:  # fmt: skip
-    """Return paint on the vertices of other cells, on the CPU.
+    """Return paint on the vertices of other cells, where its matter has moved, on the CPU.
 
     Args:
         network: The paint as it was laid.
@@ -50,14 +50,28 @@ def carried(
         matter: Where the matter at box coordinates of the other cells was, in the same coordinates.
         owners: The regions of places in the other cells.
     """
-    occupancy = over[0]
+    laid = network.brushed
+    brushed = None if laid is None or scene.steps is None else _moved(laid, scene, over, step, matter)
+    return _laid(network, scene, over[0], brushed, matter, owners)
+
+
+def at_rest(network: UnrestrictedField, scene: Model, occupancy: Occupancy, owners: Owners) -> UnrestrictedField:
+    """Return paint on the vertices of other cells of the same box, where it is, on the CPU; as :func:`carried`."""
+    laid = network.brushed
+    brushed = None if laid is None else Brushed(laid.regions, None, laid.flats, laid.glazes)
+    return _laid(network, scene, occupancy, brushed, lambda position: position, owners)
+
+
+def _laid(
+    network: UnrestrictedField, scene: Model, occupancy: Occupancy, brushed: Brushed | None, matter: Matter,
+    owners: Owners,
+) -> UnrestrictedField:  # fmt: skip
+    """Return paint on other cells, of strokes that are ``brushed`` there; the rest as :func:`carried`."""
     finer = occupancy.cells // scene.occupancy.cells
     resolutions = tuple(finer * number for number in network.resolutions)
     result = UnrestrictedField(scene.settings, occupancy, resolutions, direct=True)
-    painted = replace(scene, styled=network)
+    painted, laid = replace(scene, styled=network), network.brushed
     result.painted_in = network.painted_in or (lambda: painted)
-    laid = network.brushed
-    brushed = None if laid is None or scene.steps is None else _moved(laid, scene, over, step, matter)
     if brushed is None or laid is None or not laid.complete:
         _look_up(network, result, scene, occupancy, matter)
         result.brushed = brushed

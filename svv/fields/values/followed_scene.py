@@ -25,7 +25,7 @@ from svv.fields.scene.joined import members, with_members
 from svv.fields.scene.model import Model, S
 from svv.fields.strokes.flocks import Alive
 from svv.fields.strokes.kept_strokes import NOBODY
-from svv.fields.values.carried_paint import carried
+from svv.fields.values.carried_paint import at_rest, carried
 from svv.fields.values.of_values import SLOPES, VALUES, exponents_at, fill_features, fill_palette
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
@@ -119,12 +119,17 @@ def check_follows(scene: Model) -> tuple[ValueFunction, PaletteField]:
         raise BadInput(
             "The scene does not know its volume's values, so it cannot follow them: train it with --encoding values."
         )
+    check_paint_follows(scene)
+    return scene.values, scene.palette_network
+
+
+def check_paint_follows(scene: Model) -> None:
+    """Raise BadInput if a scene has parts or paint that cannot be moved to other cells."""
     if scene.parts is not None and scene.parts.active:
         raise BadInput("Parts that were split off cannot follow a volume: undo the splits first.")
     for network in (scene.styled, *(other.network for other in scene.others)):
         if network is not None and not network.direct:
             raise BadInput("Only paint on a lattice can follow a volume: remove this painting first.")
-    return scene.values, scene.palette_network
 
 
 @torch.no_grad()
@@ -149,7 +154,7 @@ def _over(
     moved.load_state_dict(learned, strict=False)
 
     def painted(network: UnrestrictedField) -> UnrestrictedField:
-        return carried(network, scene, (occupancy, grid), step, matter, lambda place: _owners(result, place)).to(device)
+        return carried(network, scene, (occupancy, grid), step, matter, lambda place: owners(result, place)).to(device)
 
     result = replace(
         scene, occupancy=occupancy, base=base.requires_grad_(False).to(device), steps=steps, parts=None,
@@ -172,23 +177,25 @@ def on_cells_of(scene: Model, network: UnrestrictedField, painted: Model) -> Unr
         painted: The scene that it was laid on.
 
     Raises:
-        BadInput: It is not paint that can follow a volume (:func:`check_follows`).
+        BadInput: It is not paint that can follow a volume (:func:`check_paint_follows`).
     """
     if np.array_equal(scene.occupancy.occupied, painted.occupancy.occupied):
         return network
-    function, _ = check_follows(painted)
-    assert scene.steps is not None
+    check_paint_follows(painted)
     steps, regions = scene.steps, {k: r.style for k, r in enumerate(painted.regions)}
     styled = replace(scene, regions=tuple(replace(r, style=regions.get(k)) for k, r in enumerate(scene.regions)))
+    if steps is None or painted.values is None:
+        return at_rest(network, painted, scene.occupancy, partial(owners, styled)).to(scene.device)
+    function = painted.values
     grid = steps.grid(steps.own, function.visible).over(function.interval, function.visible)
     over = scene.occupancy, grid
-    found = carried(network, painted, over, steps.own, lambda position: position, partial(_owners, styled))
+    found = carried(network, painted, over, steps.own, lambda position: position, partial(owners, styled))
     if found.brushed is not None and network.brushed is not None:
         found.brushed.lives = network.brushed.lives
     return found.to(scene.device)
 
 
-def _owners(scene: Model, place: NDArray[np.float32]) -> NDArray[np.uint8]:
+def owners(scene: Model, place: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return the painted region at box coordinates (V, 3), 255 for none. (V,)"""
     region = scene.painted_region(place)
     return np.where(region < 0, NOBODY, region).astype(np.uint8)

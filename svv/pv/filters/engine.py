@@ -66,6 +66,11 @@ def _is_volume(data: vtkDataObject | None) -> bool:
     return isinstance(data, vtkImageData) or (data is not None and resampled.is_mesh(data))
 
 
+def is_whole_volume(data: vtkDataObject | None) -> bool:
+    """Return whether data is a volume that is in one piece."""
+    return _is_volume(data) and crew_of(data) is None
+
+
 def views_key(image: vtkImageData, values: Values) -> str:
     """Return a hash of everything that a volume's views depend on: data, transfer function, shading, number, size."""
     return digest(_digest_of(image, values), _drawing(values), transfer_function_of(values).to_dict())
@@ -199,7 +204,7 @@ def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: 
     It can if it is a function of the volume's values (encoding ``values``) and the volume is in one piece.
     """
     moved = made is not None and made.data != now.data and None not in (made.time, now.time) and made.time != now.time
-    return moved and None not in (scene.values, scene.steps) and _is_volume(data) and crew_of(data) is None
+    return moved and None not in (scene.values, scene.steps) and is_whole_volume(data)
 
 
 def moving_from(

@@ -1,7 +1,7 @@
 """Scenes whose transfer function has been edited since they were trained: other opacities are shown at once.
 
-That takes a scene that knows its volume's values (:mod:`svv.job.opacities`). What such a scene cannot show, other
-colours and values that were transparent, stays as it was trained, and the user is told why.
+That takes a scene that knows its volume's values, or the volume (:mod:`svv.job.opacities`). What it cannot show, such
+as other colours, stays as it was trained, and the user is told why, or what is only approximate.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
 
 if TYPE_CHECKING:
+    from vtkmodules.vtkCommonDataModel import vtkDataObject
+
     from svv.fields.scene.scene import Scene
     from svv.pv.live.beside import Beside
 
@@ -25,11 +27,12 @@ NOW = " The opacities are those of the transfer function as it has been edited s
 NOT = " The transfer function has been edited since. {why} Take What Is Shown Now trains it again."
 
 
-def knows_values(scene: Scene | Stored) -> bool:
-    """Return whether a scene is a function of its volume's values, so that it can show other opacities."""
-    if isinstance(scene, Stored):
-        return scene.follows_time
-    return scene.values is not None and scene.steps is not None
+def can_be_retuned(scene: Scene | Stored, data: vtkDataObject | None) -> bool:
+    """Return whether a scene can show other opacities: it knows its volume's values, or was learned from ``data``."""
+    from svv.pv.filters.engine import is_whole_volume
+
+    known = scene.follows_time if isinstance(scene, Stored) else None not in (scene.values, scene.steps)
+    return known or (scene.made.get("learned_from") == "volume and views" and is_whole_volume(data))
 
 
 def as_edited_since(
@@ -45,34 +48,37 @@ def as_edited_since(
         followed: What is said if the scene shows the present time already, though it was trained at another one.
     """
     made, told = filter.steps.made, followed or filter.steps.told(present)
-    filter.shows_edits = knows_values(scene)
+    filter.shows_edits = can_be_retuned(scene, filter.data)
     if made is None or made.look == present.look or not filter.shows_edits:
         return scene, told
     if made.data != present.data and not followed:
         return scene, told
     key = (name, present.look, present.data)
-    changed, why = filter.kept("retuned", key, lambda: retuned(scene, filter.values))
+    changed, why = filter.kept("retuned", key, lambda: retuned(scene, filter.values, filter.data))
     if changed is None:
         return scene, followed + NOT.format(why=why)
+    said = " ".join([followed + NOW, *changed.made.get("approximate", [])])
     if not (isinstance(scene, Stored) and filter.draws):
-        return changed, followed + NOW
+        return changed, said
     kept = name_of("opacities", digest(name), digest(present.look))
     if not Cache.of_user().holds(kept):
-        said = Cache.of_user().write(kept, changed.save)
-        if said:
-            return scene, NOT.format(why=said)
-    return Stored.read(Cache.of_user().folder / kept), NOW
+        full = Cache.of_user().write(kept, changed.save)
+        if full:
+            return scene, NOT.format(why=full)
+    return Stored.read(Cache.of_user().folder / kept), said
 
 
-def retuned(scene: Scene | Stored, values: Values) -> tuple[Scene | None, str]:
+def retuned(scene: Scene | Stored, values: Values, data: vtkDataObject | None) -> tuple[Scene | None, str]:
     """Return a scene with the opacities of the panel's transfer function; None if it cannot show them, and why."""
     from svv.fields.scene.scene import Scene
     from svv.job.opacities import with_opacities
-    from svv.pv.filters.engine import transfer_function_of
+    from svv.pv.display.shown import volume_shown
+    from svv.pv.filters.engine import transfer_function_of, volume_of
 
     whole = Scene.load(scene.path) if isinstance(scene, Stored) else scene
     try:
-        changed = with_opacities(whole, transfer_function_of(values))
+        volume = None if whole.values is not None else volume_shown(volume_of(data, values), values)
+        changed = with_opacities(whole, transfer_function_of(values), volume)
     except BadInput as error:
         return None, str(error)
     return replace(changed, made={**changed.made, RETUNED: digest_of_scene(whole)}), ""
@@ -85,10 +91,16 @@ def tuned_like(scene: Scene, other: Scene) -> Scene:
         BadInput: It cannot show them.
     """
     from svv.dvr.functions.transfer_functions import TransferFunction
+    from svv.fields.values.other_cells import on_cells
     from svv.job.opacities import with_opacities
 
     mine, its = (one.made.get("source", {}).get("tf") for one in (scene, other))
     if its is None or mine == its or RETUNED not in {**scene.made, **other.made}:
         return scene
-    changed = with_opacities(scene, TransferFunction.from_dict(its))
+    if scene.values is not None:
+        changed = with_opacities(scene, TransferFunction.from_dict(its))
+    else:
+        assert other.base.density is not None
+        changed = on_cells(scene, other.occupancy, other.base.density)
+        changed = replace(changed, made={**scene.made, "source": other.made["source"]})
     return replace(changed, made={**changed.made, RETUNED: digest_of_scene(scene)})

@@ -69,7 +69,7 @@ class Beside(Keeping):
         super().__init__(inputs, outputs, kind)
         self._learner = Ordered(type(self).__name__, self.draws)
         self._wanted: tuple[str, str] = ("", "")
-        self._data: vtkDataObject | None = None
+        self.data: vtkDataObject | None = None
         self._moment: Moment | None = None
         self._take = False
         self._lived: bool | None = None
@@ -123,7 +123,7 @@ class Beside(Keeping):
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         """Output the result, or what there is of it."""
-        self._data = inputs[0]
+        self.data = inputs[0]
         lives = self._lives()
         if not lives:
             self._learner.end()
@@ -180,7 +180,7 @@ class Beside(Keeping):
 
     def _follows(self, stored: Stored) -> bool:
         """Whether a scene is to follow its volume in time, for which it has to be in this process."""
-        return stored.follows_time and time_of(self._data) is not None
+        return stored.follows_time and time_of(self.data) is not None
 
     def found_or_made(
         self, slot: str, kind: str, now: Moment, make: Callable[[], Any], own: Callable[[], Any] | None = None
@@ -205,8 +205,8 @@ class Beside(Keeping):
         return (
             bool(self.values["Live"] and self.values["InWindow"] and not self.values.get("TrainEachTimeStep"))
             and not self.values.get("Continue")  # from a painting that only this process has
-            and key_of_views(self._data) is None
-            and crew_of(self._data) is None
+            and key_of_views(self.data) is None
+            and crew_of(self.data) is None
             and ranks_here() is None
             and Cache.of_user().bound > 0
         )
@@ -224,7 +224,7 @@ class Beside(Keeping):
         from svv.pv.live.handed import hand_over
 
         values = {**values, "TransferFunction": transfer_function_of(self.values).to_dict()}
-        image, time = volume_of(self._data, self.values), time_of(self._data)
+        image, time = volume_of(self.data, self.values), time_of(self.data)
         return values, lambda folder: hand_over(image, values, time, folder)
 
     # --- what the client asks and the panel's buttons ---------------------------------------------------------------

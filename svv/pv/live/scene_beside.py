@@ -34,7 +34,7 @@ class SceneBeside(SceneOutput, Beside):
 
     def handed(self, values: Values) -> tuple[Values, Callable[[Path], None]]:
         """Return the values for the process that learns, and what writes the scene to a new folder."""
-        data = self._data
+        data = self.data
         assert data is not None
         return values, lambda folder: hand_over_scene(data, folder)
 

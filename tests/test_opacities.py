@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from svv.core.colour.correction import Correction
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.job.opacities import with_opacities
+from svv.train.correct import correct_palette
 from svv.train.evaluate import evaluate_scene
 from svv.train.palette import recolour
 from svv.train.pipeline import train_scene
@@ -59,6 +61,14 @@ def test_other_opacities_are_those_of_the_volume_rendering(scene: Scene, shell: 
     changed = psnr(with_opacities(scene, shown), shown)
     assert changed > psnr(scene, shown) + 3.0
     assert changed > psnr(scene, function(scene, 0.1, 0.8)) - 6.0
+
+
+def test_a_palette_is_not_corrected_with_views_of_other_opacities(scene: Scene) -> None:
+    """Its regions would learn the colours of pictures in which other things hide each other."""
+    views, _ = make_views(moved_ball(0.0), bumps(SHELL, CORE), n=12, test=1, size=64, mapper="cpu")
+    changed = with_opacities(scene, function(scene, 0.02, 0.8))
+    with pytest.raises(BadInput, match=r"other opacities than these views.*views of the transfer function as it is"):
+        correct_palette(changed, views, Correction(merge=((0, 1),)), "draft")
 
 
 def test_what_others_hid_has_the_colours_of_the_function() -> None:

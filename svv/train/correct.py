@@ -50,6 +50,9 @@ AGAIN = 50
 FOLLOWED = 0.8
 """Least part of what was pointed at that a network must give to its new region."""
 
+OPACITIES = ("Points", "ScalarOpacityUnitDistance")
+"""Entries of a transfer function on which opacities depend."""
+
 ELSEWHERE = 0.05
 """Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
 views are of another scene."""
@@ -270,3 +273,9 @@ def _check(scene: Scene, views: ViewSet) -> None:
     far = np.linalg.norm(np.subtract(rig.centre, ours.centre)) + abs(rig.radius - ours.radius)
     if not far <= ELSEWHERE * ours.radius:
         raise BadInput("These views are of another scene: give the views that the scene was trained on.")
+    shown, drawn = scene.made.get("source", {}).get("tf"), views.meta.tf
+    if shown is not None and drawn is not None and any(shown.get(k) != drawn.get(k) for k in OPACITIES):
+        raise BadInput(
+            "The scene shows other opacities than these views: correct the palette with the opacities that it was "
+            "trained on, or give views of the transfer function as it is now."
+        )

@@ -58,9 +58,7 @@ def psnr(scene: Scene, shown: TransferFunction) -> float:
 
 
 def test_the_same_opacities_are_the_same_scene(scene: Scene) -> None:
-    camera = scene.rig.orbit(5, 40)[1]
-    same = with_opacities(scene, function(0.1, 0.8), BALL)
-    assert (same.render(camera).rgba == scene.render(camera).rgba).all() and same.made["approximate"] == []
+    assert with_opacities(scene, function(0.1, 0.8), BALL) is scene
 
 
 def test_features_on_the_same_cells_stay_as_they_are(scene: Scene) -> None:

@@ -43,6 +43,9 @@ def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageDat
         volume: The volume on which it was trained (:func:`svv.dvr.read.volumes.read_volume`), unless it is of the
             encoding ``values``. What is then shown only approximately is told in ``made["approximate"]``.
 
+    Returns:
+        The changed scene, or the scene itself if the opacities are the same.
+
     Raises:
         BadInput: The scene is not one of these, or was trained on another volume; or the function has other colours, or
             shows values of which the scene never saw a colour.
@@ -62,14 +65,24 @@ def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageDat
     if before.unit_distance is None:
         raise BadInput("The scene does not record the unit distance of its opacities: train it again.")
     function = replace(function, unit_distance=function.unit_distance or before.unit_distance)
+    low, high = before.range
+    _check_colours(before, function, np.linspace(low, high, KNOWN))
+    if _is_same(before, function):
+        return scene
     if scene.values is None and volume is not None:
-        low, high = before.range
-        _check_colours(before, function, np.linspace(low, high, KNOWN))
         result = with_opacities_of(scene, before, function, volume)
     else:
         result = _with_opacities(scene, before, function)
     made = {**result.made, "source": {**scene.made["source"], "tf": function.to_dict()}}
     return replace(result, made=made)
+
+
+def _is_same(before: TransferFunction, function: TransferFunction) -> bool:
+    """Return whether two functions have the same opacities."""
+    low, high = (pick(before.range[k], function.range[k]) for k, pick in enumerate((min, max)))
+    at = np.linspace(low, high, KNOWN)
+    same = np.array_equal(before.opacity_at(at), function.opacity_at(at))
+    return same and before.unit_distance == function.unit_distance
 
 
 def _with_opacities(scene: Scene, before: TransferFunction, function: TransferFunction) -> Scene:

@@ -57,6 +57,8 @@ def as_edited_since(
     changed, why = filter.kept("retuned", key, lambda: retuned(scene, filter.values, filter.data))
     if changed is None:
         return scene, followed + NOT.format(why=why)
+    if RETUNED not in changed.made:
+        return scene, told
     said = " ".join([followed + NOW, *changed.made.get("approximate", [])])
     if not (isinstance(scene, Stored) and filter.draws):
         return changed, said
@@ -69,7 +71,10 @@ def as_edited_since(
 
 
 def retuned(scene: Scene | Stored, values: Values, data: vtkDataObject | None) -> tuple[Scene | None, str]:
-    """Return a scene with the opacities of the panel's transfer function; None if it cannot show them, and why."""
+    """Return a scene with the opacities of the panel's transfer function; None if it cannot show them, and why.
+
+    The scene itself is returned if the opacities are the same.
+    """
     from svv.fields.scene.scene import Scene
     from svv.job.opacities import with_opacities
     from svv.pv.display.shown import volume_shown
@@ -81,6 +86,8 @@ def retuned(scene: Scene | Stored, values: Values, data: vtkDataObject | None) -
         changed = with_opacities(whole, transfer_function_of(values), volume)
     except BadInput as error:
         return None, str(error)
+    if changed is whole:
+        return whole, ""
     return replace(changed, made={**changed.made, RETUNED: digest_of_scene(whole)}), ""
 
 

@@ -263,7 +263,7 @@ def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
 def quickest(volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> str:
     """Return the ray caster for views of a volume: with ``auto``, ours instead of VTK's on the CPU.
 
-    Both draw the same picture (a mean difference of 0.1 to 0.4 of 255 levels), ours in .6 to .8 of the time. VTK keeps
+    Both draw the same picture (a mean difference of 0.1 to 0.4 of 255 levels), ours in .5 to .8 of the time. VTK keeps
     what ours would draw otherwise, whole numbers with more levels than the table of colours has entries, and what does
     not fit into memory twice.
 

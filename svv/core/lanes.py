@@ -31,8 +31,8 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 from svv.core.fast_math import FAST_MATH
 
 LANES = 16
-"""Numbers in a vector: one register of AVX-512, two of AVX2, four of SSE and NEON. Eight are slower with all of them,
-because fewer look-ups of memory are then on their way at the same time."""
+"""Numbers in a vector: one register of AVX-512, two of AVX2, four of SSE and NEON. Eight are slower, with SSE as well,
+because fewer look-ups of memory are then on their way at the same time; NEON was not tried."""
 
 
 class Vector(types.Type):

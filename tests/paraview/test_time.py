@@ -289,7 +289,7 @@ write_png(sys.argv[1] + "/style.png", np.random.default_rng(0).random((64, 64, 3
 asked_for, plain = {}, Moving.matter
 Moving.matter = lambda self, image, time: asked_for.setdefault(time, plain(self, image, time))
 filter = small(StyleRFStylizedView(Input=source, Preset="draft", Settings=FEW, Encoding="values", ImageSize=[40, 30],
-                                   StyleFiles=[sys.argv[1] + "/style.png"]))
+                                   RayCaster="cpu", StyleFiles=[sys.argv[1] + "/style.png"]))
 view = as_image(filter)
 animation.UpdateAnimationUsingDataTimeSteps()
 at(animation, 0.0, view)
@@ -322,7 +322,7 @@ moving, later = "(x - 4 - 4 * shown)", "+ (shown > 1.0) * np.exp(-((x - 11) ** 2
 source.Script = SCRIPT.replace(moving, "(x - 4 - 0.2 * shown)").replace(".astype(np.float32)", later).replace(
     "numpy_to_vtk(values", "numpy_to_vtk(values.astype(np.float32)").replace("/ 14.0)", "/ 8.0)")
 filter = small(StyleRFStylizedView(Input=source, Preset="draft", Settings=FEW, Encoding="values", ImageSize=[40, 30],
-                                   StyleFiles=[sys.argv[1] + "/style.png"]))
+                                   RayCaster="cpu", StyleFiles=[sys.argv[1] + "/style.png"]))
 view = as_image(filter)
 animation.UpdateAnimationUsingDataTimeSteps()
 at(animation, 0.0, view)
@@ -338,8 +338,7 @@ every = flocks.lives()
 assert (np.concatenate([lives.own[:, 1] for lives in every]) > FAR + 4).mean() > 0.8, "hardly anything has gone"
 born = [lives for lives in every if lives.born is not None]
 assert np.concatenate([lives.when[:, 0] for lives in born]).min() == FAR + 3
-where = np.concatenate([lives.born.where[:, 0] for lives in born])
-assert (where > 0.4).mean() > 0.98, where  # the others lie at the front of the other ball, which moves a little
+assert np.concatenate([lives.born.where[:, 0] for lives in born]).min() > 0.4, "all lie on the new ball"
 """,
         tmp_path,
     )

@@ -132,7 +132,7 @@ def made(where: Lattice, table: NDArray[np.float32], most_room: float) -> tuple[
     shape, index = where.shapes[0].numpy(), where.index.numpy()
     slots = np.empty([-(-(n - 1) // CELLS) for n in shape], np.int32)
     count = _number(shape, index, slots)
-    if not 0 < count * VERTICES <= most_room * len(table):
+    if not 0 < count * VERTICES <= min(most_room * len(table), np.iinfo(np.int32).max):  # places are int32
         return NO_BRICKS
     values = np.zeros(count * VERTICES, np.float32)
     _fill(shape, index, table, slots, values)

@@ -134,6 +134,7 @@ class Baker:
         assert scene.palette_network is not None
         self.palette = scene.palette_network
         self._opacity: tuple[int, NDArray[np.uint8]] | None = None
+        self._seen: dict[int, NDArray[np.float32]] = {}
 
     def grid(self, encoding: Encoding | None) -> Grid:
         """Return the grid on which an encoding's values are stored: that of its finest level.
@@ -167,9 +168,11 @@ class Baker:
         """Return how much the values at a grid's vertices show, in [0, 1]: the greatest opacity around each. (V,)"""
         assert self._opacity is not None
         resolution, opacity = self._opacity
-        around = maximum_filter(opacity, 2 * max(1, resolution // grid.resolution) + 1)
-        at = np.minimum(grid.vertices * resolution // grid.resolution, np.array(opacity.shape) - 1)
-        return around[tuple(at.T)].astype(np.float32) / 255.0
+        if grid.resolution not in self._seen:
+            around = maximum_filter(opacity, 2 * max(1, resolution // grid.resolution) + 1)
+            at = np.minimum(grid.vertices * resolution // grid.resolution, np.array(opacity.shape) - 1)
+            self._seen[grid.resolution] = around[tuple(at.T)].astype(np.float32) / 255.0
+        return self._seen[grid.resolution]
 
     def stored(self, grid: Grid, values: NDArray[np.float32], how: Steps) -> list[Channel]:
         """Return levels and codes of each channel of values (V, C)."""

@@ -2,9 +2,10 @@
 
 The lighting MLP gives a sample's shade m and specular c_s as functions of the direction of its ray. At each vertex of a
 grid, both are fitted by least squares in the directions from the cameras of a sphere of views. Directions from which
-the vertex can be seen count most: nobody sees a surface from behind, where a fit would lose accuracy for nothing.
+the vertex can be seen count most: nobody sees a surface from behind, where a fit would lose accuracy for nothing. Of
+the others, there are only as many as the harmonics need.
 
-Letters: V vertices, D directions, K harmonics.
+Letters: V vertices, D directions, K harmonics, S pairs of a vertex and a direction.
 """
 
 from __future__ import annotations
@@ -13,25 +14,31 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import normalize
+from torch.nn.functional import normalize, pad
 
 from svv.core.geometry.cameras import Camera
 from svv.errors import Progress, silent
 from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.rendering import march, not_hidden
 from svv.fields.scene.scene import Scene
+from svv.render.web.fitting_kernels import fit
 
 BANDS = 3
 """Bands of the harmonics: 9 functions of the direction."""
 
-VIEWS, VIEW_SIZE = 42, 96
-"""Number of views in whose directions the light is fitted, and the side in pixels of those that tell what is seen."""
+VIEWS, VIEW_SIZE = 42, 128
+"""Number of views in whose directions the light is fitted where they see, and their side in pixels."""
+
+AROUND = 12
+"""Number of views in whose directions it is fitted everywhere: corners of an icosahedron, on which the mean of products
+of two harmonics is that on the sphere."""
 
 SIGHT_CELLS = 64
 """Cells per box unit in which it is recorded what the views see."""
 
-LEAST_SIGHT = 0.02
-"""Weight of a direction in which a vertex cannot be seen; edits may uncover it."""
+LEAST_SIGHT, FAINT = 0.2, 0.05
+"""Weight of each of the directions in which the light is fitted everywhere: edits may uncover a vertex that cannot be
+seen. And the sight, as a fraction of that from where the vertex is seen best, up to which a view does not count."""
 
 RIDGE = 1e-3
 """Weight of the squared coefficients, for vertices that are seen from few directions."""
@@ -58,13 +65,15 @@ def fitted_light(scene: Scene, places: Tensor, progress: Progress = silent) -> T
         :func:`svv.core.rays.encodings.spherical_harmonics` of a ray's direction turns into the light. (V, 2 K)
     """
     cameras = scene.rig.sphere(VIEWS, VIEW_SIZE)
-    sight = _sight(scene, cameras)
+    sight, every = _sight(scene, cameras), [*cameras, *scene.rig.sphere(AROUND, VIEW_SIZE)]
     found = []
     for number, own in enumerate(pieces := places.split(VERTICES_AT_A_TIME)):
         progress(number / len(pieces), "light")
         cell = (own * SIGHT_CELLS).long()
-        seen = sight[:, cell[:, 0], cell[:, 1], cell[:, 2]].T  # (V, D)
-        found.append(_fit(scene, own, _directions(scene, cameras, own), seen))
+        seen = sight[:, cell[:, 0], cell[:, 1], cell[:, 2]].T  # (V, VIEWS)
+        seen = seen / seen.amax(dim=1, keepdim=True).clamp(min=1e-6)
+        weight = pad(torch.where(seen > FAINT, seen, 0.0), (0, AROUND), value=LEAST_SIGHT)
+        found.append(_fit(scene, own, every, weight))
     return torch.cat(found)
 
 
@@ -101,29 +110,29 @@ def geometry_at(scene: Scene, places: Tensor) -> tuple[Tensor, Tensor]:
     return both[:, 0], both[:, 1:]
 
 
-def _directions(scene: Scene, cameras: list[Camera], places: Tensor) -> Tensor:
-    """Return the directions in which the cameras' lights shine at places. (V, D, 3)"""
+def _directions(scene: Scene, cameras: list[Camera], places: Tensor, camera: Tensor) -> Tensor:
+    """Return the directions in which the lights of cameras (S,), by number, shine at places (S, 3). (S, 3)"""
     if cameras[0].is_orthographic or scene.settings.headlight == "axis":
-        axes = places.new_tensor(np.stack([-camera.camera_to_world[:3, 2] for camera in cameras]))
-        return axes.expand(len(places), -1, 3)
-    eyes = places.new_tensor(scene.occupancy.box.to_box(np.stack([camera.position for camera in cameras])))
-    return normalize(places[:, None] - eyes, dim=-1)
+        return places.new_tensor(np.stack([-each.camera_to_world[:3, 2] for each in cameras]))[camera]
+    eyes = places.new_tensor(scene.occupancy.box.to_box(np.stack([each.position for each in cameras])))
+    return normalize(places - eyes[camera], dim=-1)
 
 
-def _fit(scene: Scene, places: Tensor, directions: Tensor, seen: Tensor) -> Tensor:
-    """Fit the light at places (V, 3) in directions (V, D, 3), of which the views see a part (V, D). (V, 2 K)"""
-    palette = scene.palette_network
+def _fit(scene: Scene, places: Tensor, cameras: list[Camera], weight: Tensor) -> Tensor:
+    """Fit the light at places (V, 3) in the directions of cameras, each of which counts as much as ``weight`` (V, D).
+
+    Returns:
+        Coefficients of the shade and the specular light. (V, 2 K)
+    """
+    palette, (vertex, camera) = scene.palette_network, weight.nonzero(as_tuple=True)
     assert palette is not None
-    count, views = directions.shape[:2]
-    _, features = geometry_at(scene, places)
-    harmonics = encode_directions(directions.reshape(-1, 3), torch.arange(count * views, dtype=torch.int32))
-    specular, shade = palette.lighting(features.repeat_interleave(views, dim=0), harmonics)
-    wanted = torch.stack([shade, specular], dim=-1).view(count, views, 2)
-    basis = harmonics.view(count, views, -1)[:, :, : BANDS**2]
-    weight = seen / seen.amax(dim=1, keepdim=True).clamp(min=1e-6) + LEAST_SIGHT
-    weighted = (weight[:, :, None] * basis).transpose(1, 2)  # (V, K, D)
-    normal = weighted @ basis + RIDGE * torch.eye(BANDS**2)
-    return torch.linalg.solve(normal, weighted @ wanted).transpose(1, 2).flatten(1)
+    directions = _directions(scene, cameras, places[vertex], camera)
+    harmonics = encode_directions(directions, torch.arange(len(vertex), dtype=torch.int32))
+    specular, shade = palette.lighting(geometry_at(scene, places)[1][vertex], harmonics)
+    end, out = (weight > 0).sum(dim=1).cumsum(0), torch.empty(len(places), 2 * BANDS**2)
+    arrays = (end, weight[vertex, camera], harmonics, shade, specular)
+    fit(*(array.numpy() for array in arrays), np.float32(RIDGE), out.numpy())
+    return out
 
 
 def _sight(scene: Scene, cameras: list[Camera]) -> Tensor:

@@ -160,9 +160,9 @@ def _said(header: dict[str, Any]) -> str:
 
 def _closer(scene: Scene) -> CameraRig:
     """Return the scene's camera rig with an angle of view that it fills, however it is turned."""
-    rig, reach = scene.rig, 0.0
+    rig, reach, small = scene.rig, 0.0, scene.while_moving()
     for camera in rig.sphere(12, CLOSER_SIZE):
-        row, column = np.nonzero(scene.render(camera).rgba[..., 3] > LEAST_SHOWN)
+        row, column = np.nonzero(small.render(camera).rgba[..., 3] > LEAST_SHOWN)
         away = np.hypot(row + 0.5 - CLOSER_SIZE / 2, column + 0.5 - CLOSER_SIZE / 2)
         reach = max(reach, float(away.max(initial=0.0)) / (CLOSER_SIZE / 2))
     part = min(max(MARGIN * reach, 0.1), 1.0) if reach else 1.0
@@ -317,20 +317,23 @@ def _compressed(arrays: Sequence[NDArray[np.uint8]]) -> str:
 
 
 def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> dict[str, str]:
-    """Return a picture from the ``front`` and a ``movie`` of the orbit, as data URIs."""
-    buffer = io.BytesIO()
+    """Return a picture from the ``front`` and a ``movie`` of the orbit, as data URIs.
+
+    Paint in the movie is that of the page, on a lattice: strokes by themselves would take most of the page's time.
+    """
+    buffer, moving = io.BytesIO(), scene.while_moving()
     (first,) = rig.orbit(181, FRONT_SIZE, frames=[90])
     orbit = rig.orbit(MOVIE_FRAMES, MOVIE_SIZE)
 
-    def seen(camera: Camera) -> NDArray[np.uint8]:
-        return to_bytes(over(scene.render(camera).rgba, background))
+    def seen(shown: Scene, camera: Camera) -> NDArray[np.uint8]:
+        return to_bytes(over(shown.render(camera).rgba, background))
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for number, camera in enumerate(orbit):
             progress(number / len(orbit), "orbit")
-            yield seen(camera)
+            yield seen(moving, camera)
 
-    Image.fromarray(seen(first)).save(buffer, format="JPEG", quality=FRONT_QUALITY)
+    Image.fromarray(seen(scene, first)).save(buffer, format="JPEG", quality=FRONT_QUALITY)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "orbit.mp4"
         write_mp4(path, frames(), MOVIE_FPS, MOVIE_CRF)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +27,7 @@ from svv.io.views.transforms import transforms_file
 from svv.io.views.viewset import ViewSet
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
+from svv.measure import usable_cpus
 from svv.options.described import chosen
 from svv.options.making import OrbitOptions, PaintOptions, TrainOptions, ViewOptions
 from svv.render.frames import orbit, region_colours, write_frames_of
@@ -255,8 +257,9 @@ class Job:
             assert isinstance(source, Drawn)
             cameras, folder = orbit(self.scene_at(self.scene), s.orbit, s.orbit_size, s.orbit_size), self._frames(TRUTH)
             make_folder(folder)
-            for index, image in enumerate(source.truth(self.views, cameras, progress)):
-                write_png(folder / f"{index:04d}.png", image)
+            files = [folder / f"{index:04d}.png" for index in range(s.orbit)]
+            with ThreadPoolExecutor(usable_cpus()) as pool:
+                list(pool.map(write_png, files, source.truth(self.views, cameras, progress)))
 
         def render(progress: Progress) -> None:
             shown = {folder: self.scene_at(path) for folder, path in scenes.items()}

@@ -80,7 +80,7 @@ def write_database(
 
 def _begin(staging: Path, scene: Scene, options: ExportOptions) -> None:
     """Make the folder of the files that are being written, empty unless it has some of this database."""
-    key = {"scene": hashlib.sha256(scene.to_bytes()).hexdigest(), "options": chosen(options)}
+    key = {"scene": hashlib.sha256(scene.to_bytes(whole=False)).hexdigest(), "options": chosen(options)}
     if _key_of(staging) != key:
         shutil.rmtree(staging, ignore_errors=True)
         make_folder(staging)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -127,12 +129,24 @@ def write_view(
     Raises:
         BadInput: The scene does not have that network, or the file cannot be written.
     """
+    _rendered(path, scene, camera, shown, progress, made)()
+
+
+def _rendered(
+    path: Path, scene: Scene, camera: Camera, shown: RenderSettings, progress: Progress, made: str
+) -> Callable[[], None]:
+    """Render one view, and return what writes it into a file; see :func:`write_view`."""
     check_writable(path)
     colours = path.suffix.lower() == ".vti" or shown.what == "rgba"
     samples = (
         shown.samples if shown.samples is not None or colours else 1
     )  # edges of regions and depths have nothing to smooth
-    view = supersampled(scene, camera, shown.network, None, progress, samples)
+    return partial(
+        _write, path, supersampled(scene, camera, shown.network, None, progress, samples), scene, shown, made
+    )
+
+
+def _write(path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str) -> None:
     if path.suffix.lower() == ".vti":
         write_vti(path, view.rgba, view.depth, view.region)
     elif shown.what == "depth":
@@ -181,9 +195,13 @@ def write_frames(
     """
     frames = _Frames(folder, scene, shown)
     chosen = list(enumerate(cameras))[those]
-    for index, (number, camera) in enumerate(chosen):
-        frames.write(number, camera, part(progress, index / len(chosen), (index + 1) / len(chosen)))
-        progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
+
+    def drawn() -> Iterator[Callable[[], None]]:
+        for index, (number, camera) in enumerate(chosen):
+            yield from frames.drawn(number, camera, part(progress, index / len(chosen), (index + 1) / len(chosen)))
+            progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
+
+    _do_beside(drawn())
     return [frames.path(number) for number in range(len(cameras))]
 
 
@@ -202,12 +220,28 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
 
     frames = [_Frames(folder, scene, COLOURS) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)
-    for number, camera in enumerate(cameras):
-        with kept_at_once():
-            for k, each in enumerate(frames):
-                done = number * len(frames) + k
-                each.write(number, camera, part(progress, done / count, (done + 1) / count))
-        progress((number + 1) / len(cameras), f"view {number + 1} of {len(cameras)}")
+
+    def drawn() -> Iterator[Callable[[], None]]:
+        for number, camera in enumerate(cameras):
+            with kept_at_once():
+                for k, each in enumerate(frames):
+                    done = number * len(frames) + k
+                    yield from each.drawn(number, camera, part(progress, done / count, (done + 1) / count))
+            progress((number + 1) / len(cameras), f"view {number + 1} of {len(cameras)}")
+
+    _do_beside(drawn())
+
+
+def _do_beside(work: Iterable[Callable[[], None]]) -> None:
+    """Do each piece of work in a thread while the next one is prepared: files are compressed beside the next image."""
+    with ThreadPoolExecutor(1) as pool:
+        last: Future[None] | None = None
+        for each in work:
+            if last is not None:
+                last.result()
+            last = pool.submit(each)
+        if last is not None:
+            last.result()
 
 
 class _Frames:
@@ -216,18 +250,18 @@ class _Frames:
     def __init__(self, folder: Path, scene: Scene | Played, shown: RenderSettings) -> None:
         self._folder, self._shown = make_folder(folder), replace(shown, samples=shown.samples or 1)
         whole, self._at, self._steps = _at_each(scene)
-        self._look = digest(whole.to_bytes(), *vars(self._shown).values())
+        self._look = digest(whole.to_bytes(whole=False), *vars(self._shown).values())
 
     def path(self, number: int) -> Path:
         """Return the file of a frame."""
         return self._folder / f"{number:04d}.png"
 
-    def write(self, number: int, camera: Camera, progress: Progress) -> None:
-        """Render a frame, unless it is there."""
+    def drawn(self, number: int, camera: Camera, progress: Progress) -> Iterator[Callable[[], None]]:
+        """Render a frame and yield what writes it, unless it is there."""
         told = {field.name: getattr(camera, field.name) for field in fields(camera)}
         made = key_of(self._look, told if self._steps is None else {**told, "step": self._steps[number]})
         if made_of(self.path(number)) != made:
-            write_view(self.path(number), self._at(number), camera, self._shown, progress, made)
+            yield _rendered(self.path(number), self._at(number), camera, self._shown, progress, made)
 
 
 def _sharing(scenes: Sequence[Scene]) -> list[Scene]:

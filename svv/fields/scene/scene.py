@@ -373,9 +373,12 @@ class Scene(Model):
         """Read a scene; raises BadInput if the file is missing, damaged, not a scene or of another version."""
         return restored(cls, *read_scene_file(path), str(path))
 
-    def to_bytes(self) -> bytes:
-        """Return the content that :meth:`save` writes, with uncompressed tables."""
-        return scene_bytes(*self.to_arrays())
+    def to_bytes(self, whole: bool = True) -> bytes:
+        """Return the content that :meth:`save` writes, with uncompressed tables.
+
+        ``whole`` content also has tables that follow from the rest, such as those of strokes, which are made for it.
+        """
+        return scene_bytes(*arrays_of(self, packed=True, whole=whole))
 
     @classmethod
     def from_bytes(cls, content: bytes, name: str = "The scene") -> Self:

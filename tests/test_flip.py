@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from svv.core.images.flip import error_map
+from svv.core.images.flip import REACH, _errors, error_map
 
 Pair = tuple[np.ndarray, np.ndarray]
 
@@ -127,3 +127,13 @@ def test_bands_of_rows_change_nothing(rows: int, monkeypatch: pytest.MonkeyPatch
     whole = error_map(test, reference)
     monkeypatch.setattr("svv.core.images.flip.ROWS_AT_A_TIME", rows)
     np.testing.assert_array_equal(error_map(test, reference), whole)
+
+
+def test_what_is_far_from_any_difference_is_left_out_exactly() -> None:
+    reference = np.random.default_rng(4).random((90, 120, 3))
+    test = reference.copy()
+    test[30:34, 100:103] = 1.0 - test[30:34, 100:103]
+    found, exact = error_map(test, reference), _errors(test, reference)
+    np.testing.assert_array_equal(found, exact.astype(np.float32))
+    seen = np.argwhere(exact > 0)
+    assert seen.min(0).tolist() == [30 - REACH, 100 - REACH] and seen[:, 0].max() == 33 + REACH

@@ -58,13 +58,23 @@ def error_map(test: NDArray[np.floating], reference: NDArray[np.floating]) -> ND
     Returns:
         Errors in [0, 1]; 0 where the pictures are equal. (h, w)
     """
+    # Farther from any difference than the filters reach, there is no error: often so on the background.
+    errors, differs = np.zeros(reference.shape[:2], np.float32), (test != reference).any(axis=2)
+    (top, bottom), (left, right) = (_reached(differs.any(axis=axis)) for axis in (1, 0))
+    across = slice(max(left - REACH, 0), right + REACH)
     # Rows are compared in bands, with the rows around them that the filters reach.
-    errors = np.empty(reference.shape[:2], np.float32)
-    for first in range(0, len(reference), ROWS_AT_A_TIME):
-        low, high = max(first - REACH, 0), first + ROWS_AT_A_TIME + REACH
-        band = _errors(test[low:high], reference[low:high])
-        errors[first : first + ROWS_AT_A_TIME] = band[first - low :][:ROWS_AT_A_TIME]
+    for first in range(top, bottom, ROWS_AT_A_TIME):
+        last = min(first + ROWS_AT_A_TIME, bottom)
+        low, high = max(first - REACH, 0), last + REACH
+        band = _errors(test[low:high, across], reference[low:high, across])
+        errors[first:last, left:right] = band[first - low : last - low, left - across.start : right - across.start]
     return errors
+
+
+def _reached(differs: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the first of the lines (n,) that filters reach from lines with a difference, and the end of them."""
+    lines = np.flatnonzero(differs)
+    return (max(int(lines[0]) - REACH, 0), min(int(lines[-1]) + REACH + 1, len(differs))) if len(lines) else (0, 0)
 
 
 def _errors(test: NDArray[np.floating], reference: NDArray[np.floating]) -> Array:

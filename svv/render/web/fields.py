@@ -81,7 +81,8 @@ class Grid:
         places = torch.from_numpy(lattice.places_of_level(0, occupancy.occupied, occupancy.cells))
         self.resolution = resolution
         self.shape = tuple(lattice.shapes[0].tolist())
-        self.vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+        pieces = lattice.pieces_of_level(0, occupancy.occupied, occupancy.cells)
+        self.vertices = np.concatenate([np.zeros((0, 3), np.int32), *(own.astype(np.int32) for _, own in pieces)])
         """Integer coordinates. (V, 3)"""
         self.places = torch.minimum(places, places.new_tensor(occupancy.box.extent))
         """Box coordinates, in occupied cells. (V, 3)"""
@@ -241,6 +242,7 @@ class Baker:
             self.found.append(Field.of("light", grid.resolution, channels))
         elif self.palette.lighting_mlp is not None:
             grid = self.grid(self.palette.encoding)
+            self.grids.clear()  # finer ones are not needed any more
             light = fitted_light(self.scene, grid.places, progress).numpy()
             mean, axes, amounts = principal(light, self.seen(grid))
             self.found.append(Field.of("light", grid.resolution, self.stored(grid, amounts, LIGHT)))

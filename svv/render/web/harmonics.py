@@ -89,14 +89,19 @@ def principal(
     Returns:
         The mean (2 K,), at most :data:`MOST_AXES` axes (A, 2 K), orthonormal, and amounts (V, A).
     """
-    mean = np.average(light, axis=0, weights=seen + 1e-3)
-    weighted = (light - mean) * np.sqrt(seen + 1e-3)[:, None]
-    power, axes = np.linalg.eigh(weighted.T @ weighted / (seen + 1e-3).sum())
+    weights = seen + np.float32(1e-3)
+    mean = np.average(light, axis=0, weights=weights)
+    total = np.zeros((len(mean), len(mean)))
+    for first in range(0, len(light), VERTICES_AT_A_TIME):
+        own = slice(first, first + VERTICES_AT_A_TIME)
+        weighted = (light[own] - mean) * np.sqrt(weights[own])[:, None]
+        total += weighted.T @ weighted
+    power, axes = np.linalg.eigh(total / weights.sum())
     power, axes = power[::-1], axes.T[::-1]
     left = np.sqrt(np.maximum(power.sum() - power.cumsum(), 0.0))  # error with 1, 2 ... axes
     count = min(1 + int((left > LEFT_OUT).sum()), MOST_AXES)
     axes = np.ascontiguousarray(axes[:count], np.float32)
-    return mean.astype(np.float32), axes, (light - mean).astype(np.float32) @ axes.T
+    return mean.astype(np.float32), axes, light @ axes.T - (axes @ mean).astype(np.float32)
 
 
 def geometry_at(scene: Scene, places: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 import svv.fields.scene.images as of_images
 from svv.core.geometry.cameras import Camera
+from svv.errors import BadInput
 from svv.fields.radiance import kept_views
 from svv.fields.radiance.kept_views import KEPT, KeptViews, Look, View, bytes_of, nothing_kept
 from svv.fields.radiance.rendering import Rays, march
@@ -304,3 +305,17 @@ def test_frames_of_other_networks_are_their_own(tmp_path: Path) -> None:
     (alone,) = write_frames(tmp_path / "alone", other, [camera])
     assert (tmp_path / "other" / alone.name).read_bytes() == alone.read_bytes()
     assert (tmp_path / "one" / alone.name).read_bytes() != alone.read_bytes()
+
+
+def test_a_frame_that_cannot_be_written_ends_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files are written beside the next image: its error must neither be lost nor wait until all others are drawn."""
+    scene, cameras = still(cube_scene()), [cube_camera(size) for size in (16, 17, 18, 19)]
+
+    def full(path: Path, *rest: object) -> None:
+        raise BadInput(f"Cannot write {path}: the disk is full.")
+
+    monkeypatch.setattr("svv.render.frames.write_png", full)
+    drawn: list[float] = []
+    with pytest.raises(BadInput, match=r"0000\.png: the disk is full"):
+        write_frames(tmp_path, scene, cameras, progress=lambda fraction, label: drawn.append(fraction))
+    assert max(drawn) <= 0.5  # the second image was drawn beside it, and no other

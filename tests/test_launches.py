@@ -26,13 +26,13 @@ from svv.fields.strokes.kept_strokes import Brushed
 from svv.fields.strokes.stroke_checks import BRUSHES, curved_strokes, samples_near
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
+from svv.kernels.recorded import RecordedSteps
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.palette.recolour import Recolouring
 from svv.train.run.batches import RayPool
 from svv.train.run.network_adam import NetworkAdam
-from svv.train.run.recorded import RecordedSteps
 from tests.interpreted import GPU, triton_kernels
 
 pytestmark = pytest.mark.skipif(GPU, reason="counted in the interpreter; on a GPU a profiler counts better")

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import functools
+from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
+from svv.fields.radiance.recorded_check import check_recorded
+from svv.kernels import dispatch, gpu
 from svv.kernels.constants import number_on
 from svv.kernels.dispatch import CPU
-from svv.train.run.recorded import RecordedSteps, StepNumbers
-from tests.interpreted import GPU
+from svv.kernels.recorded import RecordedSteps, StepNumbers
+from tests.interpreted import GPU, triton_kernels
 from tests.test_sample_room import DEVICE, stages
 
 
@@ -31,9 +35,8 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> RecordedSteps:
         self.recordings += 1
 
     monkeypatch.setattr(RecordedSteps, "_record", record)
-    steps = RecordedSteps(CPU)
-    steps.possible = True
-    return steps
+    monkeypatch.setattr(torch.cuda, "graph_pool_handle", lambda: None)
+    return RecordedSteps(True)
 
 
 def test_numbers_there_are_the_numbers_and_keep_their_place() -> None:
@@ -65,12 +68,13 @@ def test_a_step_that_reads_its_numbers_on_the_gpu_is_the_same(stage: int, monkey
         work.recorded.possible = there
         if there and not GPU:
             monkeypatch.setattr(work.recorded, "take", lambda key, step: step())
-        losses = [float(work.step(number, 0.1 * number)) for number in range(5 if GPU else 3)]
+        losses = [float(work.step(number, 0.1 * number)) for number in range(5 if GPU else 2)]
         assert not there or not GPU or work.recorded.recordings > 0, work.recorded.notes
         ends.append([*losses, *(p.detach().cpu().flatten() for p in work.field.parameters())])
     for theirs, mine in zip(*ends, strict=True):
-        close = dict(atol=2e-3, rtol=2e-3) if GPU else dict(atol=1e-6, rtol=1e-5)
-        torch.testing.assert_close(torch.as_tensor(mine), torch.as_tensor(theirs), **close)
+        torch.testing.assert_close(
+            torch.as_tensor(mine), torch.as_tensor(theirs), atol=2e-3 if GPU else 1e-6, rtol=2e-3 if GPU else 1e-5
+        )
 
 
 def test_a_step_is_recorded_again_when_its_key_changes_and_taken_as_it_is_after_changes(
@@ -105,5 +109,31 @@ def test_where_recording_fails_steps_go_on_and_a_sentence_says_so(
     assert not recorded.possible and len(recorded.notes) == 1 and "stream is capturing" in recorded.notes[0]
 
 
-def test_steps_are_recorded_on_a_gpu_only() -> None:
-    assert RecordedSteps(DEVICE).possible == GPU
+def test_the_check_finds_recordings_that_do_something_else(
+    recorded: RecordedSteps, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
+    if GPU:
+        monkeypatch.undo()
+        check_recorded(triton_kernels, DEVICE, 0)
+        return
+    few = functools.partial(check_recorded, triton_kernels, CPU, 0, recorded, (5, 4), 4)
+    few()
+    assert recorded.recordings == 2  # of both numbers of rays
+    recorded.forget()
+    monkeypatch.setattr(Recording, "replay", lambda self: None)  # numbers change, and nothing happens
+    with pytest.raises(AssertionError, match=r"step \d+ of 4 is off"):
+        few()
+
+
+def test_steps_are_recorded_where_the_check_has_seen_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    card, monkey = torch.device("cuda", 0), monkeypatch
+    monkey.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkey.delenv(gpu.SKIP_CHECK, raising=False)
+    monkey.setattr(gpu, "key_of_gpu", lambda device: "card")
+    assert not gpu.may_record(CPU) and not gpu.may_record(card)
+    for records in (False, True):
+        gpu._keep(card, gpu.Verdict(True, "checked in 14 s", 14.0, records))
+        assert gpu.may_record(card) == records
+    monkey.setenv(gpu.SKIP_CHECK, "0")
+    assert gpu.may_record(card) and not gpu.may_record(CPU)

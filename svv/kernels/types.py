@@ -287,7 +287,8 @@ class Kernels(Protocol):
 
         ``distance`` (8, X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
         extinction; ``room``: initial buffer size in samples per ray; ``first_ray``: number of the first ray in its
-        batch, for its random numbers, whose ``seed`` may be an int32 tensor (1,). The number returned is the size that sufficed.
+        batch, for its random numbers, whose ``seed`` may be an int32 tensor (1,). The number returned is the size that
+        sufficed.
         """
 
     def representatives(self, samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:

@@ -46,16 +46,16 @@ def sigmoid(x):  # type: ignore[no-untyped-def]
                        "g_values", "g_density", "parts", "rays"]
 )  # fmt: skip
 def learn(  # type: ignore[no-untyped-def]  # long: forward and backward of one ray, whose state is registers
-    sigma, skipped, values, place, start, count, tail, step, shown, weight, alpha, penalties, g_values, g_density, parts,
-    rays, BASE: tl.constexpr, CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    sigma, skipped, values, place, start, count, tail, step, shown, weight, alpha, penalties, g_values, g_density,
+    parts, rays, BASE: tl.constexpr, CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Composite a block of rays, compare them with ``shown`` (R, 4), and write the gradients of their loss.
 
     In stage 1 (``BASE``), sample k has the colour sigmoid(``values[place[k]]``), and the gradient of the values (K, 3)
     is added to ``g_values``; ``g_density`` (S,) receives that of log extinction. In stage 2, sample k has the
-    ``values[k]``, colour and penalties, whose weights are ``penalties`` (3,); ``g_values`` (S, 6) receives
-    their gradient. ``parts`` (programs,): sums of squared errors of colour. A ray without room, whose
-    ``count`` is negative, does not count.
+    ``values[k]``, colour and penalties, whose weights are ``penalties`` (3,); ``g_values`` (S, 6) receives their
+    gradient. ``parts`` (programs,): sums of squared errors of colour. A ray without room, whose ``count`` is negative,
+    does not count.
     """
     r = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     c = tl.arange(0, WIDE)

@@ -18,6 +18,7 @@ from svv.fields.radiance.rendering import Extinction, Marching, composite, march
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
+from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Room, Samples, TrainingKernels
 from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
@@ -25,8 +26,7 @@ from svv.train.config import ReconstructSettings
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
-from svv.train.run.loop import Loop, Running, falling, network_adam
-from svv.train.run.recorded import RecordedSteps, StepNumbers
+from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
 from svv.train.run.sample_room import SampleRoom
 
 LEAST_GAIN = 0.1
@@ -108,7 +108,7 @@ class Reconstruction:
         self.trained = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
         self.networks = network_adam(self.trained, settings.network_rate)
         self.tables = LatticeAdam(self.field.encodings)
-        self.room, self.recorded, self.numbers = SampleRoom(device), RecordedSteps(device), StepNumbers(device)
+        self.room, self.recorded, self.numbers = SampleRoom(device), recorded_steps(device), StepNumbers(device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
@@ -155,9 +155,7 @@ class Reconstruction:
         kernels = kernels_for(density.table).TRAINING
         return kernels if kernels is not None and kernels.fits(self.field.colour_mlp.weights) else None
 
-    def _learn(
-        self, kernels: TrainingKernels, samples: Samples, batch: Batch, counted: bool
-    ) -> tuple[Tensor, float]:
+    def _learn(self, kernels: TrainingKernels, samples: Samples, batch: Batch, counted: bool) -> tuple[Tensor, float]:
         """Compute all gradients at once; returns as :meth:`_learn_in_torch`. The cost is true only if ``counted``."""
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)

@@ -22,6 +22,7 @@ from svv.fields.values.of_values import colours_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
+from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Owned, Room, Samples, TrainingKernels
 from svv.train.base.from_values import colours_told, palette_given
 from svv.train.config import RecolourSettings
@@ -30,9 +31,8 @@ from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
-from svv.train.run.loop import Loop, Running, falling, network_adam
+from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
 from svv.train.run.network_adam import Group
-from svv.train.run.recorded import RecordedSteps, StepNumbers
 from svv.train.run.sample_room import SampleRoom
 
 SETTLED_AT, SETTLED_IN = 4096, 100
@@ -106,7 +106,7 @@ class Recolouring:
         self.tables = LatticeAdam([encoding for encoding in encodings if encoding.table.requires_grad])
         self.budget = RayBudget(s.rays, s.samples)
         device = self.field.colours.device
-        self.room, self.recorded, self.numbers = SampleRoom(device), RecordedSteps(device), StepNumbers(device)
+        self.room, self.recorded, self.numbers = SampleRoom(device), recorded_steps(device), StepNumbers(device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""

@@ -2,7 +2,8 @@
 
 A graph repeats the same kernels at the same addresses with the same arguments. The numbers in which one step differs
 from the next therefore lie on the GPU (:class:`StepNumbers`), and a step is recorded again when anything else changes:
-the number of rays, the room for their samples, the occupied cells, or the lattices.
+the number of rays, the room for their samples, the occupied cells, or the lattices. Whether a GPU, its driver and torch
+can do so is seen in the check on the GPU's first use (:func:`svv.kernels.gpu.may_record`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import torch
 from torch import Tensor
 
 from svv.kernels.constants import moved_at_once
-from svv.train.run import ranks
 
 SLOTS = 16
 """Numbers of a step besides the shifts of its rays, at most."""
@@ -73,9 +73,9 @@ class StepNumbers:
 class RecordedSteps:
     """Repeats a step from its recording where there is one of the same key."""
 
-    def __init__(self, device: torch.device) -> None:
-        """Record steps on a GPU, unless several processes train, whose steps wait for each other."""
-        self.possible = device.type == "cuda" and not ranks.many()
+    def __init__(self, possible: bool) -> None:
+        """Record steps if that is ``possible``: on a GPU, by a single process."""
+        self.possible = possible
         """Whether steps are recorded."""
         self.recordings = 0
         """How many recordings were made."""
@@ -85,7 +85,7 @@ class RecordedSteps:
         self._warm = False
         self._error: Tensor | None = None
         self._graph: torch.cuda.CUDAGraph | None = None
-        self._pool = torch.cuda.graph_pool_handle() if self.possible else None
+        self._pool = torch.cuda.graph_pool_handle() if possible else None
 
     def take(self, key: Hashable, step: Step) -> Tensor:
         """Take a step: the first time as it is, so that all is compiled that it needs, and then from a recording.

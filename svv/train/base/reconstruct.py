@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import partial
 
@@ -279,6 +280,7 @@ def reconstruct(
     Returns:
         The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
+    begin = time.monotonic()
     work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
     loop = Loop(
         settings.iterations, running.limit, running.progress, "base NeRF", network=work.field, notes=running.notes
@@ -289,11 +291,14 @@ def reconstruct(
         if state.restored is not None:
             loop.done, loop.spent = state.restored
         loop.save = lambda done, spent: state.save(done, spent, work.layout())
+    ready = time.monotonic()
     seconds = loop.run(work.step)
+    done = time.monotonic()
     running.notes.extend(work.room.notes())
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()
+    seconds += ready - begin + time.monotonic() - done
     return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit, settings)
 
 

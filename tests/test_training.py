@@ -150,7 +150,9 @@ def test_stages_learn_unseen_views(trained: tuple[Scene, Report], unseen: ViewSe
     assert palette.psnr > base.psnr - 2.0
     assert base.views == 5
     assert report["preset"] == "tiny"
-    assert set(report["seconds"]) >= {"hull", "base", "palette", "pcn", "total"}  # type: ignore[call-overload]
+    seconds = dict(report["seconds"])  # type: ignore[call-overload]
+    assert set(seconds) >= {"check", "hull", "base", "palette", "pcn", "total"}
+    assert seconds.pop("total") == pytest.approx(sum(seconds.values())) and min(seconds.values()) > 0.0
     assert int(report["peak_rss_bytes"]) > 0  # type: ignore[call-overload]
 
 

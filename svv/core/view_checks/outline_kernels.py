@@ -44,10 +44,10 @@ def _trace_one(image, step, background, of_alpha, of_contrast, of_pixel, of_squa
     start = step // 2
     width = (image.shape[1] - start + step - 1) // step
     touched, found = 0, 0  # a bit for each level
-    row = np.empty(width, np.int64)
+    row, alone = np.empty(width, np.int64), np.empty(height, np.bool_)
     counts = np.zeros((3, width), np.uint8)  # of three pixels in a row, of this row and its neighbours
-    _count(image[start], start, step, of_pixel, counts[0])  # beyond the edge, pixels are those at the edge
-    counts[1] = counts[0]
+    for y in range(2):  # beyond the edge, pixels are those at the edge
+        _count(image[start], start, step, of_pixel, counts[y])
     for y in range(height):
         _count(image[start + min(y + 1, height - 1) * step], start, step, of_pixel, counts[(y + 2) % 3])
         pixels, there, last_code = image[start + y * step], 0, -1
@@ -70,7 +70,8 @@ def _trace_one(image, step, background, of_alpha, of_contrast, of_pixel, of_squa
     for level in range(levels):
         whole[level] = found >> level & 1 and not touched >> level & 1
         left, right = ends[level, 0], ends[level, 1]
-        alone = left == right
+        for y in range(height):
+            alone[y] = left[y] == right[y]
         _leave_outermost(left, 1)
         _leave_outermost(right, -1)
         for y in range(height):  # of pixels that are equally far out, left ends come first, so none may be missing
@@ -101,8 +102,9 @@ def _count(pixels, start, step, of_pixel, counts):  # type: ignore[no-untyped-de
 @njit(cache=True)
 def _note_ends(row, there, ends):  # type: ignore[no-untyped-def]
     """Note the first and last column of each level in the codes of a row. (W,), (L, 2)"""
-    ends[:] = -1
     for side in range(2):
+        for level in range(len(ends)):
+            ends[level, side] = -1
         left, x = there, 0  # levels that are not found yet
         while left:
             column = len(row) - 1 - x if side else x

@@ -116,8 +116,8 @@ class Tracing:
         """Return the silhouettes of some of the pictures, given by their indices."""
         background = self._background(chosen)
         missing = np.array([k for k in chosen.tolist() if (k, background) not in self._known], np.intp)
-        for k, traced in zip(missing.tolist(), self._traced(missing, background), strict=True):
-            self._known[k, background] = traced
+        for k, one in zip(missing.tolist(), self._traced(missing, background), strict=True):
+            self._known[k, background] = one
         traced = [self._known[k, background] for k in chosen.tolist()]
         # Levels are alike if they are in the code of every pixel.
         bits = np.unique(np.concatenate([one.codes for one in traced])) >> np.arange(LEVELS)[:, None] & 1
@@ -135,7 +135,7 @@ class Tracing:
         height = len(range(self._images.shape[1])[self._step // 2 :: self._step])
         ends = np.empty((len(which), LEVELS, 2, height), np.int16)
         whole, codes = np.empty((len(which), LEVELS), np.bool_), np.zeros((len(which), 1 << LEVELS), np.bool_)
-        trace(self._images, which, self._step, np.array(background), *TABLES, ends, whole, codes)
+        trace(self._images, which, self._step, np.array(background), TABLES, ends, whole, codes)
         for n in range(len(which)):
             points = np.zeros((LEVELS, TANGENTS, 2))
             for k in range(LEVELS):
@@ -151,8 +151,8 @@ class Tracing:
         if not all(((some[k] == 0) | (some[k] == 255)).all() for k in chosen):
             return -1, -1, -1
         thin = self._images[:, first::step, first::step]
-        counts = [thin[k, ..., 3].size - np.count_nonzero(thin[k, ..., 3]) for k in chosen]
-        apart, done, parts = max(1, sum(counts) // 10000), 0, []
+        counts = [thin[k, ..., 3].size - int(np.count_nonzero(thin[k, ..., 3])) for k in chosen]
+        apart, done, parts = max(1, sum(counts) // 10000), 0, []  # ten thousand pixels, evenly among all
         for k, count in zip(chosen, counts, strict=True):
             empty = np.flatnonzero(thin[k, ..., 3] == 0)[-done % apart :: apart]
             parts.append(thin[k, empty // thin.shape[2], empty % thin.shape[2], :3])
@@ -186,15 +186,15 @@ def _spread(count: int, most: int) -> NDArray[np.intp]:
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
 
 
-def _tables() -> tuple[NDArray[np.int64], ...]:
-    """Return the tables by which pixels are given their levels (:func:`trace`)."""
+def _tables() -> NDArray[np.int64]:
+    """Return the tables by which pixels are given their levels (:func:`trace`). (4, 256)"""
     values, numbers = np.arange(256), np.arange(LEVELS)[:, None]
     opaque, contrasting = np.array(OPACITIES)[:, None], np.array(CONTRASTS)[:, None]
     both = np.stack([values & 15, values >> 4])  # pixels of a square above either level of CLEANED
     bits = np.concatenate([values > opaque, values > contrasting, both > 4]) << numbers
     of_alpha, of_contrast, of_square = np.split(bits, np.cumsum([len(OPACITIES), len(CONTRASTS)]))
     of_pixel = (values > CLEANED[0]) + 16 * (values > CLEANED[1])
-    return of_alpha.sum(axis=0), of_contrast.sum(axis=0), of_pixel, of_square.sum(axis=0)
+    return np.stack([of_alpha.sum(axis=0), of_contrast.sum(axis=0), of_pixel, of_square.sum(axis=0)])
 
 
 TABLES = _tables()

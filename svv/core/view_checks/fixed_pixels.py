@@ -63,7 +63,7 @@ def fixed_pixels(images: Sequence[Images], views: Views, step: int = 1) -> Mask:
     ever = filled.any(axis=0)
     if len(images) < 3 or not ever.any():
         return found
-    same = filled.all(axis=0)
+    same = np.logical_and.reduce(filled)
     same[same] = np.ptp([image[same] for image in images], axis=0).max(axis=-1) <= SAME
     seen: _Seen | None = None
     for mask in (same, ever & ~same):

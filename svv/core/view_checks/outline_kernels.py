@@ -11,7 +11,7 @@ from numba import njit, prange
 
 
 @njit(parallel=True, cache=True)
-def trace(images, which, step, background, of_alpha, of_contrast, of_pixel, of_square, ends, whole, codes):  # type: ignore[no-untyped-def]
+def trace(images, which, step, background, tables, ends, whole, codes):  # type: ignore[no-untyped-def]
     """Find the outermost pixels of pictures at all levels, row by row.
 
     A pixel's code has a bit for each level that it belongs to; tables give the bits.
@@ -22,24 +22,21 @@ def trace(images, which, step, background, of_alpha, of_contrast, of_pixel, of_s
         step: Only every so many-th pixel is looked at, from ``step // 2`` on, in both directions.
         background: RGB from which contrast is measured where there is something; its first number is negative if
             contrast is brightness over black. int64 (3,)
-        of_alpha: Bits of each alpha. int64 (256,)
-        of_contrast: Bits of each contrast, the largest difference of a channel. int64 (256,)
-        of_pixel: What each alpha adds to the two counts of a square of 3 x 3 pixels, which take four bits each, so that
-            both share a byte. int64 (256,)
-        of_square: Bits of each pair of counts. int64 (256,)
+        tables: Bits of each alpha; bits of each contrast, the largest difference of a channel; what each alpha adds to
+            the two counts of a square of 3 x 3 pixels, which take four bits each and so share a byte; and bits of each
+            pair of counts. int64 (4, 256)
         ends: Result: first and last column in each row, of those alone that may be outermost in some direction, and
             otherwise -1. int16 (N, L, 2, H)
         whole: Result: whether something is there and does not touch the edge of the picture. bool (N, L)
         codes: Result: which codes there are, to be False before. bool (N, 1 << L)
     """
     for n in prange(len(which)):
-        _trace_one(
-            images[which[n]], step, background, of_alpha, of_contrast, of_pixel, of_square, ends[n], whole[n], codes[n]
-        )
+        _trace_one(images[which[n]], step, background, tables, ends[n], whole[n], codes[n])
 
 
 @njit(cache=True)
-def _trace_one(image, step, background, of_alpha, of_contrast, of_pixel, of_square, ends, whole, codes):  # type: ignore[no-untyped-def]
+def _trace_one(image, step, background, tables, ends, whole, codes):  # type: ignore[no-untyped-def]
+    of_alpha, of_contrast, of_pixel, of_square = tables[0], tables[1], tables[2], tables[3]
     levels, _, height = ends.shape
     start = step // 2
     width = (image.shape[1] - start + step - 1) // step

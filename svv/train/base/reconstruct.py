@@ -292,6 +292,8 @@ def reconstruct(
             loop.done, loop.spent = state.restored
         loop.save = lambda done, spent: state.save(done, spent, work.layout())
     ready = time.monotonic()
+    if running.limit is not None:
+        loop.limit = max(0.1, running.limit - (ready - begin))
     seconds = loop.run(work.step)
     done = time.monotonic()
     running.notes.extend(work.room.notes())

@@ -8,9 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from svv.io.views.agreement import check_agreement
+from svv.io.views.equal_views import equal_views
 from svv.job.compile_ahead import ball_views
-from svv.train import training
 from svv.train.base import tomography
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import preset
@@ -30,8 +32,8 @@ def test_seconds_hold_what_is_done_beside_the_steps(monkeypatch: pytest.MonkeyPa
         return slow
 
     monkeypatch.setattr(time, "monotonic", lambda: clock() + late)
-    monkeypatch.setattr(training, "check_agreement", slowed(training.check_agreement))
-    monkeypatch.setattr(training, "equal_views", slowed(training.equal_views))
+    monkeypatch.setattr("svv.train.training.check_agreement", slowed(check_agreement))
+    monkeypatch.setattr("svv.train.training.equal_views", slowed(equal_views))
     for kind, names in ((Reconstruction, ("__init__", "finish")), (Recolouring, ("__init__", "shares"))):
         for name in names:
             monkeypatch.setattr(kind, name, slowed(getattr(kind, name)))
@@ -50,8 +52,14 @@ def test_seconds_hold_what_is_done_beside_the_steps(monkeypatch: pytest.MonkeyPa
 
 
 def test_opaque_pixels_of_views_are_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    views, counted = ball_views(), []
+    views = ball_views()
+    counted: list[tuple[int, ...]] = []
+
+    def none_opaque(alpha: NDArray[np.uint8]) -> float:
+        counted.append(alpha.shape)
+        return 0.0
+
     assert tomography.mostly_opaque(replace(views, images=views.images.copy()))  # whose visible pixels all are
-    monkeypatch.setattr(tomography, "opaque_part", lambda alpha: counted.append(np.shape(alpha)) or 0.0)
+    monkeypatch.setattr(tomography, "opaque_part", none_opaque)
     assert not tomography.mostly_opaque(views) and not tomography.mostly_opaque(views)
     assert counted == [views.images.shape[:3]]

@@ -41,7 +41,6 @@ from svv.fields.scene.scene import Scene
 from svv.fields.strokes.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.pictures.output import to_bytes, write_mp4
-from svv.measure import give_memory_back
 from svv.render.web.fields import Field, fields_of
 
 SCRIPTS = (
@@ -109,7 +108,6 @@ def html_of(
     scene = scene.on(torch.device("cpu"))
     rig = _closer(scene)
     stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))
-    give_memory_back()  # what images took must not add to what tables take
     layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
     header = _header(scene, rig) | {"layers": layers, "file": name, "background": list(background)}

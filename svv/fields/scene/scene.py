@@ -374,10 +374,7 @@ class Scene(Model):
         return restored(cls, *read_scene_file(path), str(path))
 
     def to_bytes(self, whole: bool = True) -> bytes:
-        """Return the content that :meth:`save` writes, with uncompressed tables.
-
-        ``whole`` content also has tables that follow from the rest, such as those of strokes, which are made for it.
-        """
+        """Return what :meth:`save` writes, tables uncompressed, with those that follow from the rest if ``whole``."""
         return scene_bytes(*arrays_of(self, packed=True, whole=whole))
 
     @classmethod

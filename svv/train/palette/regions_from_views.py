@@ -16,16 +16,17 @@ from __future__ import annotations
 
 import math
 import time
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from svv.core.colour.colour import hsb_array, to_hex
 from svv.core.colour.palette import Palette, PaletteSettings
-from svv.core.geometry.surfaces import surface_normals
+from svv.core.geometry.surfaces import blurred, surface_normals
 from svv.core.rays.encodings import stored_rows
 from svv.core.two_groups import gap_of
 from svv.fields.radiance.encodings import SparseLattice
@@ -114,8 +115,8 @@ class Labels:
 class _Points:
     """Points of a scene as training rays show them.
 
-    Each is a vertex and stands for the samples around it. ``vertex`` (S,), ``ray`` (S,), ``weight`` (S,): weight in the
-    pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel;
+    Each is a vertex and stands for a ray's samples around it. ``vertex`` (S,), ``ray`` (S,), ``weight`` (S,): weight in
+    the pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel;
     ``pixel`` (R, 3): colour over black, ``alpha`` (R,).
     """
 
@@ -128,7 +129,7 @@ class _Points:
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
         empty = self.labels(np.zeros(len(self._places), np.int64))
-        normals = torch.from_numpy(surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)).to(self._device)
+        normals = surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)
         pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
         parts: list[list[NDArray[np.generic]]] = []
         for number in range(RAYS // AT_A_TIME):
@@ -140,10 +141,13 @@ class _Points:
             colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
             shown, transmittance, weight = composite(samples, sigma, colour)
             missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
-            ray, vertex = samples.ray.long(), empty.rows_of(samples.position)
-            cosine = (normals[vertex] * batch.rays.lit_along[ray]).sum(dim=1).abs()
-            seen = vertex, ray + number * AT_A_TIME, weight, cosine, colour + missing[ray]
-            parts.append([value.cpu().numpy() for value in (*seen, batch.premultiplied, batch.alpha)])
+            arrays = (samples.ray, empty.rows_of(samples.position), weight, colour)
+            ray, vertex, weight, colour = _joined(*(value.cpu().numpy() for value in arrays))
+            lit_along, missing, pixel, alpha = (
+                value.cpu().numpy() for value in (batch.rays.lit_along, missing, batch.premultiplied, batch.alpha)
+            )
+            cosine = np.abs(np.einsum("sc,sc->s", normals[vertex], lit_along[ray]))
+            parts.append([vertex, ray + number * AT_A_TIME, weight, cosine, colour + missing[ray], pixel, alpha])
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
@@ -164,23 +168,22 @@ class _Points:
 
         Points vote with their visible light, and vertices that no ray shows join the nearest that one does.
         """
-        light = self._sum(self.weight[:, None] * self.colour)
-        light /= np.sqrt(np.maximum(self._sum(self.weight[:, None]), 1e-6))  # what is seen less is less certain
+        light = self._light / np.sqrt(np.maximum(self._sum(self.weight[:, None]), 1e-6))  # what is seen less is less certain
         length = np.linalg.norm(light, axis=1, keepdims=True)
         cosine = (light / np.maximum(length, 1e-9)) @ _unit(palette).T
         angle = np.arccos(np.clip(cosine, -1.0, 1.0))
         likeness = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
         votes = self._blurred(length * likeness / likeness.sum(axis=1, keepdims=True))
         region, seen = votes.argmax(axis=1), votes.sum(axis=1) > 0
-        grid = np.zeros(tuple(self._lattice.shapes[0].tolist()), np.int64)
-        grid[tuple(self._places[seen].T)] = region[seen] + 1
-        nearest = distance_transform_edt(grid == 0, return_distances=False, return_indices=True)
-        return np.asarray(grid[tuple(nearest)][tuple(self._places.T)] - 1).clip(min=0)
+        if seen.any() and not seen.all():
+            nearest = cKDTree(self._places[seen]).query(self._places[~seen], workers=-1)[1]
+            region[~seen] = region[seen][nearest]
+        return region
 
     def two_hues(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
         """Return which vertices (V,) of a region have its second hue, and "hue"; None if it has only one."""
         mine = region == number
-        light = self._blurred(self._sum(self.weight[:, None] * self.colour) * mine[:, None])[mine]
+        light = self._blurred(self._light * mine[:, None])[mine]
         hue, saturation, bright = hsb_array(light.clip(min=0.0)).T
         ours = hsb_array(light.sum(axis=0).clip(min=0.0))
         if ours[1] < PaletteSettings().grey_saturation:
@@ -220,7 +223,7 @@ class _Points:
         self, region: NDArray[np.int64], hues: Array, most: int
     ) -> tuple[NDArray[np.int64], Array, list[str], list[tuple[int, Array]]]:
         """Return regions of one hue each (V,), their hues, what was done, and what holds another hue nevertheless."""
-        light = self._blurred(self._sum(self.weight[:, None] * self.colour))
+        light = self._blurred(self._light)
         found, done, left = divided(self._seen, region, len(hues), light, most, self._until)
         said = []
         for number, gain in done:
@@ -304,6 +307,11 @@ class _Points:
         rays = len(self.alpha)
         return np.stack([np.bincount(self.ray, self.weight * column, rays) for column in colour.T], axis=1)
 
+    @cached_property
+    def _light(self) -> Array:
+        """The light that pixels have from each vertex, RGB. (V, 3)"""
+        return self._sum(self.weight[:, None] * self.colour)
+
     def _sum(self, values: NDArray[np.floating]) -> Array:
         """Sum values of samples (S, C) by vertex. (V, C)"""
         return np.stack([np.bincount(self.vertex, column, len(self._places)) for column in values.T], axis=1)
@@ -315,8 +323,28 @@ class _Points:
         for channel, column in enumerate(values.T):
             grid = np.zeros(shape, np.float32)
             grid[at] = column
-            found[:, channel] = gaussian_filter(grid, BLUR, mode="constant")[at]
+            found[:, channel] = blurred(grid, BLUR, beyond=False)[at]
         return found
+
+
+def _joined(
+    ray: NDArray[np.integer], vertex: NDArray[np.int64], weight: NDArray[np.float32], colour: NDArray[np.float32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+    """Return samples of which those of a ray that stand for the same vertex are one; they follow each other.
+
+    Args:
+        ray: Ray of each sample, in ascending order. (S,)
+        vertex: Vertex of each sample. (S,)
+        weight: Weight of each sample, > 0. (S,)
+        colour: Colour of each sample; the result is the mean by weight. (S, 3)
+    """
+    other = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
+    first = np.flatnonzero(np.concatenate((np.ones(min(len(ray), 1), np.bool_), other)))
+    if not len(first):
+        return ray.astype(np.int64), vertex, weight, colour
+    total = np.add.reduceat(weight, first)
+    mean = np.add.reduceat(weight[:, None] * colour, first, axis=0) / total[:, None]
+    return ray[first].astype(np.int64), vertex[first], total, mean
 
 
 def _cells_for(scene: Scene) -> int:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,7 +108,7 @@ class Seen:
             region: Region of each vertex. (V,)
             count: Number of regions P.
         """
-        sums = np.zeros((_blocks(len(self.pixel)), 2 * count, 2 * count + 3))
+        sums = np.zeros((-(-len(self.pixel) // kernels.BLOCK), 2 * count, 2 * count + 3))
         kernels.normal_equations(*self.rows, region, sums)
         total = sums.sum(axis=0)
         lower, right = total[:, : 2 * count], total[:, 2 * count :]
@@ -121,11 +120,22 @@ class Seen:
         found = np.stack([nnls(factor.T, column)[0] for column in target.T], axis=1)
         return found[:count], found[count:]
 
+    def errors(self, region: Regions, light: tuple[Array, Array], along: float) -> Single:
+        """Return what is shown of regions (V,) and their light less the pixels. (R, 3)
+
+        Args:
+            region: Region of each vertex. (V,)
+            light: What regions reflect, as of :meth:`light`.
+            along: The part that is left of errors along the pixels' own colours.
+        """
+        both, error = _both(light), np.empty((len(self.pixel), 3), np.float32)
+        member = np.eye(len(both), dtype=np.float32)[region]
+        kernels.errors(*self.rows, self.along, np.float32(along), both, member, error)
+        return error
+
     def error_across(self, region: Regions, light: tuple[Array, Array]) -> float:
         """Return the root mean square error of pixels across their own colours, for regions (V,) and their light."""
-        sums = np.zeros(_blocks(len(self.pixel)))
-        kernels.squares_across(*self.rows, self.along, region, _single(light), sums)
-        return float(np.sqrt(sums.sum() / len(self.pixel)))
+        return float(np.sqrt(np.square(self.errors(region, light, 0.0)).sum(axis=1).mean()))
 
 
 @dataclass(frozen=True)
@@ -264,12 +274,11 @@ class Solver:
             count: Number of regions P.
             smoothness: Weight of neighbours' differences.
         """
-        seen, even = self._seen, count + count % 2
-        member, error = np.eye(even, dtype=np.float32)[region], np.empty((len(self._seen.pixel), 3), np.float32)
-        both = np.zeros((even, 6), np.float32)
+        seen, member = self._seen, np.eye(count + count % 2, dtype=np.float32)[region]
+        error = np.empty((len(seen.pixel), 3), np.float32)
         for turn in range(TURNS):
             light = seen.light(region if turn == 0 else member.argmax(axis=1), count)
-            full, both[:count] = light[0] + light[1], _single(light)
+            full, both = light[0] + light[1], _both(light)
             curvature = float(np.linalg.eigvalsh(full @ full.T).max()) * self._bound
             step = (1.0 / (curvature + 2.0 * smoothness * self._degree + 1e-9)).astype(np.float32)
             ahead, following, pace = member.copy(), np.empty_like(member), 1.0
@@ -284,14 +293,10 @@ class Solver:
         return member[:, :count]
 
 
-def _blocks(rays: int) -> int:
-    """Return the number of blocks of rays whose sums the kernels add up."""
-    return -(-rays // kernels.BLOCK)
-
-
-def _single(light: tuple[Array, Array]) -> Single:
-    """Return what regions reflect of both kinds of light side by side. (P, 6)"""
-    return np.concatenate(light, axis=1).astype(np.float32)
+def _both(light: tuple[Array, Array]) -> Single:
+    """Return what regions reflect of both kinds of light side by side, for an even number of regions. (P, 6)"""
+    count = len(light[0])
+    return np.pad(np.concatenate(light, axis=1), ((0, count % 2), (0, 0))).astype(np.float32)
 
 
 def _neighbours(places: NDArray[np.integer]) -> Index:
@@ -305,8 +310,33 @@ def _neighbours(places: NDArray[np.integer]) -> Index:
     return np.where(found >= 0, found, own[:, None]).astype(np.uint32)
 
 
-def agreement(first: Sequence[NDArray[np.floating]], second: Sequence[NDArray[np.floating]]) -> Array:
-    """Return the intersection over union of soft memberships of samples, each (S,), region by region. (P,)"""
-    both = np.array([np.minimum(a, b).sum() for a, b in zip(first, second, strict=True)])
-    either = np.array([np.maximum(a, b).sum() for a, b in zip(first, second, strict=True)])
-    return np.asarray(both / np.maximum(either, 1e-12), np.float64)
+def joined(
+    ray: NDArray[np.integer], vertex: NDArray[np.int64], weight: Single, colour: Single
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Single, Single]:
+    """Return samples of which those of a ray that stand for the same vertex, one after the other, are one.
+
+    Args:
+        ray: Ray of each sample, in ascending order. (S,)
+        vertex: Vertex of each sample. (S,)
+        weight: Weight of each sample, > 0. (S,)
+        colour: Colour of each sample; the result is the mean by weight. (S, 3)
+    """
+    other = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
+    first = np.flatnonzero(np.concatenate((np.ones(min(len(ray), 1), np.bool_), other)))
+    if not len(first):
+        return ray.astype(np.int64), vertex, weight, colour
+    total = np.add.reduceat(weight, first)
+    mean = np.add.reduceat(weight[:, None] * colour, first, axis=0) / total[:, None]
+    return ray[first].astype(np.int64), vertex[first], total, mean
+
+
+def agreement(light: Array, alike: NDArray[np.bool_]) -> Array:
+    """Return how far two ways to tell regions agree: intersection over union of each, in terms of light. (P,)
+
+    Args:
+        light: Light of the region in each row, of which the other way tells the one in each column. (P, P)
+        alike: Regions that the other way cannot tell apart, of which it is taken to mean the right one. (P, P)
+    """
+    right = np.where(alike, light, 0.0).sum(axis=1)
+    wrong = np.where(alike, 0.0, light)
+    return np.asarray(right / np.maximum(light.sum(axis=1) + wrong.sum(axis=0), 1e-12), np.float64)

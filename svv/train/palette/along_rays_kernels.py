@@ -55,37 +55,6 @@ def normal_equations(first, vertex, weight, cosine, pixel, region, sums):  # typ
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def squares_across(first, vertex, weight, cosine, pixel, along, region, light, sums):  # type: ignore[no-untyped-def]
-    """Add up the squares of the errors of pixels across directions.
-
-    Args:
-        first: First sample of each ray, like the next four; see :func:`normal_equations`.
-        vertex: Vertices.
-        weight: Weights.
-        cosine: Cosines.
-        pixel: Pixels.
-        along: Unit vectors, float32. (R, 3)
-        region: Region of each vertex, int64. (V,)
-        light: What regions reflect of light from everywhere, and of a headlight, float32. (P, 6)
-        sums: One sum per block of rays, zeros before. (B,)
-    """
-    for block in prange(sums.shape[0]):
-        total = 0.0
-        for r in range(block * BLOCK, min((block + 1) * BLOCK, pixel.shape[0])):
-            x, y, z = -pixel[r, 0], -pixel[r, 1], -pixel[r, 2]
-            for s in range(first[r], first[r + 1]):
-                p, w = region[vertex[s]], weight[s]
-                lit = w * cosine[s]
-                x += w * light[p, 0] + lit * light[p, 3]
-                y += w * light[p, 1] + lit * light[p, 4]
-                z += w * light[p, 2] + lit * light[p, 5]
-            inside = x * along[r, 0] + y * along[r, 1] + z * along[r, 2]
-            x, y, z = x - inside * along[r, 0], y - inside * along[r, 1], z - inside * along[r, 2]
-            total += x * x + y * y + z * z
-        sums[block] = total
-
-
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def errors(first, vertex, weight, cosine, pixel, along, kept, light, member, error):  # type: ignore[no-untyped-def]
     """Write the errors of pixels, of which only a part is left along directions.
 

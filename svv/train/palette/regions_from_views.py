@@ -28,14 +28,14 @@ from svv.core.colour.colour import hsb_array, to_hex
 from svv.core.colour.palette import Palette, PaletteSettings
 from svv.core.geometry.surfaces import blurred, surface_normals
 from svv.core.rays.encodings import stored_rows
-from svv.core.two_groups import gap_of
+from svv.core.two_groups import gap_of, weighted_quantile
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.phong import softened_extinction
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.palette.along_rays import Seen, agreement, divided, unmixed
+from svv.train.palette.along_rays import Seen, agreement, divided, joined, unmixed
 from svv.train.palette.ranges import KnownRegions
 from svv.train.run.batches import RayPool
 
@@ -142,7 +142,7 @@ class _Points:
             shown, transmittance, weight = composite(samples, sigma, colour)
             missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
             arrays = (samples.ray, empty.rows_of(samples.position), weight, colour)
-            ray, vertex, weight, colour = _joined(*(value.cpu().numpy() for value in arrays))
+            ray, vertex, weight, colour = joined(*(value.cpu().numpy() for value in arrays))
             lit_along, missing, pixel, alpha = (
                 value.cpu().numpy() for value in (batch.rays.lit_along, missing, batch.premultiplied, batch.alpha)
             )
@@ -168,12 +168,9 @@ class _Points:
 
         Points vote with their visible light, and vertices that no ray shows join the nearest that one does.
         """
-        light = self._light / np.sqrt(np.maximum(self._sum(self.weight[:, None]), 1e-6))  # what is seen less is less certain
+        light = self._light / np.sqrt(np.maximum(np.bincount(self.vertex, self.weight, len(self._places)), 1e-6))[:, None]  # what is seen less is less certain
         length = np.linalg.norm(light, axis=1, keepdims=True)
-        cosine = (light / np.maximum(length, 1e-9)) @ _unit(palette).T
-        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-        likeness = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
-        votes = self._blurred(length * likeness / likeness.sum(axis=1, keepdims=True))
+        votes = self._blurred(length * _likeness(light, palette).T)
         region, seen = votes.argmax(axis=1), votes.sum(axis=1) > 0
         if seen.any() and not seen.all():
             nearest = cKDTree(self._places[seen]).query(self._places[~seen], workers=-1)[1]
@@ -238,13 +235,9 @@ class _Points:
         intersection over union of both, in terms of light. Regions of nearly one hue are not told apart by single rays.
         """
         unit = _unit(colours)
-        angle = np.arccos(np.clip(_unit(self.colour) @ unit.T, -1.0, 1.0))
-        told = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
-        told /= told.sum(axis=1, keepdims=True)
-        own = np.eye(len(colours))[region[self.vertex]]
-        alike = (np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE).astype(np.float64)
-        told = np.where(own @ alike > 0.0, own * (told @ alike), told)
-        return agreement((self.weight[:, None] * own).T, (self.weight[:, None] * told).T)
+        own, count = region[self.vertex], len(colours)
+        light = [np.bincount(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
+        return agreement(np.stack(light, axis=1), np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE)
 
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
@@ -265,14 +258,15 @@ class _Points:
         # and thus C, whatever p is.
         found = (2.0 * ambient + diffuse) / (1.0 + self._ambient_part(ambient, diffuse))
         found = np.where(found.max(axis=1, keepdims=True) > LEAST_COLOUR, found, hues)
-        colour = ambient[own] + diffuse[own] * self.cosine[:, None]
-        missing = self.pixel - self._shown(colour)
-        colour += (missing / np.maximum(self.alpha, LEAST_SOLID)[:, None])[self.ray]
+        error = self._seen.errors(region, (ambient, diffuse), 1.0)
+        missing = -error / np.maximum(self.alpha, LEAST_SOLID)[:, None]
         for number in range(count):
-            mine = own == number
-            if mine.any():
-                bright = colour[mine] @ (found[number] / max(float(np.square(found[number]).sum()), 1e-12))
-                found[number] *= max(1.0, _quantile(bright, self.weight[mine], BEST_LIT))
+            mine = np.flatnonzero(own == number)
+            if len(mine):
+                one = found[number] / max(float(np.square(found[number]).sum()), 1e-12)
+                bright = ambient[number] @ one + diffuse[number] @ one * self.cosine[mine]
+                bright += (missing @ one)[self.ray[mine]]
+                found[number] *= max(1.0, weighted_quantile(bright, self.weight[mine], BEST_LIT))
         # Of a colour that is too bright, the hue is right.
         return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
 
@@ -298,23 +292,18 @@ class _Points:
         reflects = (ambient[1].max() + diffuse[1].max() * self.cosine) / full
         # A brightness of 1 is a colour whose largest channel is 1.
         bright = self.colour @ (colour * full / max(float(np.square(colour).sum()), 1e-12))
-        sums = self._sum((self.weight * reflects)[:, None] * np.stack([bright, reflects], axis=1))
+        sums = self._sum(self.weight * reflects, bright, reflects)
         above, below = self._blurred(sums * mine[:, None])[mine].T
         return above / np.maximum(below, 1e-12), below
-
-    def _shown(self, colour: Array) -> Array:
-        """Return the pixels that samples of some colours (S, 3) show, over black. (R, 3)"""
-        rays = len(self.alpha)
-        return np.stack([np.bincount(self.ray, self.weight * column, rays) for column in colour.T], axis=1)
 
     @cached_property
     def _light(self) -> Array:
         """The light that pixels have from each vertex, RGB. (V, 3)"""
-        return self._sum(self.weight[:, None] * self.colour)
+        return self._sum(self.weight, *self.colour.T)
 
-    def _sum(self, values: NDArray[np.floating]) -> Array:
-        """Sum values of samples (S, C) by vertex. (V, C)"""
-        return np.stack([np.bincount(self.vertex, column, len(self._places)) for column in values.T], axis=1)
+    def _sum(self, weight: NDArray[np.floating], *values: NDArray[np.floating]) -> Array:
+        """Sum the products of a weight and each of C values of samples (S,) by vertex. (V, C)"""
+        return np.stack([np.bincount(self.vertex, weight * value, len(self._places)) for value in values], axis=1)
 
     def _blurred(self, values: Array) -> Array:
         """Sum values of vertices (V, C) over their neighbours. (V, C)"""
@@ -327,26 +316,6 @@ class _Points:
         return found
 
 
-def _joined(
-    ray: NDArray[np.integer], vertex: NDArray[np.int64], weight: NDArray[np.float32], colour: NDArray[np.float32]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-    """Return samples of which those of a ray that stand for the same vertex are one; they follow each other.
-
-    Args:
-        ray: Ray of each sample, in ascending order. (S,)
-        vertex: Vertex of each sample. (S,)
-        weight: Weight of each sample, > 0. (S,)
-        colour: Colour of each sample; the result is the mean by weight. (S, 3)
-    """
-    other = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
-    first = np.flatnonzero(np.concatenate((np.ones(min(len(ray), 1), np.bool_), other)))
-    if not len(first):
-        return ray.astype(np.int64), vertex, weight, colour
-    total = np.add.reduceat(weight, first)
-    mean = np.add.reduceat(weight[:, None] * colour, first, axis=0) / total[:, None]
-    return ray[first].astype(np.int64), vertex[first], total, mean
-
-
 def _cells_for(scene: Scene) -> int:
     """Return the cells of the grid of regions: those of the finest features, which the network can follow."""
     return min((scene.settings.resolutions + scene.settings.finer)[-1], MOST_CELLS)
@@ -357,11 +326,11 @@ def _unit(colours: Array) -> Array:
     return colours / np.maximum(np.linalg.norm(colours, axis=1, keepdims=True), 1e-9)
 
 
-def _quantile(values: NDArray[np.floating], weights: NDArray[np.floating], part: float) -> float:
-    """Return the value below which ``part`` of the weights lie."""
-    order = np.argsort(values, kind="stable")
-    below = np.cumsum(weights[order])
-    return float(values[order[min(int(np.searchsorted(below, part * below[-1])), len(order) - 1)]])
+def _likeness(colours: NDArray[np.floating], palette: Array) -> NDArray[np.float32]:
+    """Return how much colours (N, 3) are like those of a palette (P, 3) in hue and saturation, with sum 1. (P, N)"""
+    unit = torch.nn.functional.normalize(torch.from_numpy(colours).float(), dim=1, eps=1e-9)
+    angle = (torch.from_numpy(_unit(palette)).float() @ unit.T).clamp_(-1.0, 1.0).acos_()
+    return np.asarray((angle.square_() * (-0.5 / ANGLE**2)).softmax(dim=0).numpy(), np.float32)
 
 
 def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -40,7 +40,7 @@ def weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating
     low, high = float(values.min()), float(values.max())
     if not high > low:
         return low
-    place = ((values - low) * (PARTS / (high - low))).astype(np.int64).clip(max=PARTS - 1)
+    place = ((values - low) / (high - low) * PARTS).astype(np.int64).clip(max=PARTS - 1)
     below = np.cumsum(np.bincount(place, weights, PARTS))
     goal = part * below[-1]
     here = min(int(np.searchsorted(below, goal)), int(place.max()))

@@ -76,7 +76,7 @@ class Seen:
 
     @cached_property
     def rows(self) -> tuple[Index, Index, Single, Single, Single]:
-        """What the kernels read: the first sample of each ray (R + 1,), vertices, weights, cosines (S,), pixels (R, 3)."""
+        """For the kernels: each ray's first sample (R + 1,), vertices, weights, cosines (S,), and pixels (R, 3)."""
         first = np.searchsorted(self.ray, np.arange(len(self.pixel) + 1))
         single = (np.ascontiguousarray(x, np.float32) for x in (self.weight, self.cosine, self.pixel))
         return first.astype(np.uint32), self.vertex.astype(np.uint32), *single
@@ -204,7 +204,7 @@ def divided(
         half = _half(light, region == number)
         found = region if half is None else np.where(half, count, region)
         after = error if half is None else held.error_across(found, known.light(found, count + 1))
-        gain = 1.0 - after / max(error, 1e-12)
+        gain = (error - after) / max(error, 1e-12)
         if half is None or gain < DIVIDING_GAIN:
             number += 1
         elif count >= most:
@@ -337,6 +337,7 @@ def agreement(light: Array, alike: NDArray[np.bool_]) -> Array:
         light: Light of the region in each row, of which the other way tells the one in each column. (P, P)
         alike: Regions that the other way cannot tell apart, of which it is taken to mean the right one. (P, P)
     """
+    alike = alike | np.eye(len(light), dtype=np.bool_)  # a black region's colour is not even like itself
     right = np.where(alike, light, 0.0).sum(axis=1)
     wrong = np.where(alike, 0.0, light)
     return np.asarray(right / np.maximum(light.sum(axis=1) + wrong.sum(axis=0), 1e-12), np.float64)

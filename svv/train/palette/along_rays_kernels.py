@@ -89,7 +89,11 @@ def errors(first, vertex, weight, cosine, pixel, along, kept, light, member, err
                 y += plain * light[p, 1] + lit * light[p, 4] + other_plain * light[q, 1] + other_lit * light[q, 4]
                 z += plain * light[p, 2] + lit * light[p, 5] + other_plain * light[q, 2] + other_lit * light[q, 5]
             less = (ONE32 - kept) * (x * along[r, 0] + y * along[r, 1] + z * along[r, 2])
-            error[r, 0], error[r, 1], error[r, 2] = x - less * along[r, 0], y - less * along[r, 1], z - less * along[r, 2]
+            error[r, 0], error[r, 1], error[r, 2] = (
+                x - less * along[r, 0],
+                y - less * along[r, 1],
+                z - less * along[r, 2],
+            )
 
 
 @njit(fastmath=FAST_MATH, inline="always")

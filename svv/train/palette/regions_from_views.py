@@ -168,7 +168,9 @@ class _Points:
 
         Points vote with their visible light, and vertices that no ray shows join the nearest that one does.
         """
-        light = self._light / np.sqrt(np.maximum(np.bincount(self.vertex, self.weight, len(self._places)), 1e-6))[:, None]  # what is seen less is less certain
+        light = (
+            self._light / np.sqrt(np.maximum(np.bincount(self.vertex, self.weight, len(self._places)), 1e-6))[:, None]
+        )  # what is seen less is less certain
         length = np.linalg.norm(light, axis=1, keepdims=True)
         votes = self._blurred(length * _likeness(light, palette).T)
         region, seen = votes.argmax(axis=1), votes.sum(axis=1) > 0

@@ -78,8 +78,8 @@ class Seen:
     def rows(self) -> tuple[Index, Index, Single, Single, Single]:
         """For the kernels: each ray's first sample (R + 1,), vertices, weights, cosines (S,), and pixels (R, 3)."""
         first = np.searchsorted(self.ray, np.arange(len(self.pixel) + 1))
-        single = (np.ascontiguousarray(x, np.float32) for x in (self.weight, self.cosine, self.pixel))
-        return first.astype(np.uint32), self.vertex.astype(np.uint32), *single
+        weight, cosine, pixel = (np.ascontiguousarray(x, np.float32) for x in (self.weight, self.cosine, self.pixel))
+        return first.astype(np.uint32), self.vertex.astype(np.uint32), weight, cosine, pixel
 
     @cached_property
     def along(self) -> Single:

@@ -172,7 +172,7 @@ def descend(  # type: ignore[no-untyped-def]
                 slope += d * light[q, 3] + e * light[q, 4] + f * light[q, 5]
                 following[i, q] = ahead[i, q] + other_pull - slope
             shift = excess(following, i, count)
-            for p in range(count):
-                found = max(following[i, p] - shift, ZERO32)
-                following[i, p] = found + momentum * (found - member[i, p])
-                member[i, p] = found
+            for k in range(count):
+                found = max(following[i, k] - shift, ZERO32)
+                following[i, k] = found + momentum * (found - member[i, k])
+                member[i, k] = found

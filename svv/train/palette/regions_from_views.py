@@ -141,13 +141,13 @@ class _Points:
             colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
             shown, transmittance, weight = composite(samples, sigma, colour)
             missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
-            arrays = (samples.ray, empty.rows_of(samples.position), weight, colour)
-            ray, vertex, weight, colour = joined(*(value.cpu().numpy() for value in arrays))
-            lit_along, missing, pixel, alpha = (
+            told = samples.ray, empty.rows_of(samples.position), weight, colour
+            ray, vertex, part, mean = joined(*(value.cpu().numpy() for value in told))
+            lit_along, beyond, pixel, alpha = (
                 value.cpu().numpy() for value in (batch.rays.lit_along, missing, batch.premultiplied, batch.alpha)
             )
             cosine = np.abs(np.einsum("sc,sc->s", normals[vertex], lit_along[ray]))
-            parts.append([vertex, ray + number * AT_A_TIME, weight, cosine, colour + missing[ray], pixel, alpha])
+            parts.append([vertex, ray + number * AT_A_TIME, part, cosine, mean + beyond[ray], pixel, alpha])
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )

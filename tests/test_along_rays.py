@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import get_num_threads, set_num_threads
 
-from svv.train.palette.along_rays import Seen, agreement, divided, unmixed
+from svv.train.palette import along_rays
+from svv.train.palette import along_rays_kernels as kernels
+from svv.train.palette.along_rays import Seen, Solver, agreement, divided, joined, unmixed
 
 SIDE = 10
 """Vertices along each side of the cube."""
@@ -76,6 +81,7 @@ def test_one_region_and_black_pixels_are_left_alone() -> None:
     black = Seen(seen.vertices, seen.vertex, seen.ray, seen.weight, seen.cosine, np.zeros_like(seen.pixel))
     found = unmixed(black, region, 3, places)
     assert (found.region == region).all() and found.gain == 0.0
+    assert divided(black, region, 3, light_of(region, COLOURS, 0.0), 8)[1] == []
 
 
 def test_the_numbers_of_regions_do_not_matter() -> None:
@@ -87,8 +93,159 @@ def test_the_numbers_of_regions_do_not_matter() -> None:
 
 
 def test_agreement_is_intersection_over_union() -> None:
-    sure = agreement(np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]]))
-    assert sure == pytest.approx([1.5 / 2.0, 1.0 / 1.5])
+    light = np.array([[6.0, 2.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 4.0]])
+    for alike in (np.eye(3, dtype=bool), np.zeros((3, 3), bool)):
+        assert agreement(light, alike) == pytest.approx([6.0 / 9.0, 3.0 / 6.0, 1.0])
+
+
+def test_what_cannot_be_told_apart_does_not_disagree() -> None:
+    alike = np.array([[True, True, False], [True, True, False], [False, False, True]])
+    assert agreement(np.array([[6.0, 2.0, 2.0], [1.0, 3.0, 0.0], [0.0, 0.0, 4.0]]), alike) == pytest.approx(
+        [8.0 / 10.0, 1.0, 4.0 / 6.0]
+    )
+
+
+@settings(max_examples=5)
+@given(st.integers(0, 2**31), st.integers(0, 60))
+def test_samples_of_one_vertex_are_joined(seed: int, samples: int) -> None:
+    """Nothing is lost of the light of any ray at any vertex, and neighbours in the list differ."""
+    generator = np.random.default_rng(seed)
+    ray, vertex = np.sort(generator.integers(0, 5, samples)), generator.integers(0, 3, samples)
+    weight, colour = (generator.uniform(0.1, 1.0, n).astype(np.float32) for n in (samples, (samples, 3)))
+
+    def light(ray: np.ndarray, vertex: np.ndarray, weight: np.ndarray, colour: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(3 * ray + vertex, weight * c, 15) for c in (*colour.T, 1.0)])
+
+    joint = joined(ray, vertex, weight, colour)
+    np.testing.assert_allclose(light(*joint), light(ray, vertex, weight, colour), rtol=1e-5)
+    assert len(joint[0]) <= samples and not ((np.diff(joint[0]) == 0) & (np.diff(joint[1]) == 0)).any()
+
+
+# --- the solver --------------------------------------------------------------------------------------------------
+
+
+def simplex_by_sorting(values: np.ndarray) -> np.ndarray:
+    """The nearest memberships, >= 0 with sum 1, as Duchi et al. (2008) find them. (V, P) -> (V, P)"""
+    over = -np.cumsum(np.sort(-values, axis=1), axis=1) - 1.0
+    shift = (over / np.arange(1, values.shape[1] + 1)).max(axis=1, keepdims=True)
+    return np.maximum(values - shift, 0.0)
+
+
+class Plain:
+    """The solver's problem in dense matrices and double precision."""
+
+    def __init__(self, seen: Seen, places: np.ndarray, smoothness: float) -> None:
+        """Write down what rays see of vertices, and how much their neighbours must agree."""
+        self.seen, self.smoothness, shape = seen, smoothness, (len(seen.pixel), seen.vertices)
+        self.plain, self.lit = np.zeros(shape), np.zeros(shape)
+        np.add.at(self.plain, (seen.ray, seen.vertex), seen.weight)
+        np.add.at(self.lit, (seen.ray, seen.vertex), seen.weight * seen.cosine)
+        light = self.plain.sum(axis=0)
+        near = np.abs(places[:, None] - places[None]).sum(axis=2) == 1
+        self.near = near * (np.sqrt(np.outer(light, light)) + 1e-3 * light.mean())
+        length = np.linalg.norm(seen.pixel, axis=1, keepdims=True)
+        self.along = seen.pixel / np.maximum(length, 1e-6)
+
+    def errors(self, member: np.ndarray, light: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """What is shown less the pixels, in full, and with a tenth of it along the pixels' colours."""
+        error = self.plain @ member @ light[0] + self.lit @ member @ light[1] - self.seen.pixel
+        inside = (error * self.along).sum(axis=1, keepdims=True)
+        return error, error - (1.0 - along_rays.ALONG) * inside * self.along
+
+    def objective(self, member: np.ndarray) -> float:
+        """Half the squared error, by the metric whose slope is what the solver descends, and of neighbours."""
+        error, less = self.errors(member, self.light(member))
+        apart = np.square(member[:, None] - member[None]).sum(axis=2)
+        return float(0.5 * (error * less).sum() + 0.25 * self.smoothness * (self.near * apart).sum())
+
+    def light(self, member: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What regions reflect if each vertex is of the region in which it is most."""
+        return self.seen.light(member.argmax(axis=1), member.shape[1])
+
+    def solve(self, member: np.ndarray) -> np.ndarray:
+        """Accelerated projected gradients, as the solver's kernels take them."""
+        bound, degree = self.plain.T @ self.plain.sum(axis=1), self.near.sum(axis=1)
+        for _ in range(along_rays.TURNS):
+            light = self.light(member)
+            full = light[0] + light[1]
+            curvature = np.linalg.eigvalsh(full @ full.T).max() * bound
+            step = 1.0 / (curvature + 2.0 * self.smoothness * degree + 1e-9)
+            ahead, pace = member, 1.0
+            for _ in range(along_rays.STEPS):
+                error = self.errors(ahead, light)[1]
+                slope = self.plain.T @ error @ light[0].T + self.lit.T @ error @ light[1].T
+                slope += self.smoothness * (degree[:, None] * ahead - self.near @ ahead)
+                found = simplex_by_sorting(ahead - step[:, None] * slope)
+                following = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * pace * pace))
+                ahead, member = found + (pace - 1.0) / following * (found - member), found
+                pace = following
+        return member
+
+
+def lit_and_wrong(seed: int, count: int) -> tuple[Seen, np.ndarray, np.ndarray]:
+    """What rays see of nested cubes under a headlight, the vertices' places, and regions that are partly wrong."""
+    seen, places, region = seen_from_all_sides(seed, 0.1, rays=300)
+    generator = np.random.default_rng(seed)
+    seen = replace(seen, cosine=generator.uniform(0.0, 1.0, len(seen.cosine)))
+    return (
+        seen,
+        places,
+        np.where(generator.random(len(region)) < 0.3, generator.integers(0, count, len(region)), region),
+    )
+
+
+@settings(max_examples=4)
+@given(st.integers(0, 2**31), st.integers(3, 8), st.sampled_from(along_rays.SMOOTHNESS))
+def test_memberships_are_those_of_a_plain_solver(seed: int, count: int, smoothness: float) -> None:
+    seen, places, region = lit_and_wrong(seed, count)
+    found, plain = Solver(seen, places).solve(region, count, smoothness), Plain(seen, places, smoothness)
+    begun = np.eye(count)[region]
+    np.testing.assert_allclose(found, plain.solve(begun), atol=2e-3)
+    assert (found >= 0.0).all() and found.shape == begun.shape
+    np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-5)
+    assert plain.objective(found.astype(np.float64)) < 0.5 * plain.objective(begun)
+
+
+def test_memberships_do_not_depend_on_the_number_of_threads() -> None:
+    seen, places, region = lit_and_wrong(0, 3)
+    before = get_num_threads()
+    results = []
+    for threads in (1, before, 1):
+        set_num_threads(threads)
+        light = seen.light(region, 3)
+        results.append((Solver(seen, places).solve(region, 3, 0.02), *light, seen.error_across(region, light)))
+    set_num_threads(before)
+    for other in results[1:]:
+        for one, same in zip(results[0], other, strict=True):
+            np.testing.assert_array_equal(one, same)
+
+
+@given(st.integers(0, 2**31), st.integers(1, 9), st.sampled_from([1e-6, 0.3, 1.0, 100.0]))
+def test_nearest_memberships_are_those_found_by_sorting(seed: int, count: int, spread: float) -> None:
+    values = (spread * np.random.default_rng(seed).normal(size=(20, count))).astype(np.float32)
+    shift = [kernels.excess(values, np.uint32(i), np.uint32(count)) for i in range(len(values))]
+    np.testing.assert_allclose(
+        np.maximum(values - np.array(shift)[:, None], 0.0),
+        simplex_by_sorting(values.astype(np.float64)),
+        atol=1e-6 * (1.0 + 10.0 * spread),
+    )
+
+
+def test_light_of_regions_is_that_of_least_squares() -> None:
+    """Of a dense design without noise, the solution of the normal equations is what made the pixels."""
+    seen, _, region = lit_and_wrong(1, 3)
+    ambient, diffuse = COLOURS, COLOURS[::-1] * 0.5
+    own = region[seen.vertex]
+    colour = ambient[own] + diffuse[own] * seen.cosine[:, None]
+    pixel = np.stack([np.bincount(seen.ray, seen.weight * c, len(seen.pixel)) for c in colour.T], axis=1)
+    made = replace(seen, pixel=pixel)
+    found = made.light(region, 3)
+    np.testing.assert_allclose(found, (ambient, diffuse), atol=1e-3)
+    assert made.error_across(region, found) < 1e-4
+    np.testing.assert_allclose(made.errors(region, (0.0 * ambient, 0.0 * diffuse), 1.0), -pixel, atol=1e-6)
+
+
+# --- regions of two hues -----------------------------------------------------------------------------------------
 
 
 def light_of(region: np.ndarray, colours: np.ndarray, tint: float) -> np.ndarray:

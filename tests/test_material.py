@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from svv.core.colour.shading import Shading
-from svv.core.geometry.surfaces import surface_normals
-from svv.core.two_groups import gap_of
+from svv.core.geometry.surfaces import blurred, surface_normals
+from svv.core.two_groups import gap_of, weighted_quantile
 from svv.dvr.draw.views import make_views
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.rendering import composite, march
@@ -53,7 +54,36 @@ def test_where_nothing_changes_there_is_no_normal() -> None:
     np.testing.assert_array_equal(surface_normals(np.ones((5, 5, 5)), np.array([[2, 2, 2]]), 1.0, 1.0), 0.0)
 
 
+@settings(max_examples=8)
+@given(
+    st.integers(0, 2**31), st.tuples(*[st.integers(1, 14)] * 3), st.floats(0.4, 1.5), st.booleans(),
+    st.sampled_from([None, 0, 1, 2]),
+)  # fmt: skip
+def test_blurred_grids_are_those_of_scipy(
+    seed: int, shape: tuple[int, int, int], deviation: float, beyond: bool, along: int | None
+) -> None:
+    values = np.random.default_rng(seed).random(shape).astype(np.float32)
+    order = [int(axis == along) for axis in range(3)]
+    expected = gaussian_filter(values.astype(np.float64), deviation, order, mode="nearest" if beyond else "constant")
+    found = blurred(values, deviation, along, beyond)
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
 # --- groups of values --------------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([-3.0, 0.0, 1e-9, 0.5, 7.0]), st.floats(0.0, 2.0)), min_size=1, max_size=40),
+    st.floats(0.0, 1.0), st.integers(0, 2**31),
+)  # fmt: skip
+def test_a_weighted_quantile_is_that_of_sorted_values(pairs: list[tuple[float, float]], part: float, seed: int) -> None:
+    """Nearly so many weights lie up to it, and no fewer values would do."""
+    values, weights = (np.array(column) for column in zip(*pairs, strict=True))
+    values = values + np.random.default_rng(seed).choice([0.0, 1e-3], len(values))
+    found, goal = weighted_quantile(values, weights, part), part * weights.sum()
+    assert found in values
+    assert weights[values <= found].sum() >= goal - 1e-9
+    assert weights[values < found].sum() <= goal + 1e-9
 
 
 @example(4678, 0.15625, 2.0, 0.0, 1.0)

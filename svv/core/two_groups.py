@@ -23,6 +23,33 @@ DEPTH = 0.3
 """Height of the gap relative to the smaller group's peak above which the two are one."""
 
 
+PARTS = 1024
+"""Number of parts into which a range is divided in the search for a quantile."""
+
+
+def weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating], part: float) -> float:
+    """Return the value up to which ``part`` of the weights lie.
+
+    Only the values of one of many equal parts of their range are sorted: the part in which the quantile lies.
+
+    Args:
+        values: Values. (N,), N > 0
+        weights: Weights >= 0. (N,)
+        part: In [0, 1].
+    """
+    low, high = float(values.min()), float(values.max())
+    if not high > low:
+        return low
+    place = ((values - low) / (high - low) * PARTS).astype(np.int64).clip(max=PARTS - 1)
+    below = np.cumsum(np.bincount(place, weights, PARTS))
+    goal = part * below[-1]
+    here = min(int(np.searchsorted(below, goal)), int(place.max()))
+    mine = place == here
+    order = np.argsort(values[mine], kind="stable")
+    upto = (below[here - 1] if here else 0.0) + np.cumsum(weights[mine][order], dtype=np.float64)
+    return float(values[mine][order[min(int(np.searchsorted(upto, goal)), len(order) - 1)]])
+
+
 def gap_of(values: NDArray[np.floating], weights: NDArray[np.floating], least: float) -> float | None:
     """Return the value at the bottom of the gap between two groups of values, or None if they are one group.
 
@@ -34,13 +61,11 @@ def gap_of(values: NDArray[np.floating], weights: NDArray[np.floating], least: f
         weights: Weights >= 0. (N,)
         least: Smallest distance of two groups, > 0.
     """
-    order = np.argsort(values, kind="stable")
-    below = np.cumsum(weights[order])
-    if not len(values) or below[-1] <= 0:
+    if not len(values) or weights.sum() <= 0:
         return None
-    median = float(values[order][np.searchsorted(below, 0.5 * below[-1])])
-    edges = median + least / BINS_OF_LEAST * (np.arange(-BINS_ASIDE, BINS_ASIDE + 1) + 0.5)
-    held, _ = np.histogram(values, edges, weights=weights)
+    median, side = weighted_quantile(values, weights, 0.5), least / BINS_OF_LEAST
+    first, last = median - (BINS_ASIDE - 0.5) * side, median + (BINS_ASIDE + 0.5) * side
+    held, edges = np.histogram(values, 2 * BINS_ASIDE, (first, last), weights=weights)
     middles = 0.5 * (edges[1:] + edges[:-1])
     if np.count_nonzero(held) < 2:
         return None

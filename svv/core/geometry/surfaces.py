@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+
+from svv.core.geometry.grid_kernels import filtered, principal_directions
 
 SQUARINGS = 5
 """Squarings of a matrix that leave of it only the direction of the largest eigenvalue: its 32nd power."""
 
 LEAST_TRACE = 1e-20
 """Trace of a structure tensor below which the field is constant."""
+
+TRUNCATED = 4.0
+"""Standard deviations at which Gaussians end."""
 
 
 def surface_normals(
@@ -31,21 +37,35 @@ def surface_normals(
         Unit vectors of either sign; zero where the field is constant. (V, 3)
     """
     at = tuple(places.T)
-    values = np.asarray(field, np.float32)
-    gradient = [gaussian_filter(values, inner, order=[int(k == a) for k in range(3)], mode="nearest") for a in range(3)]
-    tensor = np.empty((len(places), 3, 3))
-    for row in range(3):
-        for column in range(row + 1):
-            mean = gaussian_filter(gradient[row] * gradient[column], outer, mode="nearest")[at]
-            tensor[:, row, column] = tensor[:, column, row] = mean
-    trace = np.trace(tensor, axis1=1, axis2=2)
-    there = trace > LEAST_TRACE
-    power = tensor[there] / trace[there, None, None]
-    for _ in range(SQUARINGS):
-        power = power @ power
-        power /= np.trace(power, axis1=1, axis2=2)[:, None, None]
-    longest = np.diagonal(power, axis1=1, axis2=2).argmax(axis=1)
-    column = power[np.arange(len(power)), :, longest]
-    normals = np.zeros((len(places), 3), np.float32)
-    normals[there] = column / np.linalg.norm(column, axis=1, keepdims=True)
+    values = np.ascontiguousarray(field, np.float32)
+    gradient = [blurred(values, inner, along=axis) for axis in range(3)]
+    pairs = [(row, column) for row in range(3) for column in range(row + 1)]
+    tensors = np.stack([blurred(gradient[row] * gradient[column], outer)[at] for row, column in pairs])
+    normals = np.empty((len(places), 3), np.float32)
+    principal_directions(tensors, LEAST_TRACE, SQUARINGS, normals)
     return normals
+
+
+def blurred(
+    values: NDArray[np.float32], deviation: float, along: int | None = None, beyond: bool = True
+) -> NDArray[np.float32]:
+    """Return a grid blurred with a Gaussian, or the derivative of that along an axis.
+
+    Args:
+        values: Values, in raster order. (X, Y, Z)
+        deviation: Standard deviation in voxels, > 0.
+        along: Axis of the derivative; None for none.
+        beyond: Whether the grid's outermost values go on beyond it; otherwise nothing is there.
+
+    Returns:
+        Values. (X, Y, Z)
+    """
+    distance = np.arange(int(TRUNCATED * deviation + 0.5) + 1)
+    even = np.exp(-0.5 * np.square(distance / deviation))
+    even /= 2.0 * even.sum() - even[0]
+    odd = even * distance / deviation**2
+    weights = np.stack([odd if axis == along else even for axis in range(3)]).astype(np.float32)
+    signs = np.where(np.arange(3) == (math.nan if along is None else along), -1.0, 1.0).astype(np.float32)
+    out = np.empty_like(values)
+    filtered(values, weights, signs, np.float32(beyond), out)
+    return out

@@ -19,16 +19,20 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 from skimage.filters import threshold_otsu
 
+from svv.train.palette import along_rays_kernels as kernels
+
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Index = NDArray[np.uint32]
 Regions = NDArray[np.int64]
 
 SMOOTHNESS = (0.001, 0.005, 0.02, 0.1)
@@ -62,7 +66,7 @@ class Seen:
     vertex: NDArray[np.int64]
     """Vertex that each sample stands for. (S,)"""
     ray: NDArray[np.int64]
-    """Ray of each sample. (S,)"""
+    """Ray of each sample, in ascending order. (S,)"""
     weight: NDArray[np.floating]
     """Weight of each sample in its pixel. (S,)"""
     cosine: NDArray[np.floating]
@@ -70,7 +74,26 @@ class Seen:
     pixel: NDArray[np.floating]
     """Colour of each pixel over black, RGB. (R, 3)"""
 
-    def part(self, kept: NDArray[np.bool_]) -> Seen:
+    @cached_property
+    def rows(self) -> tuple[Index, Index, Single, Single, Single]:
+        """For the kernels: each ray's first sample (R + 1,), vertices, weights, cosines (S,), and pixels (R, 3)."""
+        first = np.searchsorted(self.ray, np.arange(len(self.pixel) + 1))
+        weight, cosine, pixel = (np.ascontiguousarray(x, np.float32) for x in (self.weight, self.cosine, self.pixel))
+        return first.astype(np.uint32), self.vertex.astype(np.uint32), weight, cosine, pixel
+
+    @cached_property
+    def along(self) -> Single:
+        """Directions of the pixels' colours, 0 for black. (R, 3)"""
+        length = np.linalg.norm(self.pixel, axis=1, keepdims=True)
+        return np.ascontiguousarray(self.pixel / np.maximum(length, 1e-6), np.float32)
+
+    @cached_property
+    def parts(self) -> tuple[Seen, Seen]:
+        """What is seen by the rays that solutions are found with, and by those that are held out."""
+        held = np.arange(len(self.pixel)) % HELD_OUT == 0
+        return self._part(~held), self._part(held)
+
+    def _part(self, kept: NDArray[np.bool_]) -> Seen:
         """Return what some of the rays (R,) see."""
         mine, number = kept[self.ray], np.cumsum(kept) - 1
         ray = number[self.ray[mine]]
@@ -85,25 +108,34 @@ class Seen:
             region: Region of each vertex. (V,)
             count: Number of regions P.
         """
-        own, rays = region[self.vertex], len(self.pixel)
-        place = self.ray * count + own
-        part = np.bincount(place, self.weight, rays * count).reshape(rays, count)
-        lit = np.bincount(place, self.weight * self.cosine, rays * count).reshape(rays, count)
-        design = np.concatenate((part, lit), axis=1)
+        sums = np.zeros((-(-len(self.pixel) // kernels.BLOCK), 2 * count, 2 * count + 3))
+        kernels.normal_equations(*self.rows, region, sums)
+        total = sums.sum(axis=0)
+        lower, right = total[:, : 2 * count], total[:, 2 * count :]
+        normal = lower + np.tril(lower, -1).T
         # The Cholesky factor of the normal equations is a problem of 2 P rows with the same solution.
-        normal, right = design.T @ design, design.T @ self.pixel.astype(np.float64)
         scale = max(float(np.trace(normal)), 1e-12)
         factor = np.linalg.cholesky(normal + 1e-9 * scale * np.eye(len(normal)))
         target = np.linalg.solve(factor, right)
         found = np.stack([nnls(factor.T, column)[0] for column in target.T], axis=1)
         return found[:count], found[count:]
 
+    def errors(self, region: Regions, light: tuple[Array, Array], along: float) -> Single:
+        """Return what is shown of regions (V,) and their light less the pixels. (R, 3)
+
+        Args:
+            region: Region of each vertex. (V,)
+            light: What regions reflect, as of :meth:`light`.
+            along: The part that is left of errors along the pixels' own colours.
+        """
+        both, error = _both(light), np.empty((len(self.pixel), 3), np.float32)
+        member = np.eye(len(both), dtype=np.float32)[region]
+        kernels.errors(*self.rows, self.along, np.float32(along), both, member, error)
+        return error
+
     def error_across(self, region: Regions, light: tuple[Array, Array]) -> float:
         """Return the root mean square error of pixels across their own colours, for regions (V,) and their light."""
-        own = region[self.vertex]
-        colour = light[0][own] + light[1][own] * self.cosine[:, None]
-        shown = np.stack([np.bincount(self.ray, self.weight * c, len(self.pixel)) for c in colour.T], axis=1)
-        return float(np.sqrt(np.square(_across(shown - self.pixel, _directions(self.pixel), 0.0)).sum(axis=1).mean()))
+        return float(np.sqrt(np.square(self.errors(region, light, 0.0)).sum(axis=1).mean()))
 
 
 @dataclass(frozen=True)
@@ -128,13 +160,12 @@ def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer]
     """
     if count < 2 or time.monotonic() >= until:
         return Unmixed(region, 0.0)
-    kept = np.arange(len(seen.pixel)) % HELD_OUT > 0
-    known, held = seen.part(kept), seen.part(~kept)
+    known, held = seen.parts
     before = held.error_across(region, known.light(region, count))
-    best, least, edges = region, (1.0 - LEAST_GAIN) * before, _neighbours(places)
-    solver, last = _Solver(known, edges), np.inf
+    best, least = region, (1.0 - LEAST_GAIN) * before
+    solver, last = Solver(known, places), np.inf
     for smoothness in SMOOTHNESS:
-        found = solver.solve(region, count, smoothness)
+        found = solver.solve(region, count, smoothness).argmax(axis=1)
         error = held.error_across(found, known.light(found, count))
         if error < least:
             best, least = found, error
@@ -166,15 +197,14 @@ def divided(
         Regions, of which new ones have the numbers after the last; the number of each that was divided, with the part
         by which held-out rays are explained better; and each that should be divided, beyond the most, with one half.
     """
-    kept = np.arange(len(seen.pixel)) % HELD_OUT > 0
-    known, held = seen.part(kept), seen.part(~kept)
+    known, held = seen.parts
     error = held.error_across(region, known.light(region, count))
     done, left, number = [], [], 0
     while number < count and time.monotonic() < until:
         half = _half(light, region == number)
         found = region if half is None else np.where(half, count, region)
         after = error if half is None else held.error_across(found, known.light(found, count + 1))
-        gain = 1.0 - after / max(error, 1e-12)
+        gain = (error - after) / max(error, 1e-12)
         if half is None or gain < DIVIDING_GAIN:
             number += 1
         elif count >= most:
@@ -212,85 +242,102 @@ def _half(light: Array, mine: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
     return half
 
 
-class _Solver:
+class Solver:
     """Solves for the memberships of vertices in regions."""
 
-    def __init__(self, seen: Seen, edges: NDArray[np.int64]) -> None:
-        """Prepare the sparse matrices of what rays see (R, V) and of neighbours (V, V); edges (E, 2)."""
-        shape, at = (len(seen.pixel), seen.vertices), (seen.ray, seen.vertex)
+    def __init__(self, seen: Seen, places: NDArray[np.integer]) -> None:
+        """Sort what rays see by vertices, and find which of these (V, 3) are neighbours."""
+        first, vertex, weight, cosine, pixel = seen.rows
+        # It sorts by vertices, and by rays among those of a vertex.
+        order = csr_matrix((np.arange(len(vertex)), seen.vertex, first), shape=(len(pixel), seen.vertices)).tocsc()
+        weights = weight[order.data]
         self._seen = seen
-        self._plain, self._lit = (
-            csr_matrix((w.astype(np.float32), at), shape=shape) for w in (seen.weight, seen.weight * seen.cosine)
-        )
-        self._back, self._back_lit = self._plain.T.tocsr(), self._lit.T.tocsr()
-        light = np.asarray(self._back @ np.ones(shape[0], np.float32))
-        one, other = edges.T
-        # Also where nothing is seen there is a neighbour to follow.
-        both = np.sqrt(light[one] * light[other]) + 1e-3 * light.mean()
-        ends = np.concatenate((one, other)), np.concatenate((other, one))
-        square = (seen.vertices, seen.vertices)
-        self._near = coo_matrix((np.concatenate((both, both)).astype(np.float32), ends), shape=square).tocsr()
-        self._degree = np.asarray(self._near.sum(axis=1))
+        self._samples = order.indptr.astype(np.uint32), order.indices.astype(np.uint32), weights
+        self._lit = weights * cosine[order.data]
+        light = np.bincount(vertex, weight, seen.vertices)
         # Of a matrix without negative entries, the sums of its products bound the curvature of each unknown.
-        self._bound = np.asarray(self._back @ (self._plain @ np.ones((shape[1], 1), np.float32)))
-        self._along = _directions(seen.pixel)
+        opacity = np.bincount(seen.ray, weight, len(pixel))
+        self._bound = np.bincount(vertex, weight * opacity[seen.ray], seen.vertices)
+        self._neighbours = _neighbours(places)
+        # Also where nothing is seen there is a neighbour to follow.
+        self._root, self._least = np.sqrt(light).astype(np.float32), np.float32(1e-3 * light.mean())
+        both = self._root[self._neighbours] * self._root[:, None] + self._least
+        self._degree = np.where(self._neighbours != np.arange(len(light))[:, None], both, 0.0).sum(axis=1)
 
-    def solve(self, region: Regions, count: int, smoothness: float) -> Regions:
-        """Return the region of largest membership of each vertex (V,): accelerated projected gradients."""
-        member = np.eye(count, dtype=np.float32)[region]
-        pixel = self._seen.pixel.astype(np.float32)
-        for _ in range(TURNS):
-            ambient, diffuse = (c.astype(np.float32) for c in self._seen.light(member.argmax(axis=1), count))
-            full = ambient + diffuse
+    def solve(self, region: Regions, count: int, smoothness: float) -> Single:
+        """Return the memberships of vertices in regions, starting with one region each: (V,) -> (V, P).
+
+        Accelerated projected gradients (Beck and Teboulle 2009).
+
+        Args:
+            region: Region of each vertex. (V,)
+            count: Number of regions P.
+            smoothness: Weight of neighbours' differences.
+        """
+        seen, member = self._seen, np.eye(count + count % 2, dtype=np.float32)[region]
+        error = np.empty((len(seen.pixel), 3), np.float32)
+        for turn in range(TURNS):
+            light = seen.light(region if turn == 0 else member.argmax(axis=1), count)
+            full, both = light[0] + light[1], _both(light)
             curvature = float(np.linalg.eigvalsh(full @ full.T).max()) * self._bound
-            step = 1.0 / (curvature + 2.0 * smoothness * self._degree + 1e-9)
-            ahead, pace = member, 1.0
+            step = (1.0 / (curvature + 2.0 * smoothness * self._degree + 1e-9)).astype(np.float32)
+            ahead, following, pace = member.copy(), np.empty_like(member), 1.0
             for _ in range(STEPS):
-                error = _across((self._plain @ ahead) @ ambient + (self._lit @ ahead) @ diffuse - pixel, self._along)
-                slope = self._back @ (error @ ambient.T) + self._back_lit @ (error @ diffuse.T)
-                slope += smoothness * (self._degree * ahead - self._near @ ahead)
-                found = _onto_simplex(ahead - step * slope)
-                following = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * pace * pace))
-                ahead = (found + (pace - 1.0) / following * (found - member)).astype(np.float32)
-                member, pace = found, following
-        return member.argmax(axis=1)
+                last, pace = pace, 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace * pace))
+                kernels.errors(*seen.rows, seen.along, np.float32(ALONG), both, ahead, error)
+                kernels.descend(
+                    *self._samples, self._lit, error, self._neighbours, self._root, self._least, both, step,
+                    np.float32(smoothness), np.float32((last - 1.0) / pace), np.uint32(count), ahead, member, following,
+                )  # fmt: skip
+                ahead, following = following, ahead
+        return member[:, :count]
 
 
-def _neighbours(places: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return the pairs of vertices (V, 3) that are neighbours along an axis. (E, 2)"""
-    number = np.full(tuple(places.max(axis=0) + 1), -1, np.int64)
-    number[tuple(places.T)] = np.arange(len(places))
-    pairs = []
-    for axis in range(3):
-        along = np.moveaxis(number, axis, 0)
-        there = (along[:-1] >= 0) & (along[1:] >= 0)
-        pairs.append(np.stack([along[:-1][there], along[1:][there]], axis=1))
-    return np.concatenate(pairs)
+def _both(light: tuple[Array, Array]) -> Single:
+    """Return what regions reflect of both kinds of light side by side, for an even number of regions. (P, 6)"""
+    count = len(light[0])
+    return np.pad(np.concatenate(light, axis=1), ((0, count % 2), (0, 0))).astype(np.float32)
 
 
-def _directions(pixel: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return the directions of colours, 0 for black. (R, 3) -> (R, 3)"""
-    length = np.linalg.norm(pixel, axis=1, keepdims=True)
-    return (pixel / np.maximum(length, 1e-6)).astype(np.float32)
+def _neighbours(places: NDArray[np.integer]) -> Index:
+    """Return the neighbours of each vertex (V, 3) along the axes, itself where there is none. (V, 6)"""
+    number = np.full(tuple(places.max(axis=0) + 3), -1, np.int32)  # with nothing around it
+    at = np.ravel_multi_index(tuple(places.T + 1), number.shape)
+    own = np.arange(len(places), dtype=np.int32)
+    number.ravel()[at] = own
+    steps = np.array(number.strides) // number.itemsize
+    found = number.ravel()[at[:, None] + np.concatenate((steps, -steps))]
+    return np.where(found >= 0, found, own[:, None]).astype(np.uint32)
 
 
-def _across(error: NDArray[np.floating], along: NDArray[np.floating], kept: float = ALONG) -> NDArray[np.floating]:
-    """Return errors of colours (R, 3) of which only the part ``kept`` is left along directions (R, 3)."""
-    return np.asarray(error - (1.0 - kept) * (error * along).sum(axis=1, keepdims=True) * along)
+def joined(
+    ray: NDArray[np.integer], vertex: NDArray[np.int64], weight: Single, colour: Single
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Single, Single]:
+    """Return samples of which those of a ray that stand for the same vertex, one after the other, are one.
+
+    Args:
+        ray: Ray of each sample, in ascending order. (S,)
+        vertex: Vertex of each sample. (S,)
+        weight: Weight of each sample, > 0. (S,)
+        colour: Colour of each sample; the result is the mean by weight. (S, 3)
+    """
+    other = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
+    first = np.flatnonzero(np.concatenate((np.ones(min(len(ray), 1), np.bool_), other)))
+    if not len(first):
+        return ray.astype(np.int64), vertex, weight, colour
+    total = np.add.reduceat(weight, first)
+    mean = np.add.reduceat(weight[:, None] * colour, first, axis=0) / total[:, None]
+    return ray[first].astype(np.int64), vertex[first], total, mean
 
 
-def _onto_simplex(values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return the nearest memberships, >= 0 with sum 1 (Duchi et al. 2008). (V, P) -> (V, P)"""
-    falling = -np.sort(-values, axis=1)
-    over = falling.cumsum(axis=1) - 1.0
-    count = np.arange(1, values.shape[1] + 1)
-    last = (falling - over / count > 0).sum(axis=1)
-    shift = np.take_along_axis(over, last[:, None] - 1, axis=1) / last[:, None]
-    return np.maximum(values - shift, 0.0).astype(np.float32)
+def agreement(light: Array, alike: NDArray[np.bool_]) -> Array:
+    """Return how far two ways to tell regions agree: intersection over union of each, in terms of light. (P,)
 
-
-def agreement(first: Sequence[NDArray[np.floating]], second: Sequence[NDArray[np.floating]]) -> Array:
-    """Return the intersection over union of soft memberships of samples, each (S,), region by region. (P,)"""
-    both = np.array([np.minimum(a, b).sum() for a, b in zip(first, second, strict=True)])
-    either = np.array([np.maximum(a, b).sum() for a, b in zip(first, second, strict=True)])
-    return np.asarray(both / np.maximum(either, 1e-12), np.float64)
+    Args:
+        light: Light of the region in each row, of which the other way tells the one in each column. (P, P)
+        alike: Regions that the other way cannot tell apart, of which it is taken to mean the right one. (P, P)
+    """
+    alike = alike | np.eye(len(light), dtype=np.bool_)  # a black region's colour is not even like itself
+    right = np.where(alike, light, 0.0).sum(axis=1)
+    wrong = np.where(alike, 0.0, light)
+    return np.asarray(right / np.maximum(light.sum(axis=1) + wrong.sum(axis=0), 1e-12), np.float64)

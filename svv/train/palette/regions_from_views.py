@@ -16,25 +16,26 @@ from __future__ import annotations
 
 import math
 import time
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from svv.core.colour.colour import hsb_array, to_hex
 from svv.core.colour.palette import Palette, PaletteSettings
-from svv.core.geometry.surfaces import surface_normals
+from svv.core.geometry.surfaces import blurred, surface_normals
 from svv.core.rays.encodings import stored_rows
-from svv.core.two_groups import gap_of
+from svv.core.two_groups import gap_of, weighted_quantile
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import encode_directions
 from svv.fields.radiance.phong import softened_extinction
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.palette.along_rays import Seen, agreement, divided, unmixed
+from svv.train.palette.along_rays import Seen, agreement, divided, joined, unmixed
 from svv.train.palette.ranges import KnownRegions
 from svv.train.run.batches import RayPool
 
@@ -114,8 +115,8 @@ class Labels:
 class _Points:
     """Points of a scene as training rays show them.
 
-    Each is a vertex and stands for the samples around it. ``vertex`` (S,), ``ray`` (S,), ``weight`` (S,): weight in the
-    pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel;
+    Each is a vertex and stands for a ray's samples around it. ``vertex`` (S,), ``ray`` (S,), ``weight`` (S,): weight in
+    the pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel;
     ``pixel`` (R, 3): colour over black, ``alpha`` (R,).
     """
 
@@ -128,7 +129,7 @@ class _Points:
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
         empty = self.labels(np.zeros(len(self._places), np.int64))
-        normals = torch.from_numpy(surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)).to(self._device)
+        normals = surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)
         pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
         parts: list[list[NDArray[np.generic]]] = []
         for number in range(RAYS // AT_A_TIME):
@@ -140,10 +141,13 @@ class _Points:
             colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
             shown, transmittance, weight = composite(samples, sigma, colour)
             missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
-            ray, vertex = samples.ray.long(), empty.rows_of(samples.position)
-            cosine = (normals[vertex] * batch.rays.lit_along[ray]).sum(dim=1).abs()
-            seen = vertex, ray + number * AT_A_TIME, weight, cosine, colour + missing[ray]
-            parts.append([value.cpu().numpy() for value in (*seen, batch.premultiplied, batch.alpha)])
+            told = samples.ray, empty.rows_of(samples.position), weight, colour
+            ray, vertex, part, mean = joined(*(value.cpu().numpy() for value in told))
+            lit_along, beyond, pixel, alpha = (
+                value.cpu().numpy() for value in (batch.rays.lit_along, missing, batch.premultiplied, batch.alpha)
+            )
+            cosine = np.abs(np.einsum("sc,sc->s", normals[vertex], lit_along[ray]))
+            parts.append([vertex, ray + number * AT_A_TIME, part, cosine, mean + beyond[ray], pixel, alpha])
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
@@ -164,23 +168,21 @@ class _Points:
 
         Points vote with their visible light, and vertices that no ray shows join the nearest that one does.
         """
-        light = self._sum(self.weight[:, None] * self.colour)
-        light /= np.sqrt(np.maximum(self._sum(self.weight[:, None]), 1e-6))  # what is seen less is less certain
+        light = (
+            self._light / np.sqrt(np.maximum(np.bincount(self.vertex, self.weight, len(self._places)), 1e-6))[:, None]
+        )  # what is seen less is less certain
         length = np.linalg.norm(light, axis=1, keepdims=True)
-        cosine = (light / np.maximum(length, 1e-9)) @ _unit(palette).T
-        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-        likeness = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
-        votes = self._blurred(length * likeness / likeness.sum(axis=1, keepdims=True))
+        votes = self._blurred(length * _likeness(light, palette).T)
         region, seen = votes.argmax(axis=1), votes.sum(axis=1) > 0
-        grid = np.zeros(tuple(self._lattice.shapes[0].tolist()), np.int64)
-        grid[tuple(self._places[seen].T)] = region[seen] + 1
-        nearest = distance_transform_edt(grid == 0, return_distances=False, return_indices=True)
-        return np.asarray(grid[tuple(nearest)][tuple(self._places.T)] - 1).clip(min=0)
+        if seen.any() and not seen.all():
+            nearest = cKDTree(self._places[seen]).query(self._places[~seen], workers=-1)[1]
+            region[~seen] = region[seen][nearest]
+        return region
 
     def two_hues(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
         """Return which vertices (V,) of a region have its second hue, and "hue"; None if it has only one."""
         mine = region == number
-        light = self._blurred(self._sum(self.weight[:, None] * self.colour) * mine[:, None])[mine]
+        light = self._blurred(self._light * mine[:, None])[mine]
         hue, saturation, bright = hsb_array(light.clip(min=0.0)).T
         ours = hsb_array(light.sum(axis=0).clip(min=0.0))
         if ours[1] < PaletteSettings().grey_saturation:
@@ -220,7 +222,7 @@ class _Points:
         self, region: NDArray[np.int64], hues: Array, most: int
     ) -> tuple[NDArray[np.int64], Array, list[str], list[tuple[int, Array]]]:
         """Return regions of one hue each (V,), their hues, what was done, and what holds another hue nevertheless."""
-        light = self._blurred(self._sum(self.weight[:, None] * self.colour))
+        light = self._blurred(self._light)
         found, done, left = divided(self._seen, region, len(hues), light, most, self._until)
         said = []
         for number, gain in done:
@@ -235,13 +237,9 @@ class _Points:
         intersection over union of both, in terms of light. Regions of nearly one hue are not told apart by single rays.
         """
         unit = _unit(colours)
-        angle = np.arccos(np.clip(_unit(self.colour) @ unit.T, -1.0, 1.0))
-        told = np.exp(0.5 * (angle.min(axis=1, keepdims=True) ** 2 - angle**2) / ANGLE**2)
-        told /= told.sum(axis=1, keepdims=True)
-        own = np.eye(len(colours))[region[self.vertex]]
-        alike = (np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE).astype(np.float64)
-        told = np.where(own @ alike > 0.0, own * (told @ alike), told)
-        return agreement((self.weight[:, None] * own).T, (self.weight[:, None] * told).T)
+        own, count = region[self.vertex], len(colours)
+        light = [np.bincount(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
+        return agreement(np.stack(light, axis=1), np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE)
 
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
@@ -262,14 +260,15 @@ class _Points:
         # and thus C, whatever p is.
         found = (2.0 * ambient + diffuse) / (1.0 + self._ambient_part(ambient, diffuse))
         found = np.where(found.max(axis=1, keepdims=True) > LEAST_COLOUR, found, hues)
-        colour = ambient[own] + diffuse[own] * self.cosine[:, None]
-        missing = self.pixel - self._shown(colour)
-        colour += (missing / np.maximum(self.alpha, LEAST_SOLID)[:, None])[self.ray]
+        error = self._seen.errors(region, (ambient, diffuse), 1.0)
+        missing = -error / np.maximum(self.alpha, LEAST_SOLID)[:, None]
         for number in range(count):
-            mine = own == number
-            if mine.any():
-                bright = colour[mine] @ (found[number] / max(float(np.square(found[number]).sum()), 1e-12))
-                found[number] *= max(1.0, _quantile(bright, self.weight[mine], BEST_LIT))
+            mine = np.flatnonzero(own == number)
+            if len(mine):
+                one = found[number] / max(float(np.square(found[number]).sum()), 1e-12)
+                bright = ambient[number] @ one + diffuse[number] @ one * self.cosine[mine]
+                bright += (missing @ one)[self.ray[mine]]
+                found[number] *= max(1.0, weighted_quantile(bright, self.weight[mine], BEST_LIT))
         # Of a colour that is too bright, the hue is right.
         return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
 
@@ -295,18 +294,18 @@ class _Points:
         reflects = (ambient[1].max() + diffuse[1].max() * self.cosine) / full
         # A brightness of 1 is a colour whose largest channel is 1.
         bright = self.colour @ (colour * full / max(float(np.square(colour).sum()), 1e-12))
-        sums = self._sum((self.weight * reflects)[:, None] * np.stack([bright, reflects], axis=1))
+        sums = self._sum(self.weight * reflects, bright, reflects)
         above, below = self._blurred(sums * mine[:, None])[mine].T
         return above / np.maximum(below, 1e-12), below
 
-    def _shown(self, colour: Array) -> Array:
-        """Return the pixels that samples of some colours (S, 3) show, over black. (R, 3)"""
-        rays = len(self.alpha)
-        return np.stack([np.bincount(self.ray, self.weight * column, rays) for column in colour.T], axis=1)
+    @cached_property
+    def _light(self) -> Array:
+        """The light that pixels have from each vertex, RGB. (V, 3)"""
+        return self._sum(self.weight, *self.colour.T)
 
-    def _sum(self, values: NDArray[np.floating]) -> Array:
-        """Sum values of samples (S, C) by vertex. (V, C)"""
-        return np.stack([np.bincount(self.vertex, column, len(self._places)) for column in values.T], axis=1)
+    def _sum(self, weight: NDArray[np.floating], *values: NDArray[np.floating]) -> Array:
+        """Sum the products of a weight and each of C values of samples (S,) by vertex. (V, C)"""
+        return np.stack([np.bincount(self.vertex, weight * value, len(self._places)) for value in values], axis=1)
 
     def _blurred(self, values: Array) -> Array:
         """Sum values of vertices (V, C) over their neighbours. (V, C)"""
@@ -315,7 +314,7 @@ class _Points:
         for channel, column in enumerate(values.T):
             grid = np.zeros(shape, np.float32)
             grid[at] = column
-            found[:, channel] = gaussian_filter(grid, BLUR, mode="constant")[at]
+            found[:, channel] = blurred(grid, BLUR, beyond=False)[at]
         return found
 
 
@@ -329,11 +328,11 @@ def _unit(colours: Array) -> Array:
     return colours / np.maximum(np.linalg.norm(colours, axis=1, keepdims=True), 1e-9)
 
 
-def _quantile(values: NDArray[np.floating], weights: NDArray[np.floating], part: float) -> float:
-    """Return the value below which ``part`` of the weights lie."""
-    order = np.argsort(values, kind="stable")
-    below = np.cumsum(weights[order])
-    return float(values[order[min(int(np.searchsorted(below, part * below[-1])), len(order) - 1)]])
+def _likeness(colours: NDArray[np.floating], palette: Array) -> NDArray[np.float32]:
+    """Return how much colours (N, 3) are like those of a palette (P, 3) in hue and saturation, with sum 1. (P, N)"""
+    unit = torch.nn.functional.normalize(torch.from_numpy(colours).float(), dim=1, eps=1e-9)
+    angle = (torch.from_numpy(_unit(palette)).float() @ unit.T).clamp_(-1.0, 1.0).acos_()
+    return np.asarray((angle.square_() * (-0.5 / ANGLE**2)).softmax(dim=0).numpy(), np.float32)
 
 
 def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_]:

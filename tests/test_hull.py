@@ -27,7 +27,7 @@ def hull_of(
 ) -> np.ndarray:  # fmt: skip
     """Cells whose squares meet the mask of each view that contains these, and that a view contains."""
     kept, seen = np.ones(shape, bool), np.zeros(shape, bool)
-    x, y, z = ((np.indices(shape) + 0.5) / cells)
+    x, y, z = (np.indices(shape) + 0.5) / cells
     for t, m, p, (focal, column, row, parallel) in zip(tables, rotations, positions, lenses, strict=True):
         dx, dy, dz = x - p[0], y - p[1], z - p[2]
         across, up, along = (m[k, 0] * dx + m[k, 1] * dy + m[k, 2] * dz for k in range(3))
@@ -36,7 +36,9 @@ def hull_of(
         u, v = across / d, up / d
         r = reach * focal / d * (1.0 if parallel else np.sqrt(1.0 + u * u + v * v)) + 0.5
         px, py = u * focal + column, row - v * focal
-        x0, x1, y0, y1 = (f(c).astype(int) for f, c in ((np.floor, px - r), (np.ceil, px + r), (np.floor, py - r), (np.ceil, py + r)))
+        x0, x1, y0, y1 = (
+            f(c).astype(int) for f, c in ((np.floor, px - r), (np.ceil, px + r), (np.floor, py - r), (np.ceil, py + r))
+        )
         whole = ahead & (x0 >= 0) & (y0 >= 0) & (x1 < t.shape[1]) & (y1 < t.shape[0])
         x0, x1, y0, y1 = (np.where(whole, c, 0) for c in (x0, x1, y0, y1))
         kept &= ~whole | (t[y1, x1] - t[y0, x1] - t[y1, x0] + t[y0, x0] > 0)

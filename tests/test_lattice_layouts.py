@@ -61,13 +61,15 @@ def test_a_layout_holds_the_corners_of_the_occupied_cells(
     seed: int, shape: tuple[int, int, int], share: float, levels: tuple[int, tuple[int, ...]]
 ) -> None:
     occupied, (cells, finer) = occupied_of(seed, shape, share), levels
-    lattice, first, words = SparseLattice(occupied, cells, finer, 2), 0, []
+    lattice, first = SparseLattice(occupied, cells, finer, 2), 0
+    words: list[np.ndarray] = []
     for level, resolution in enumerate(finer):
         stored = corners_of(cells_at(occupied, cells, resolution))
         assert lattice.shapes[level].tolist() == [*stored.shape]
         assert lattice.bases[level] == sum(len(part) for part in words)
         words.append(index_of(stored, first))
-        assert lattice.rows_of_level(level) == slice(first, first := first + int(stored.sum()))
+        assert lattice.rows_of_level(level) == slice(first, first + int(stored.sum()))
+        first += int(stored.sum())
         np.testing.assert_array_equal(lattice.vertices_of_level(level, occupied, cells), np.argwhere(stored))
     np.testing.assert_array_equal(lattice.index.numpy(), np.concatenate(words))
     assert lattice.table.shape == (first, 2) and lattice.bases[-1] == first - 2

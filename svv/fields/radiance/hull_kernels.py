@@ -82,7 +82,9 @@ def _verdict(view, table, x, y, z, spread, reach):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _carve_block(block, begin, cells, at, reach, tables, rotations, positions, lenses, left):  # type: ignore[no-untyped-def]
+def _carve_block(  # type: ignore[no-untyped-def]
+    block, begin, cells, at, reach, tables, rotations, positions, lenses, left
+):
     """Leave only those cells of a block in its list ``left`` (C, 4) that views keep, each with 1 if a view decides.
 
     Returns:

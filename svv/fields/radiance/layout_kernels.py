@@ -60,7 +60,7 @@ def lay_out(cells, parts, first, words):  # type: ignore[no-untyped-def]
     nx, ny, nz = cells.shape
     counts = np.zeros(words.shape[0] + 1, np.int64)
     for x in prange(words.shape[0]):
-        row, count = np.empty(nz, np.uint8), 0
+        row, count = np.empty(nz, np.uint8), np.int64(0)
         x0, x1 = max(x - 1, 0) // parts, min(x // parts, nx - 1) + 1
         for y in range(words.shape[1]):
             if _any_of(cells, x0, x1, max(y - 1, 0) // parts, min(y // parts, ny - 1) + 1, row):
@@ -146,7 +146,7 @@ def rows_left(before, after, out):  # type: ignore[no-untyped-def]
         after: Words of one with fewer vertices, for the same places. (W,)
         out: Result, in the order of the rows after, int64. (V,)
     """
-    missing = 0
+    missing = np.int64(0)
     for w in prange(before.shape[0]):
         old, left = np.uint64(before[w] & STORED), np.uint64(after[w] & STORED)
         missing += np.int64(ones_in(left & ~old))

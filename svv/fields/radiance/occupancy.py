@@ -110,7 +110,9 @@ class _Masks:
     def cut(self) -> bool:
         """Whether a frame cuts off what is visible."""
         t = self.tables
-        return bool(t[:, 1, -1].any() or t[:, -1, 1].any() or (t[:, -1] > t[:, -2]).any() or (t[..., -1] > t[..., -2]).any())
+        return bool(
+            t[:, 1, -1].any() or t[:, -1, 1].any() or (t[:, -1] > t[:, -2]).any() or (t[..., -1] > t[..., -2]).any()
+        )
 
 
 def carve(masks: NDArray[np.bool_] | NDArray[np.uint8], cameras: Sequence[Camera], cells: int) -> Occupancy:

@@ -12,10 +12,82 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.kernels.numba.bricks import NO_BRICKS, value_in_brick
-from svv.kernels.numba.leaping import octant
-from svv.kernels.numba.marching import clip_to_box, interpolate_scalar, inverse, leap
+from svv.core.lanes import (
+    LANES,
+    as_floats,
+    bits_of,
+    exp,
+    gather,
+    load,
+    mask_of,
+    maximum,
+    minimum,
+    number_of,
+    select,
+    splat,
+    store,
+    truncated,
+)
+from svv.kernels.numba.bricks import NO_BRICKS
+from svv.kernels.numba.packets import (
+    ENDED,
+    ENOUGH,
+    MOST_RAYS,
+    NONE,
+    ONE,
+    STATE,
+    TAU,
+    ZERO,
+    after_leap,
+    begin,
+    values_in_bricks,
+    values_of_table,
+    within,
+)
 from svv.kernels.numba.trilinear import ONE32
+
+
+@njit(parallel=True, cache=True)
+def mean_of_squares(alpha, factor, out):  # type: ignore[no-untyped-def]
+    """Write the mean of alpha, uint8 (N, H, W), over squares of ``factor`` pixels as float32 in [0, 1].
+
+    ``out`` is of (N, H / factor, W / factor), rounded down.
+    """
+    _, height, width = out.shape
+    parts, levels = np.float32(factor * factor), np.float32(255.0)
+    for n in prange(out.shape[0]):
+        total = np.empty(width, np.int64)
+        for y in range(height):
+            total[:] = 0
+            for i in range(factor * y, factor * (y + 1)):
+                for x in range(width):
+                    for j in range(factor * x, factor * (x + 1)):
+                        total[x] += alpha[n, i, j]
+            for x in range(width):
+                out[n, y, x] = np.float32(total[x]) / parts / levels
+
+
+@njit(parallel=True, cache=True)
+def beside_visible(alpha, odd, out):  # type: ignore[no-untyped-def]
+    """Mark the pixels that are visible or one of whose 8 neighbours is.
+
+    Args:
+        alpha: float32, > 0 where something is visible. (N, H, W)
+        odd: Only pixels of a chessboard's even (0) or odd squares (1); all (-1).
+        out: Result, uint8. (N, H, W)
+    """
+    _, height, width = alpha.shape
+    for n in prange(alpha.shape[0]):
+        column = np.zeros(width + 2, np.uint8)  # three pixels above each other
+        for y in range(height):
+            column[:] = 0
+            for i in range(max(y - 1, 0), min(y + 2, height)):
+                for x in range(width):
+                    column[x + 1] |= alpha[n, i, x] > 0.0
+            for x in range(width):
+                out[n, y, x] = column[x] | column[x + 1] | column[x + 2]
+            if odd >= 0:
+                out[n, y, (y + odd + 1) & 1 :: 2] = 0
 
 
 def optical_depths(  # type: ignore[no-untyped-def]
@@ -48,46 +120,68 @@ def optical_depths(  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def _optical_depths(  # type: ignore[no-untyped-def]
+def _optical_depths(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, slots, bricks, stop,
     out,
 ):  # fmt: skip
-    """Do the work of :func:`optical_depths`."""
+    """Do the work of :func:`optical_depths`, a packet of rays at a time as :mod:`svv.kernels.numba.packets` does."""
     nx, ny, nz = distance.shape[1:]
-    side, rate = ONE32 / cells, ONE32 / step
-    in_bricks, scale = slots.size > 0, scales[0]
-    cell = np.int32(shapes[0, 0] - 2), np.int32(shapes[0, 1] - 2), np.int32(shapes[0, 2] - 2)  # the last one
-    for r in prange(origins.shape[0]):
-        ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
-        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
-        near, far = clip_to_box(origins, directions, r, extent)
-        depth = np.float32(0.0)
-        if near < far:
-            ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
-            ahead = octant(dx, dy, dz)
-            i, last = int(math.ceil(near * rate - shift)), int(math.floor(far * rate - shift))
-            while i <= last:
-                t = (np.float32(i) + shift) * step
-                x = min(max(ox + t * dx, np.float32(0.0)), extent[0])
-                y = min(max(oy + t * dy, np.float32(0.0)), extent[1])
-                z = min(max(oz + t * dz, np.float32(0.0)), extent[2])
-                cx, cy, cz = min(int(x * cells), nx - 1), min(int(y * cells), ny - 1), min(int(z * cells), nz - 1)
-                empty = int(distance[ahead, cx, cy, cz])
-                if empty > 0:
-                    tx = leap(cx, empty, dx, ox, ix_, side)
-                    ty = leap(cy, empty, dy, oy, iy_, side)
-                    tz = leap(cz, empty, dz, oz, iz_, side)
-                    i = max(i + 1, int(math.ceil(min(tx, min(ty, tz)) * rate - shift)))
-                    continue
-                if in_bricks:
-                    value = value_in_brick(x, y, z, scale, cell, slots, bricks)
-                else:
-                    value = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
-                depth += np.exp(value) * step
-                if depth > stop:
+    side, rate, low, nothing = ONE / cells, ONE / step, splat(NONE), splat(ZERO)
+    last_x, last_y, last_z = splat(np.int32(nx - 1)), splat(np.int32(ny - 1)), splat(np.int32(nz - 1))
+    end_x, end_y, end_z = splat(extent[0]), splat(extent[1]), splat(extent[2])
+    for block in prange((len(out) + MOST_RAYS - 1) // MOST_RAYS):
+        state, steps = np.zeros((STATE, LANES), np.float32), np.zeros((3, LANES), np.int32)
+        owner, going = np.full(LANES, -1, np.int64), 0
+        coming, after = block * MOST_RAYS, min(len(out), (block + 1) * MOST_RAYS)
+        ox = oy = oz = dx = dy = dz = rx = ry = rz = tau = nothing
+        i, last, ahead = low, low, low
+        while True:
+            if going == 0 or (number_of(going) <= ENOUGH and coming < after):
+                # Rays that have ended leave their depths, and others take their lanes.
+                store(state, TAU * LANES, tau)
+                store(steps, 0, i)
+                for lane in range(LANES):
+                    if going >> lane & 1:
+                        continue
+                    if owner[lane] >= 0:
+                        out[owner[lane]], owner[lane] = state[TAU, lane], -1
+                    while coming < after and owner[lane] < 0:
+                        out[coming] = ZERO
+                        if begin(origins, directions, extent, step, shift, coming, lane, state, steps):
+                            owner[lane] = coming
+                            going |= 1 << lane
+                        coming += 1
+                if going == 0:
                     break
-                i += 1
-        out[r] = depth
+                ox, oy, oz = load(state, 0), load(state, LANES), load(state, 2 * LANES)
+                dx, dy, dz = load(state, 3 * LANES), load(state, 4 * LANES), load(state, 5 * LANES)
+                rx, ry, rz = load(state, 6 * LANES), load(state, 7 * LANES), load(state, 8 * LANES)
+                tau, i = load(state, TAU * LANES), load(steps, 0)
+                last = select(mask_of(going), load(steps, LANES), splat(ENDED))
+                ahead = load(steps, 2 * LANES) * (nx * ny * nz)
+            t = (as_floats(i) + shift) * step
+            x = within(ox + t * dx, nothing, end_x)
+            y = within(oy + t * dy, nothing, end_y)
+            z = within(oz + t * dz, nothing, end_z)
+            cx, cy = minimum(truncated(x * cells), last_x), minimum(truncated(y * cells), last_y)
+            cz = minimum(truncated(z * cells), last_z)
+            empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
+            occupied = (i <= last) & (empty == 0)
+            i = i + 1
+            if bits_of(occupied) != going:
+                i = select(occupied, i, maximum(i, after_leap(
+                    (as_floats(cx), as_floats(cy), as_floats(cz)), as_floats(empty), (ox, oy, oz), (dx, dy, dz),
+                    (rx, ry, rz), side, rate, splat(shift),
+                )))  # fmt: skip
+            if bits_of(occupied) != 0:
+                if slots.size > 0:
+                    raw = values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
+                else:
+                    raw = values_of_table(x, y, z, shapes, scales, bases, index, table)
+                tau = tau + select(occupied, exp(raw) * step, nothing)
+                last = select(tau > stop, splat(ENDED), last)
+            i = minimum(i, last + 1)
+            going = bits_of(i <= last)
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)

@@ -89,9 +89,9 @@ def fog_views() -> ViewSet:
 class Recorded(LatticeAdam):
     """Notes gradients and rates of the tables before a step, which clears them."""
 
-    noted: tuple[list[Tensor], Sequence[float]]
+    noted: tuple[list[Tensor], Sequence[float | Tensor]]
 
-    def step(self, rates: Sequence[float], pulls: Sequence[float] | None = None) -> None:
+    def step(self, rates: Sequence[float | Tensor], pulls: Sequence[float | Tensor] | None = None) -> None:
         self.noted = [its.buffers_for_gradient()[0].clone() for its in self.encodings], rates
         super().step(rates, pulls)
 

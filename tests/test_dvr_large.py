@@ -201,6 +201,26 @@ def test_volumes_are_drawn_by_bricks_unless_another_ray_caster_is_named(
     assert np.abs(theirs[..., 3].astype(float) - test.images[..., 3]).mean() < 1.0
 
 
+@pytest.mark.parametrize("far", [1e3, 1e5, 1e9, -1e5, -1e9])
+def test_a_single_value_far_away_changes_nothing_but_its_neighbours(far: float) -> None:
+    """The table of colours is one of the values that are told apart, not of all from the smallest to the largest."""
+    axis = np.linspace(-1.0, 1.0, 24)
+    radius = np.sqrt(sum(np.square(a) for a in np.meshgrid(axis, axis, axis, indexing="ij")))
+    values = np.clip(1.2 - radius, 0.0, 1.0).astype(np.float32)
+    steps = [(0.3, 0.0), (0.32, 0.2), (0.36, 0.2), (0.38, 0.0), (0.7, 0.0), (0.75, 0.8), (1.2, 0.8), (1.21, 0.0)]
+    function = TransferFunction(
+        [(0.0, 0.9, 0.2, 0.1), (0.5, 0.9, 0.2, 0.1), (0.51, 0.1, 0.3, 0.9)],
+        [(value, opacity, 0.5, 0.0) for value, opacity in steps], unit_distance=2.0,
+    )  # fmt: skip
+    camera = make_views(from_array(values), function, n=3, test=0, size=48, rescale=False)[0].cameras[0]
+    shown = []
+    for corner in (0.0, far):
+        values[0, 0, 0] = corner
+        shown.append(render_views(from_array(values), function, [camera], "bricks", Shading(on=False)).astype(float))
+    away = np.abs(shown[1] - shown[0]).max(axis=(0, 3))
+    assert shown[0].max() > 200.0 and (away > 3.0).mean() < 0.01 and away[12:36, 12:36].max() <= 3.0
+
+
 def test_what_memory_or_the_table_does_not_hold_is_left_to_vtk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(casters, "hardware_opengl", lambda: False)
     image = stirred_volume(40, levels=255)

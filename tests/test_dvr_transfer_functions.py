@@ -247,6 +247,25 @@ def test_hues_take_the_shorter_way_if_asked() -> None:
     assert TransferFunction.from_dict(tf.to_dict()) == tf == TransferFunction.from_vtk(*tf.to_vtk(), None, "two")
 
 
+@given(
+    st.lists(st.tuples(st.floats(-3, 3), st.sampled_from([0.0, 0.0, 0.4, 1.0])), min_size=2, max_size=7),
+    st.floats(-1e9, 0.0), st.floats(1.0, 1e9),
+)  # fmt: skip
+@settings(max_examples=60)
+def test_values_outside_of_those_told_apart_look_like_the_ends_or_are_invisible(
+    points: list[tuple[float, float]], low: float, high: float
+) -> None:
+    points = sorted({round(value, 3): opacity for value, opacity in points}.items())
+    function = TransferFunction([(-0.5, 1.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.0)], [(*p, 0.5, 0.0) for p in points])
+    first, last = function.told_apart(low, high)
+    assert low <= first < last <= high
+    for end, beyond in ((first, np.linspace(low, first, 50)), (last, np.linspace(last, high, 50))):
+        opacity = function.opacity_at(beyond)
+        alike = np.allclose(opacity, function.opacity_at([end]), atol=1e-6)
+        same_colour = np.allclose(function.colour_at(beyond), function.colour_at([end]), atol=1e-6)
+        assert (alike and (same_colour or not opacity.any())) or not opacity[np.abs(beyond - end) > 1e-9].any()
+
+
 def test_visible_ranges_are_where_something_shows() -> None:
     tf = preset(Points=[0, 0, 0.5, 0, 2, 0.5, 0.5, 0, 4, 0, 0.5, 0, 7, 0, 0.5, 0, 9, 1, 0.5, 0])
     ranges = tf.visible_ranges(-5, 20)

@@ -26,7 +26,7 @@ class Card:
     def __init__(
         self, monkeypatch: pytest.MonkeyPatch, name: str = "Card A", free: int = 8 << 30, count: int = 1
     ) -> None:
-        self.ended: Any = subprocess.CompletedProcess([], 0, "checked in 14 s: all well\n", "")
+        self.ended: Any = subprocess.CompletedProcess([], 0, f"{gpu.RECORDS}\nchecked in 14 s: all well\n", "")
         self.commands: list[list[str]] = []
         self.environments: list[dict[str, str]] = []
         cuda: Any = torch.cuda
@@ -67,7 +67,7 @@ def test_a_gpu_is_checked_once_and_then_chosen(
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("Checking the GPU (Card A), once")
     assert said[1] == "svv runs on the GPU: Card A, checked in 14 s: all well."
-    assert known_verdict(GPU) == Verdict(True, "checked in 14 s: all well", 14.0)
+    assert known_verdict(GPU) == Verdict(True, "checked in 14 s: all well", 14.0, True)
     gpu.chosen_device.cache_clear()  # as in another process
     assert device_named("auto") == GPU
     assert len(card.commands) == 1

@@ -40,6 +40,23 @@ def numbers_on(values: ArrayLike, device: torch.device) -> Tensor:
     return on_device(np.array(values, np.float32), device)
 
 
+def number_on(number: float | Tensor, device: torch.device) -> Tensor:
+    """Return a number on a device, int32 or float32, (1,); not to be written to. A tensor is returned as it is.
+
+    >>> number_on(3, torch.device("cpu"))
+    tensor([3], dtype=torch.int32)
+    """
+    if isinstance(number, Tensor):
+        return number
+    kind = torch.int32 if isinstance(number, int) else torch.float32
+    return torch.full((1,), number, dtype=kind, device=device) if number else _zero(kind, device)
+
+
+@lru_cache(REMEMBERED)
+def _zero(kind: torch.dtype, device: torch.device) -> Tensor:
+    return torch.zeros(1, dtype=kind, device=device)
+
+
 @lru_cache(REMEMBERED)
 def _known(content: bytes, shape: tuple[int, ...], kind: str, device: torch.device) -> Tensor:
     return moved(np.frombuffer(content, kind).reshape(shape).copy(), device)

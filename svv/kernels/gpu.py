@@ -40,6 +40,9 @@ PATIENCE = 300.0
 LEAST_MEMORY = 1 << 30
 """Free bytes of GPU memory below which ``auto`` does not choose the GPU: training and images take up to as much."""
 
+RECORDS = "training steps can be recorded"
+"""Line of a check that has seen that."""
+
 STOPPED = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGHUP)
 """Signals that end a check without saying anything about the GPU."""
 
@@ -57,6 +60,8 @@ class Verdict:
     """What was found, in one sentence."""
     seconds: float = 0.0
     """Time that the check took."""
+    records: bool = False
+    """Whether training steps can be recorded there (:mod:`svv.kernels.recorded`)."""
 
 
 def why_no_gpu() -> str | None:
@@ -111,9 +116,19 @@ def known_verdict(device: torch.device) -> Verdict | None:
     """Return the result of an earlier check of this GPU; None if there was none."""
     record = read_record(_file(device), key_of_gpu(device))
     try:
-        return None if record is None else Verdict(**{k: record[k] for k in ("passed", "reason", "seconds")})
+        return None if record is None else Verdict(**{k: record[k] for k in ("passed", "reason", "seconds", "records")})
     except KeyError:  # written by something else: the GPU is checked again
         return None
+
+
+def may_record(device: torch.device) -> bool:
+    """Return whether training steps may be recorded on a device: a GPU whose check has seen that they are the same."""
+    if device.type != "cuda":
+        return False
+    if os.environ.get(SKIP_CHECK) == "0":
+        return True
+    verdict = known_verdict(device)
+    return verdict is not None and verdict.records
 
 
 def check_gpu(device: torch.device) -> Verdict:
@@ -136,7 +151,7 @@ def check_gpu(device: torch.device) -> Verdict:
         return Verdict(False, f"its check could not be started ({error.strerror or error})")
     lines = done.stdout.strip().splitlines()
     if done.returncode == 0 and lines:
-        return _keep(device, Verdict(True, lines[-1], _seconds(lines[-1])))
+        return _keep(device, Verdict(True, lines[-1], _seconds(lines[-1]), RECORDS in lines))
     said = (lines or done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"])[-1]
     if "out of memory" in said.lower():  # by other programs, which says nothing about the GPU
         return Verdict(False, "its check found too little free memory on it")

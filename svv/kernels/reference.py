@@ -64,8 +64,8 @@ def _scatter(rows: Tensor, weights: Tensor, g: Tensor, gradient: Tensor, used: T
 
 
 def adam(
-    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
-    constants: tuple[float, float, float], pull: float, finer: int,
+    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float | Tensor,
+    constants: tuple[float, float, float], pull: float | Tensor, finer: int,
 ) -> None:  # fmt: skip
     beta1, beta2, epsilon = constants
     rows = used.nonzero()[:, 0]
@@ -84,9 +84,11 @@ def marked_rows(marks: Tensor) -> Tensor:
     return marks.nonzero()[:, 0]
 
 
-def draw_pixels(source: PixelSource, seed: int, first_ray: int, rays: int, total: int) -> tuple[Tensor, Tensor, Tensor]:
+def draw_pixels(
+    source: PixelSource, seed: int | Tensor, first_ray: int, rays: int, total: int
+) -> tuple[Tensor, Tensor, Tensor]:
     number = torch.arange(first_ray, first_ray + rays, device=source.index.device)
-    fine, coarse = (marching.uniform(seed, number, torch.full_like(number, k)).double() for k in (-2, -1))
+    fine, coarse = (marching.uniform(int(seed), number, torch.full_like(number, k)).double() for k in (-2, -1))
     where = (coarse + fine / (1 << 24)) * source.ends[-1]
     step = torch.searchsorted(source.ends[1:-1], where, right=True)
     begin, last, share = source.first[step], source.first[step + 1] - 1, source.shares[step]
@@ -122,7 +124,7 @@ def pixels_in_sight(
 
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
-    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
     first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March without leaps: every step of every ray is evaluated."""
@@ -136,7 +138,7 @@ def march(
     parts = [
         marching.march(
             origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,
-            limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, seed, k, first_ray,
+            limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, int(seed), k, first_ray,
         )
         for k in range(0, len(origins), chunk)
     ]  # fmt: skip

@@ -79,14 +79,14 @@ class TrainingKernels(Protocol):
 
     def palette(
         self, samples: Samples, target: Target, geometry: tuple[Lattice, Tensor], material: Table,
-        networks: tuple[Sequence[Tensor], Sequence[Tensor]], colours: Tensor, penalties: tuple[float, float, float],
+        networks: tuple[Sequence[Tensor], Sequence[Tensor]], colours: Tensor, penalties: Sequence[float] | Tensor,
         owned: Owned | None,
     ) -> tuple[Tensor, list[Tensor]]:  # fmt: skip
         """Sum the gradient of stage 2's loss (:mod:`svv.train.palette.recolour`) into the table of the material.
 
         The loss is the mean squared error of colour (:mod:`svv.core.colour.palette_shading`) plus, composited like
-        colours, ``penalties`` times squared offsets, squared deviation of the shade from 1, and 1 minus the sum of
-        squared palette weights; plus the penalty of what is ``owned``. ``geometry``: layout and frozen features;
+        colours, three ``penalties`` times squared offsets, squared deviation of the shade from 1, and 1 minus the sum
+        of squared palette weights; plus the penalty of what is ``owned``. ``geometry``: layout and frozen features;
         ``networks``: weights of the lighting and palette MLP; ``colours``: (P, 3).
 
         Returns the mean squared error of colour, a scalar, and the gradients of both networks' weights and of the

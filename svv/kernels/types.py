@@ -237,11 +237,12 @@ class Kernels(Protocol):
         """Add the table's gradient and mark its rows, as :meth:`lattice_backward` does."""
 
     def adam(
-        self, table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
-        constants: tuple[float, float, float], pull: float, finer: int,
+        self, table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float | Tensor,
+        constants: tuple[float, float, float], pull: float | Tensor, finer: int,
     ) -> None:  # fmt: skip
         """Take one Adam step on the rows marked in ``used``; clear their gradient and mark.
 
+        ``rate`` and ``pull`` may be tensors (1,), from which a GPU reads them.
         ``moments`` (2, V, F): first and second; ``age`` (V,) int32: steps of each row; ``constants``: beta1, beta2 and
         epsilon. ``pull`` times the value is added to the gradient of the rows from ``finer`` on.
         """
@@ -250,12 +251,13 @@ class Kernels(Protocol):
         """Return the indices of the rows that are marked, ascending: (V,) uint8, 0 or 1 -> (N,) int64."""
 
     def draw_pixels(
-        self, source: PixelSource, seed: int, first_ray: int, rays: int, total: int
+        self, source: PixelSource, seed: int | Tensor, first_ray: int, rays: int, total: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Draw the pixels of rays from number ``first_ray`` on, of ``total``, of the batch that ``seed`` numbers.
 
         Returns flat indices among all views (R,) int64, weights with which a sum over all rays is a mean over all
-        pixels (R,), and premultiplied RGBA in [0, 1] (R, 4). A ray's pixel depends on its number and the seed alone.
+        pixels (R,), and premultiplied RGBA in [0, 1] (R, 4). A ray's pixel depends on its number and the seed alone,
+        which may be an int32 tensor (1,), from which a GPU reads it.
         """
 
     def pixel_rays(
@@ -278,13 +280,15 @@ class Kernels(Protocol):
 
     def march(
         self, origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
-        lattice: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int, first_ray: int = 0,
+        lattice: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
+        first_ray: int = 0,
     ) -> tuple[Samples, int]:  # fmt: skip
         """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba.marching`).
 
         ``distance`` (8, X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
         extinction; ``room``: initial buffer size in samples per ray; ``first_ray``: number of the first ray in its
-        batch, for its random numbers. The number returned is the size that sufficed.
+        batch, for its random numbers, whose ``seed`` may be an int32 tensor (1,). The number returned is the size that
+        sufficed.
         """
 
     def representatives(self, samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:

@@ -6,6 +6,7 @@ import collections
 import cProfile
 import gzip
 import io
+import itertools
 import os
 import platform
 import pstats
@@ -22,7 +23,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from svv.fields.radiance.gpu_check import run_checks
+from svv.fields.radiance.gpu_check import run_checks, run_each
+from svv.fields.radiance.recorded_check import check_recorded
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.kernels import gpu
@@ -64,7 +66,9 @@ def kernels(how: Context) -> None:
     device = how.torch_device
     own = kernels_of(device.type)
     how.say("kernels", "kernels", own.NAME)
-    for name, seconds, wrong in run_checks(own, device, CHECKED_SAMPLES[how.device], CHECKED_SEEDS):
+    recorded = {} if own.TRAINING is None else {"steps recorded": check_recorded}
+    found = run_checks(own, device, CHECKED_SAMPLES[how.device], CHECKED_SEEDS)
+    for name, seconds, wrong in itertools.chain(found, run_each(recorded, own, device, 1)):
         how.say("kernels", name, {"seconds": seconds, "wrong": wrong})
         with (how.out / "tests.log").open("a", encoding="utf-8") as file:
             file.write(f"{'FAILED' if wrong else 'passed'} {name} {seconds:.2f} s {wrong}\n")

@@ -137,7 +137,7 @@ class BrickMapper:
 
         assert tf.unit_distance is not None
         self._volume, self._stage = volume, stage
-        low, high = volume.range
+        low, high = tf.told_apart(*volume.range)
         values = np.linspace(low, high, ENTRIES)
         table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
         ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)

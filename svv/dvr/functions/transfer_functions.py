@@ -188,6 +188,20 @@ class TransferFunction:
             for a, b in zip(starts.tolist(), stops.tolist())
         ]
 
+    def told_apart(self, low: float, high: float) -> tuple[float, float]:
+        """Return the part of the values in [low, high] outside of which all look the same, or are invisible.
+
+        A table of entries from end to end then resolves the function, whatever single values lie far away.
+        """
+        points = [point[0] for point in (*self.colours, *self.opacities)]
+        first, last = max(low, min(points)), min(high, max(points))
+        if first >= last:
+            return low, high
+        seen = self.visible_ranges(first, last)
+        if seen and seen[0][0] < seen[-1][1]:
+            first, last = seen[0][0], seen[-1][1]
+        return first, last
+
     def opacity_at(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the opacities per unit distance of these values, as VTK interpolates them."""
         function = self.to_vtk()[1]

@@ -283,12 +283,13 @@ class LatticeAdam:
         self.moments = [e.table.new_zeros(2, *e.table.shape) for e in self.encodings]
         self.age = [e.table.new_zeros(len(e.table), dtype=torch.int32) for e in self.encodings]
 
-    def step(self, rates: Sequence[float], pulls: Sequence[float] | None = None) -> None:
+    def step(self, rates: Sequence[float | Tensor], pulls: Sequence[float | Tensor] | None = None) -> None:
         """Take one step, and clear the gradients it used.
 
         Args:
-            rates: Learning rate of each encoding.
-            pulls: Weight in the loss of half the squared values of each encoding's finer levels; by default 0.
+            rates: Learning rate of each encoding: a number, or a tensor (1,) on its device.
+            pulls: Weight in the loss of half the squared values of each encoding's finer levels, likewise; by default
+                0.
         """
         pulls = [0.0] * len(self.encodings) if pulls is None else pulls
         for k, (encoding, rate) in enumerate(zip(self.encodings, rates, strict=True)):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
@@ -15,10 +15,11 @@ import torch
 
 from svv.fields.radiance.image_checks import image_checks
 from svv.fields.radiance.kernel_checks import Check, checks
+from svv.fields.radiance.recorded_check import check_recorded
 from svv.fields.radiance.training_checks import training_checks
 from svv.fields.strokes.stroke_checks import BRUSHES, check_strokes
 from svv.kernels.dispatch import kernels_of
-from svv.kernels.gpu import current_gpu, why_no_gpu
+from svv.kernels.gpu import RECORDS, current_gpu, why_no_gpu
 from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import Kernels
 
@@ -34,7 +35,14 @@ def run_checks(kernels: Kernels, device: torch.device, samples: int, seeds: int)
 
     A fault of the GPU itself ends all later checks of the process, each with the same message.
     """
-    for name, check in checks_of(kernels, samples).items():
+    yield from run_each(checks_of(kernels, samples), kernels, device, seeds)
+
+
+def run_each(
+    named: Mapping[str, Check], kernels: Kernels, device: torch.device, seeds: int
+) -> Iterator[tuple[str, float, str]]:
+    """Run some checks; yields as :func:`run_checks`."""
+    for name, check in named.items():
         begin = time.perf_counter()
         wrong = _wrong(check, kernels, device, seeds)
         yield name, time.perf_counter() - begin, wrong
@@ -75,6 +83,8 @@ def main() -> None:
     if failed:
         print(f"{len(failed)} of {len(found)} kernels are wrong; {failed[0]}")
         sys.exit(1)
+    unlike = _wrong(check_recorded, kernels, device, 1) if kernels.TRAINING is not None else "there are no such kernels"
+    print(RECORDS if not unlike else f"training steps are not recorded: {unlike}")
     what = f"{len(found)} results of the {kernels.NAME} kernels are those of plain torch"
     print(f"checked in {time.perf_counter() - begin:.0f} s: {what}")
 

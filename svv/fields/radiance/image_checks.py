@@ -95,8 +95,8 @@ def _composite(own: ImageKernels, at: Inputs) -> list[Tensor]:
     rgba, depth = torch.full((rays, 4), 9.0, device=device), torch.full((rays,), 9.0, device=device)
     seen = torch.full((rays,), 9, dtype=torch.int16, device=device)
     own.composite(at.samples, at.samples.sigma, surface, at.share, at.origins, 3.0, (rgba, depth, seen))
-    # A mean is a sum divided by alpha, and its error grows as that falls.
-    return [rgba[:, :3] * rgba[:, 3:], rgba[:, 3], depth * rgba[:, 3], seen.float()]
+    # A mean is a sum divided by alpha, and its error grows as that falls. Where nothing is seen, it has no depth.
+    return [rgba[:, :3] * rgba[:, 3:], rgba[:, 3], (depth * rgba[:, 3]).nan_to_num(0.0), seen.float()]
 
 
 PARTS: dict[str, Part] = {

@@ -121,7 +121,7 @@ def march(
     occupancy: Occupancy,
     density: SparseLattice | None,
     how: Marching,
-    seed: int = 0,
+    seed: int | Tensor = 0,
     first_ray: int = 0,
     room: Room | None = None,
 ) -> Samples:
@@ -198,7 +198,7 @@ def not_hidden(samples: Samples, sigma: Tensor, how: Marching) -> tuple[Samples,
 
 
 @torch.no_grad()
-def representatives(samples: Samples, every: float, seed: int, first_ray: int = 0) -> tuple[Tensor, Tensor]:
+def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
     """Choose samples whose colour can stand for that of the samples around them on their ray.
 
     The cumulative weight along a ray is cut at k * ``every``, shifted by a random fraction of ``every`` (systematic
@@ -208,21 +208,12 @@ def representatives(samples: Samples, every: float, seed: int, first_ray: int = 
     Args:
         samples: S samples with their extinction.
         every: Fraction of a pixel for which one colour is enough, > 0.
-        seed: Seed of the shifts.
-        first_ray: Number of the first ray in its batch, as in :func:`march`.
+        shift: What shifts the cuts of each ray, in [0, 1). (R,)
 
     Returns:
         Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
-    shift = shifts(samples, seed, first_ray)
     return kernels_for(shift).representatives(samples, every, shift)
-
-
-def shifts(samples: Samples, seed: int, first_ray: int = 0) -> Tensor:
-    """Return what shifts the cuts of each ray in :func:`representatives`, in [0, 1). (R,)"""
-    drawn = torch.rand(first_ray + len(samples.count), generator=torch.Generator().manual_seed(seed))
-    (shift,) = moved_at_once((drawn[first_ray:].numpy(),), samples.sigma.device)
-    return shift
 
 
 def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -62,11 +62,11 @@ def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gr
 
 
 def adam(
-    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
-    constants: tuple[float, float, float], pull: float, finer: int,
+    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float | Tensor,
+    constants: tuple[float, float, float], pull: float | Tensor, finer: int,
 ) -> None:  # fmt: skip
     first, second = moments.numpy()
-    numbers = (np.float32(v) for v in (rate, *constants, pull))
+    numbers = (np.float32(v) for v in (float(rate), *constants, float(pull)))
     numba_lattice.adam(
         table.detach().numpy(), gradient.numpy(), used.numpy(), first, second, age.numpy(), *numbers,
         _bias_corrections(*constants[:2]), finer,
@@ -106,7 +106,7 @@ def pixels_in_sight(
 
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
-    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
     first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March blocks of rays, each into a separate part of the buffers, and pack the parts afterwards."""
@@ -122,7 +122,7 @@ def march(
         full = np.zeros(blocks, np.uint8)
         packets.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
-            np.float32(limits.step), seed, first_ray, *_layout(where), table.detach().numpy()[:, 0],
+            np.float32(limits.step), int(seed), first_ray, *_layout(where), table.detach().numpy()[:, 0],
             *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
             *buffers, start, number, tail, full, rays_a_block,

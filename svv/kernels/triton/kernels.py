@@ -11,6 +11,7 @@ from torch import Tensor
 
 from svv.core.rays.cells import FARTHEST_LEAP
 from svv.core.rays.networks import relu_layers
+from svv.kernels.constants import number_on
 from svv.kernels.reference import marked_rows as marked_rows
 from svv.kernels.triton import cells as triton_cells
 from svv.kernels.triton import drawn as triton_drawn
@@ -113,24 +114,26 @@ def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gr
 
 
 def adam(
-    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
-    constants: tuple[float, float, float], pull: float, finer: int,
+    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float | Tensor,
+    constants: tuple[float, float, float], pull: float | Tensor, finer: int,
 ) -> None:  # fmt: skip
-    rows, features = table.shape
+    (rows, features), device = table.shape, table.device
     triton_tables.adam[(triton.cdiv(rows, TABLE_BLOCK),)](
-        table.detach(), gradient, used, moments[0], moments[1], age, rate, *constants, pull, finer, rows,
-        features, triton.next_power_of_2(features), TABLE_BLOCK,
+        table.detach(), gradient, used, moments[0], moments[1], age, number_on(rate, device), *constants,
+        number_on(pull, device), finer, rows, features, triton.next_power_of_2(features), TABLE_BLOCK,
     )  # fmt: skip
 
 
-def draw_pixels(source: PixelSource, seed: int, first_ray: int, rays: int, total: int) -> tuple[Tensor, Tensor, Tensor]:
+def draw_pixels(
+    source: PixelSource, seed: int | Tensor, first_ray: int, rays: int, total: int
+) -> tuple[Tensor, Tensor, Tensor]:
     device = source.index.device
     pixels, weight = torch.empty(rays, dtype=torch.int64, device=device), torch.empty(rays, device=device)
     shown = torch.empty(rays, 4, device=device)
     if rays:
         triton_pixels.draw[(triton.cdiv(rays, TABLE_BLOCK),)](
-            source.index, source.levels, source.first, source.ends, source.shares, seed, first_ray, total, pixels,
-            weight, shown, rays, len(source.shares), TABLE_BLOCK,
+            source.index, source.levels, source.first, source.ends, source.shares, number_on(seed, device), first_ray,
+            total, pixels, weight, shown, rays, len(source.shares), TABLE_BLOCK,
         )  # fmt: skip
     return pixels, weight, shown
 
@@ -161,18 +164,19 @@ def _all_of(pixels: int, device: torch.device) -> Tensor:
 
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
-    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
     first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March twice: count the samples, find the start of each ray from their sums, and write them."""
     device, rays, given = origins.device, len(origins), limits.room
+    own_seed = number_on(seed, device)
     make = torch.empty if rays else torch.zeros
     count, start, total = (make(n, dtype=torch.int64, device=device) for n in (rays, rays, 1))
     tail = torch.empty(rays, device=device)
 
     def pass_over(behind: Tensor, number: int, written: Sequence[Tensor], writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
-            origins, directions, distance, *distance.shape[1:], float(cells), *extent, limits.step, seed, first_ray,
+            origins, directions, distance, *distance.shape[1:], float(cells), *extent, limits.step, own_seed, first_ray,
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
             behind, number, start, count, tail, total, total if given is None else given.dropped, *written,

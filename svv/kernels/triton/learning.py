@@ -17,6 +17,7 @@ import triton.language as tl
 from torch import Tensor
 
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
+from svv.kernels.constants import numbers_on
 from svv.kernels.triton import image as triton_image
 from svv.kernels.triton import networks
 from svv.kernels.triton import rays as triton_rays
@@ -41,20 +42,20 @@ def sigmoid(x):  # type: ignore[no-untyped-def]
 
 
 @triton.jit(
-    do_not_specialize=["sigma", "skipped", "values", "place", "start", "count", "tail", "shown", "weight", "g_values",
-                       "g_density", "parts", "rays"]
+    do_not_specialize=["sigma", "skipped", "values", "place", "start", "count", "tail", "shown", "weight", "penalties",
+                       "g_values", "g_density", "parts", "rays"]
 )  # fmt: skip
 def learn(  # type: ignore[no-untyped-def]  # long: forward and backward of one ray, whose state is registers
-    sigma, skipped, values, place, start, count, tail, step, shown, weight, alpha, offsets, shade, mixed, g_values,
-    g_density, parts, rays, BASE: tl.constexpr, CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    sigma, skipped, values, place, start, count, tail, step, shown, weight, alpha, penalties, g_values, g_density,
+    parts, rays, BASE: tl.constexpr, CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Composite a block of rays, compare them with ``shown`` (R, 4), and write the gradients of their loss.
 
     In stage 1 (``BASE``), sample k has the colour sigmoid(``values[place[k]]``), and the gradient of the values (K, 3)
     is added to ``g_values``; ``g_density`` (S,) receives that of log extinction. In stage 2, sample k has the
-    ``values[k]``, colour and penalties, whose weights are ``offsets``, ``shade`` and ``mixed``; ``g_values`` (S, 6)
-    receives their gradient. ``parts`` (programs,): sums of squared errors of colour. A ray without room, whose
-    ``count`` is negative, does not count.
+    ``values[k]``, colour and penalties, whose weights are ``penalties`` (3,); ``g_values`` (S, 6) receives their
+    gradient. ``parts`` (programs,): sums of squared errors of colour. A ray without room, whose ``count`` is negative,
+    does not count.
     """
     r = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     c = tl.arange(0, WIDE)
@@ -84,7 +85,7 @@ def learn(  # type: ignore[no-untyped-def]  # long: forward and backward of one 
     apart = total - tl.load(shown + 4 * r[:, None] + c[None, :], mask=seen, other=0.0)
     squared = tl.sum(tl.where(is_colour, apart * apart, 0.0), axis=1) * own
     tl.store(parts + tl.program_id(0), tl.sum(squared, axis=0) / 3.0)
-    each = tl.where(c == 3, offsets, tl.where(c == 4, shade, tl.where(c == 5, mixed, 0.0)))
+    each = tl.load(penalties + c - 3, mask=(c >= 3) & (c < CHANNELS), other=0.0)
     g = tl.where(is_colour, (2.0 / 3.0) * apart, each[None, :]) * own[:, None]
     if BASE:
         missing = 1.0 - t - tl.load(shown + 4 * r + 3, mask=there, other=0.0)
@@ -159,7 +160,7 @@ def base(
     inputs = _with_harmonics(samples, rows, number, target.along, (table.lattice, table.features))
     raw = networks.forward(inputs, weights, number)
     g_raw, g_density = torch.zeros_like(raw), torch.empty_like(samples.sigma)
-    error = _learn(samples, place, raw, target, alpha, None, (g_raw, g_density))
+    error = _learn(samples, place, raw, target, alpha, (0.0,), (g_raw, g_density))
     g_inputs, gradients = networks.backward(inputs, g_raw, weights, number, inward=True)
     assert g_inputs is not None
     _add_gradient(table, samples.position, rows, number, g_inputs, alike=False)
@@ -169,7 +170,7 @@ def base(
 
 def palette(
     samples: Samples, target: Target, geometry: tuple[Lattice, Tensor], material: Table,
-    networks_of: tuple[Sequence[Tensor], Sequence[Tensor]], colours: Tensor, penalties: tuple[float, float, float],
+    networks_of: tuple[Sequence[Tensor], Sequence[Tensor]], colours: Tensor, penalties: Sequence[float] | Tensor,
     owned: Owned | None,
 ) -> tuple[Tensor, list[Tensor]]:  # fmt: skip
     """Take stage 2's step up to the optimisers."""
@@ -244,14 +245,15 @@ def _add_gradient(
 
 def _learn(
     samples: Samples, place: Tensor | None, values: Tensor, target: Target, alpha: float,
-    penalties: tuple[float, float, float] | None, gradients: tuple[Tensor, Tensor],
+    penalties: Sequence[float] | Tensor, gradients: tuple[Tensor, Tensor],
 ) -> Tensor:  # fmt: skip
     """Write the gradients of values and of log extinction; return the mean squared error of colour."""
     rays, channels, stage_1 = len(samples.count), values.shape[1], place is not None
     parts = torch.empty(triton.cdiv(rays, RAY_BLOCK), device=values.device)
     learn[(len(parts),)](
         samples.sigma, samples.skipped, values, samples.start if place is None else place, samples.start, samples.count,
-        samples.tail, samples.step, target.shown, target.weight, alpha, *(penalties or (0.0, 0.0, 0.0)), *gradients,
-        parts, rays, stage_1, channels, triton.next_power_of_2(channels), RAY_BLOCK, num_warps=1,
+        samples.tail, samples.step, target.shown, target.weight, alpha,
+        penalties if isinstance(penalties, Tensor) else numbers_on(penalties, values.device), *gradients, parts, rays,
+        stage_1, channels, triton.next_power_of_2(channels), RAY_BLOCK, num_warps=1,
     )  # fmt: skip
     return parts.sum()

@@ -13,7 +13,7 @@ def draw(  # type: ignore[no-untyped-def]
     index, levels, first, ends, shares, seed, first_ray, total, pixels, weight, shown, rays,
     STEPS: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Draw the pixels of a batch's rays, of ``total`` in all, from number ``first_ray`` on.
+    """Draw the pixels of a batch's rays, of ``total`` in all, from number ``first_ray`` on; ``seed`` (1,) int32.
 
     ``index`` (N,) int32: pixels by their contrast; ``levels`` (pixels, 4) uint8; ``first`` (STEPS + 1,) int64: where
     each step of contrast begins in ``index``; ``ends`` (STEPS + 1,) float64: the same, weighted by the ``shares``
@@ -22,8 +22,9 @@ def draw(  # type: ignore[no-untyped-def]
     i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = i < rays
     ray, none = first_ray + i, tl.zeros_like(i)
-    fine = uniform(seed, ray, none - 2).to(tl.float64)
-    where = (uniform(seed, ray, none - 1).to(tl.float64) + fine * (1.0 / 16777216.0)) * tl.load(ends + STEPS)
+    number = tl.load(seed)
+    fine = uniform(number, ray, none - 2).to(tl.float64)
+    where = (uniform(number, ray, none - 1).to(tl.float64) + fine * (1.0 / 16777216.0)) * tl.load(ends + STEPS)
     step = none
     for k in tl.static_range(1, STEPS):
         step += (where >= tl.load(ends + k)).to(tl.int32)

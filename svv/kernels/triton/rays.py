@@ -141,6 +141,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 ):  # fmt: skip
     """March a block of rays, either to count their samples or, with ``WRITES``, to write them and their ``start``.
 
+    ``seed`` (1,) int32 is that of their random numbers, or 0.
     ``ends`` (R,) are the sums of ``count`` up to each ray. There is room for ``most`` samples: rays whose samples end
     beyond it have none, a ``count`` of -1, and are added to ``dropped``. ``total`` is the number of samples written.
 
@@ -161,8 +162,9 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     near, far, inverse_z = slab(oz, dz, extent_z, near, far)
     hit = there & (near < far)
     shift = tl.full((BLOCK,), 0.5, tl.float32)
-    if seed > 0:
-        shift = uniform(seed, first_ray + r, tl.zeros_like(r))
+    number = tl.load(seed)
+    if number > 0:
+        shift = uniform(number, first_ray + r, tl.zeros_like(r))
     i = tl.ceil(tl.where(hit, near, 0.0) / step - shift).to(tl.int32)
     last = tl.floor(tl.where(hit, far, 0.0) / step - shift).to(tl.int32)
     going = hit & (i <= last)
@@ -211,7 +213,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         weight = tl.where(weight >= least_weight, weight * tl.exp(fade * (before - tau)), weight)
         kept = weight >= least_weight
         if keep > 0.0:
-            kept = kept | (uniform(seed, first_ray + r, i + 1) < keep)
+            kept = kept | (uniform(number, first_ray + r, i + 1) < keep)
         kept = kept & inside
         if WRITES:
             kept = kept & (n < end)

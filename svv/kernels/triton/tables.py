@@ -184,7 +184,7 @@ def adam(  # type: ignore[no-untyped-def]
     table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, finer, rows,
     FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Take one Adam step on the marked rows of a block; clear their gradient and mark."""
+    """Take one Adam step on the marked rows of a block; clear their gradient and mark. ``rate`` (1,), ``pull`` (1,)."""
     v = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     f = tl.arange(0, WIDE)
     marked = tl.load(used + v, mask=v < rows, other=0) > 0
@@ -192,9 +192,9 @@ def adam(  # type: ignore[no-untyped-def]
     tl.store(age + v, steps, mask=marked)
     tl.store(used + v, tl.zeros((BLOCK,), tl.uint8), mask=marked)
     n = tl.minimum(steps, 10000).to(tl.float32)
-    a = rate / (1.0 - tl.exp(n * tl.log(beta1)))
+    a = tl.load(rate) / (1.0 - tl.exp(n * tl.log(beta1)))
     b = 1.0 / (1.0 - tl.exp(n * tl.log(beta2)))
-    back = tl.where(v >= finer, pull, 0.0)
+    back = tl.where(v >= finer, tl.load(pull), 0.0)
     at = v.to(tl.int64)[:, None] * FEATURES + f[None, :]
     both = marked[:, None] & (f < FEATURES)[None, :]
     value = tl.load(table + at, mask=both, other=0.0)

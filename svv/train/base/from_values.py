@@ -81,13 +81,17 @@ class ValueReconstruction(Reconstruction):
         with torch.no_grad():
             self.field.density.table[:, 0] = self.extinction.at(self.places)
 
-    def _update(self, rate: float) -> None:
+    def _rates(self, rate: float) -> list[float]:
+        return [self.settings.network_rate * rate, self.settings.known_density_rate * rate]
+
+    def _update(self) -> None:
         assert self.field.density is not None
+        network, known = (self.numbers.other(k) for k in range(2))
         for group in self.networks.param_groups:
-            group["lr"] = self.settings.network_rate * rate
+            group["lr"] = network
         self.networks.step()
         gradient, used = self.field.density.buffers_for_gradient()
-        self.extinction.step(gradient[:, 0], self.places, self.settings.known_density_rate * rate)
+        self.extinction.step(gradient[:, 0], self.places, float(known))
         gradient.zero_()
         used.zero_()
         self._fill()

@@ -14,18 +14,19 @@ from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions, learning
 from svv.fields.radiance.occupancy import Occupancy
-from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives, shifts
+from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
-from svv.kernels.types import Samples, TrainingKernels
+from svv.kernels.recorded import StepNumbers
+from svv.kernels.types import Room, Samples, TrainingKernels
 from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
 from svv.train.config import ReconstructSettings
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
-from svv.train.run.loop import Loop, Running, falling, network_adam
+from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
 from svv.train.run.sample_room import SampleRoom
 
 LEAST_GAIN = 0.1
@@ -107,31 +108,43 @@ class Reconstruction:
         self.trained = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
         self.networks = network_adam(self.trained, settings.network_rate)
         self.tables = LatticeAdam(self.field.encodings)
-        self.room = SampleRoom(device)
+        self.room, self.recorded, self.numbers = SampleRoom(device), recorded_steps(device), StepNumbers(device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
         if fraction >= REFINE_AT and self.refined is None and self.field.density is not None:
             self.refine()
-        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
-        kernels = self._kernels()
-        room = None if kernels is None else self.room.of(number, len(batch.rays))
+        rays, kernels = ranks.part(self.budget.rays), self._kernels()
+        count, rates = rays.stop - rays.start, self._rates(falling(fraction, s.decay, s.hold))
+        room = None if kernels is None else self.room.of(number, count)
+        there = kernels is not None and self.recorded.possible
+        self.numbers.set(number, self.pool.seed_of(number), rates, rays, there)
+        if room is None:
+            error = self._take(number, rays, kernels, None)
+        else:
+            error = self.recorded.take((count, room.samples), lambda: self._take(number, rays, kernels, room))
+        if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
+            self.prune(grow=fraction < 0.25 and not self.known)
+        return error
+
+    def _take(self, number: int, rays: slice, kernels: TrainingKernels | None, room: Room | None) -> Tensor:
+        """Take a step; with room for its samples, all that differs from step to step is read from the numbers."""
+        numbers = self.numbers
+        batch = self.pool.batch(number, self.budget.rays, rays, self.settings.by_contrast, numbers.pixels)
         marched = march(
-            batch.rays, self.occupancy, self.field.density, self.marching, number + 1, batch.first, room
+            batch.rays, self.occupancy, self.field.density, self.marching, numbers.march, batch.first, room
         )  # fmt: skip
         self.networks.zero_grad(set_to_none=True)
         if kernels is not None and len(marched):
-            error, cost = self._learn(kernels, marched, batch, number, counted=room is None)
+            error, cost = self._learn(kernels, marched, batch, counted=room is None)
         else:
-            error, cost = self._learn_in_torch(marched, batch, number)
+            error, cost = self._learn_in_torch(marched, batch)
         if room is None:
             self.room.counted(len(marched), len(batch.rays))
             self.budget.adjust(number, cost)
         error = sum_gradients(error, self.trained, self.field.encodings)
-        self._update(falling(fraction, s.decay, s.hold))
-        if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
-            self.prune(grow=fraction < 0.25 and not self.known)
+        self._update()
         return error
 
     def _kernels(self) -> TrainingKernels | None:
@@ -142,13 +155,11 @@ class Reconstruction:
         kernels = kernels_for(density.table).TRAINING
         return kernels if kernels is not None and kernels.fits(self.field.colour_mlp.weights) else None
 
-    def _learn(
-        self, kernels: TrainingKernels, samples: Samples, batch: Batch, number: int, counted: bool
-    ) -> tuple[Tensor, float]:
+    def _learn(self, kernels: TrainingKernels, samples: Samples, batch: Batch, counted: bool) -> tuple[Tensor, float]:
         """Compute all gradients at once; returns as :meth:`_learn_in_torch`. The cost is true only if ``counted``."""
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
-        weights, shift = self.field.colour_mlp.weights, shifts(samples, number, batch.first)
+        weights, shift = self.field.colour_mlp.weights, self.numbers.shift
         target, tables = batch.target, (learning(density), learning(encoding))
         error, gradients, colours = kernels.base(
             samples, target, tables, weights, COLOUR_EVERY, shift, ALPHA_WEIGHT, counted
@@ -157,9 +168,9 @@ class Reconstruction:
             weight.grad = gradient
         return error, colours + DENSITY_COST * len(samples)
 
-    def _learn_in_torch(self, samples: Samples, batch: Batch, number: int) -> tuple[Tensor, float]:
+    def _learn_in_torch(self, samples: Samples, batch: Batch) -> tuple[Tensor, float]:
         """Compute all gradients; returns the mean squared error of colour, and the cost of the samples in colours."""
-        samples, sigma, colour, cost = self._look(samples, batch, number)
+        samples, sigma, colour, cost = self._look(samples, batch)
         out, transmittance, _ = composite(samples, sigma, colour)
         each, fused = (
             numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA_WEIGHT], out.device),
@@ -174,7 +185,7 @@ class Reconstruction:
         loss.backward()
         return error, cost
 
-    def _look(self, samples: Samples, batch: Batch, number: int) -> tuple[Samples, Tensor, Tensor, float]:
+    def _look(self, samples: Samples, batch: Batch) -> tuple[Samples, Tensor, Tensor, float]:
         """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
 
         If the density has its own lattice, it learns from all samples, but colours are only computed for representative
@@ -186,22 +197,28 @@ class Reconstruction:
             samples, seen = not_hidden(samples, sigma, self.marching)
             colour = self.field(geometry[seen], encode_directions(rays.lit_along, samples.ray))
             return samples, sigma[seen], colour, cost
-        rows, place = representatives(samples, COLOUR_EVERY, number, batch.first)
+        rows, place = representatives(samples, COLOUR_EVERY, self.numbers.shift)
         sigma = Extinction.apply(samples, self.field.density.table, self.field.density)
         geometry = self.field.encoding(samples.position[rows])
         colour = self.field(geometry, encode_directions(rays.lit_along, samples.ray[rows]))
         cost = len(rows) + DENSITY_COST * len(samples)
         return samples, sigma, colour.index_select(0, place), cost
 
-    def _update(self, rate: float) -> None:
+    def _rates(self, rate: float) -> list[float]:
+        """Return the learning rates of networks, density and features, and the weight that pulls on the density."""
         s = self.settings
+        return [s.network_rate * rate, self.density_rate * rate, s.feature_rate * rate, DENSITY_PULL * rate]
+
+    def _update(self) -> None:
+        """Take a step of the optimisers at these rates."""
+        network, density, features, pull = (self.numbers.other(k) for k in range(4))
         for group in self.networks.param_groups:
-            group["lr"] = s.network_rate * rate
+            group["lr"] = network
         self.networks.step()
         if self.field.density is None:
-            self.tables.step([s.feature_rate * rate])
+            self.tables.step([features])
         else:
-            self.tables.step([self.density_rate * rate, s.feature_rate * rate], [DENSITY_PULL * rate, 0.0])
+            self.tables.step([density, features], [pull, 0.0])
 
     def refine(self) -> None:
         """Halve the step and add a density level twice as fine, in the cells that pruning left.
@@ -218,7 +235,12 @@ class Reconstruction:
         self.tables.restart(self.field.encodings)
         self.marching = replace(self.marching, step=0.5 * self.marching.step)
         self.refined = self.occupancy
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what depends on the occupied cells and the lattices."""
         self.room.forget()
+        self.recorded.forget()
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
@@ -227,7 +249,7 @@ class Reconstruction:
         pruned = self.occupancy.pruned(largest * self.marching.step, self.prune_least, grow)
         if pruned.occupied.any():
             self.occupancy = pruned
-            self.room.forget()
+            self._forget()
 
     def layout(self) -> dict[str, NDArray[np.generic]]:
         """Return what a checkpoint needs, besides the parameters, to restore their layout."""
@@ -290,7 +312,7 @@ def reconstruct(
             loop.done, loop.spent = state.restored
         loop.save = lambda done, spent: state.save(done, spent, work.layout())
     seconds = loop.run(work.step)
-    running.notes.extend(work.room.notes())
+    running.notes.extend([*work.room.notes(), *work.recorded.notes])
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()

@@ -22,7 +22,8 @@ from svv.fields.values.of_values import colours_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
-from svv.kernels.types import Owned, Samples, TrainingKernels
+from svv.kernels.recorded import StepNumbers
+from svv.kernels.types import Owned, Room, Samples, TrainingKernels
 from svv.train.base.from_values import colours_told, palette_given
 from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, shares_of
@@ -30,7 +31,7 @@ from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.gradients import sum_gradients
-from svv.train.run.loop import Loop, Running, falling, network_adam
+from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
 from svv.train.run.network_adam import Group
 from svv.train.run.sample_room import SampleRoom
 
@@ -54,6 +55,9 @@ OWNER_WEIGHT = 0.1
 a volume, for a palette made by hand or of more than three colours: weight of the cross entropy of their shares in
 a pixel, averaged over the colours."""
 
+
+PENALTIES = 3
+"""Weights among a step's numbers: of offsets, of the shade's deviation from 1, and of mixed palette weights."""
 
 TOLD_WEIGHT = 0.1
 """Weight of the mean squared difference of a value's colour to the transfer function's."""
@@ -101,34 +105,47 @@ class Recolouring:
         self.networks = network_adam(groups)
         self.tables = LatticeAdam([encoding for encoding in encodings if encoding.table.requires_grad])
         self.budget = RayBudget(s.rays, s.samples)
-        self.room = SampleRoom(self.field.colours.device)
+        device = self.field.colours.device
+        self.room, self.recorded, self.numbers = SampleRoom(device), recorded_steps(device), StepNumbers(device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
-        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
-        kernels = self._kernels()
-        room = None if kernels is None else self.room.of(number, len(batch.rays))
+        rays, kernels = ranks.part(self.budget.rays), self._kernels()
+        count, rate = rays.stop - rays.start, falling(fraction, s.decay, s.hold)
+        room = None if kernels is None else self.room.of(number, count)
+        there = kernels is not None and self.recorded.possible
+        early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
+        # If each point's region is known, weights need not be as little mixed.
+        mixing = 0.0 if self.owners is not None and kernels is not None else s.mixing_weight
+        penalties, rates = [s.offset_weight * early, self.shade_weight, mixing], [s.feature_rate * rate]
+        rates += [group["full"] * rate for group in self.networks.param_groups]
+        self.numbers.set(number, self.pool.seed_of(number), [*penalties, *rates], rays, there)
+        if room is None:
+            return self._take(number, rays, kernels, None)
+        return self.recorded.take((count, room.samples), lambda: self._take(number, rays, kernels, room))
+
+    def _take(self, number: int, rays: slice, kernels: TrainingKernels | None, room: Room | None) -> Tensor:
+        """Take a step; with room for its samples, all that differs from step to step is read from the numbers."""
+        numbers = self.numbers
+        batch = self.pool.batch(number, self.budget.rays, rays, self.settings.by_contrast, numbers.pixels)
         samples = march(
-            batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first, room
+            batch.rays, self.occupancy, self.base.density, self.marching, numbers.march, batch.first, room
         )  # fmt: skip
         if room is None:
             self.budget.adjust(number, len(samples))
             self.room.counted(len(samples), len(batch.rays))
-        early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
-        penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
         self.networks.zero_grad(set_to_none=True)
         if kernels is not None and len(samples):
-            error = self._learn(kernels, samples, batch, penalties)
+            error = self._learn(kernels, samples, batch)
         else:
-            error = self._learn_in_torch(samples, batch, penalties)
+            error = self._learn_in_torch(samples, batch)
         trained = [p for group in self.networks.param_groups for p in group["params"]]
         error = sum_gradients(error, trained, self.tables.encodings)
-        rate = falling(fraction, s.decay, s.hold)
-        for group in self.networks.param_groups:
-            group["lr"] = group["full"] * rate
+        for k, group in enumerate(self.networks.param_groups, start=PENALTIES + 1):
+            group["lr"] = numbers.other(k)
         self.networks.step()
-        self.tables.step([s.feature_rate * rate] * len(self.tables.encodings))
+        self.tables.step([numbers.other(PENALTIES)] * len(self.tables.encodings))
         with torch.no_grad():
             self.field.colours.clamp_(0.0, 1.0)
         return error
@@ -145,9 +162,7 @@ class Recolouring:
         fit = kernels is not None and all(kernels.fits(n.weights) for n in (lighting, field.palette_mlp))
         return kernels if fit else None
 
-    def _learn(
-        self, kernels: TrainingKernels, samples: Samples, batch: Batch, penalties: tuple[float, float, float]
-    ) -> Tensor:
+    def _learn(self, kernels: TrainingKernels, samples: Samples, batch: Batch) -> Tensor:
         """Compute all gradients at once; returns the mean squared error of colour."""
         geometry, encoding, lighting = self.base.encoding, self.field.encoding, self.field.lighting_mlp
         assert isinstance(geometry, SparseLattice) and isinstance(encoding, SparseLattice) and lighting is not None
@@ -155,10 +170,9 @@ class Recolouring:
         if self.owners is not None:
             owner, count = self.owners.of(samples.position), len(colours)
             owned = Owned(owner, ranks.summed(kernels.owned_by(samples, owner, count)), OWNER_WEIGHT / count)
-            penalties = *penalties[:2], 0.0  # each point's region is known, so weights need not be as little mixed
         error, gradients = kernels.palette(
             samples, batch.target, (geometry.layout, geometry.table.detach()), learning(encoding), networks,
-            colours.detach(), penalties, owned,
+            colours.detach(), self.numbers.others[:PENALTIES], owned,
         )  # fmt: skip
         for parameter, gradient in zip([*networks[0], *networks[1], colours], gradients, strict=True):
             parameter.grad = gradient
@@ -166,7 +180,7 @@ class Recolouring:
         colours.grad.add_(colours.detach() - self.start, alpha=2.0 * PALETTE_WEIGHT * batch.share)
         return error
 
-    def _learn_in_torch(self, samples: Samples, batch: Batch, penalties: tuple[float, float, float]) -> Tensor:
+    def _learn_in_torch(self, samples: Samples, batch: Batch) -> Tensor:
         """Compute all gradients; returns the mean squared error of colour."""
         with torch.no_grad():
             lit = self.field.lighting_mlp is not None
@@ -178,7 +192,7 @@ class Recolouring:
         values, weights = self._values(samples, geometry, batch.rays)
         out, transmittance, _ = composite(samples, sigma, values)
         out, mixtures = out[:, :6], out[:, 6:]
-        loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
+        loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *self._penalties()])
         drift = (self.field.colours - self.start).square().sum()
         loss = loss + PALETTE_WEIGHT * batch.share * drift
         if self.owners is not None:
@@ -189,6 +203,9 @@ class Recolouring:
             loss = loss + batch.share * self._not_as_told(*self.told)
         loss.backward()
         return error
+
+    def _penalties(self) -> list[float]:
+        return [float(weight) for weight in self.numbers.others[:PENALTIES]]
 
     def settle(self, number: int) -> None:
         """Take one step towards the regions of random points, without rays: where a trained network is told others."""
@@ -341,7 +358,7 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
             work.budget.rays = int((checkpoint.extra("palette") or {})["rays"])
         loop.save = lambda done, spent: state.save(done, spent, {"rays": np.array(work.budget.rays)})
     seconds = loop.run(work.step)
-    running.notes.extend(work.room.notes())
+    running.notes.extend([*work.room.notes(), *work.recorded.notes])
     if network.phong is not None:
         network.phong.settle(occupancy)
     network.requires_grad_(False)

@@ -102,17 +102,26 @@ class RayPool:
         self._pixels = pixels_of(views)
         self._seed = seed
         self._there = pixels_on(views, device)
+        self._sources: dict[float, PixelSource] = {}
 
-    def batch(self, number: int, rays: int, part: slice | None = None, by_contrast: float = 0.0) -> Batch:
+    def seed_of(self, number: int) -> int:
+        """Return the seed of the pixels of a batch that a GPU draws."""
+        return (SEED_STEP * self._seed + number) % (1 << 31)
+
+    def batch(
+        self, number: int, rays: int, part: slice | None = None, by_contrast: float = 0.0,
+        seed: int | Tensor | None = None,
+    ) -> Batch:  # fmt: skip
         """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it.
 
         ``by_contrast`` is the fraction of the rays whose pixels are drawn by contrast
-        (:meth:`svv.train.run.pixels.Pixels.drawn`); the others are drawn evenly.
+        (:meth:`svv.train.run.pixels.Pixels.drawn`); the others are drawn evenly. A GPU that draws them reads the
+        ``seed``, by default :meth:`seed_of` the number.
         """
         part, device = part or slice(0, rays), self._caster.device
         if self._there is not None:
             source = self._source(by_contrast)
-            seed = (SEED_STEP * self._seed + number) % (1 << 31)
+            seed = self.seed_of(number) if seed is None else seed
             count = part.stop - part.start
             drawn, weights, colours = kernels_for(source.index).draw_pixels(source, seed, part.start, count, rays)
             return Batch(self._caster.rays(drawn), colours, drawn, weights, part.start, count / rays)
@@ -125,12 +134,14 @@ class RayPool:
         return Batch(self._caster.rays(which), colours, which, weights, part.start, len(pixels) / rays)
 
     def _source(self, by_contrast: float) -> PixelSource:
-        """Return the pixels on the GPU."""
+        """Return the pixels on the GPU, always at the same addresses."""
         assert self._there is not None
-        (index, levels), device = self._there, self._caster.device
-        share, ends, first = self._pixels.steps(by_contrast)
-        steps = on_device(first.astype(np.int64), device), on_device(ends, device), on_device(share, device)
-        return PixelSource(index, levels, *steps)
+        if by_contrast not in self._sources:
+            (index, levels), device = self._there, self._caster.device
+            share, ends, first = self._pixels.steps(by_contrast)
+            steps = on_device(first.astype(np.int64), device), on_device(ends, device), on_device(share, device)
+            self._sources[by_contrast] = PixelSource(index, levels, *steps)
+        return self._sources[by_contrast]
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""

@@ -11,6 +11,8 @@ import torch
 from torch import Tensor, nn
 
 from svv.errors import BadInput, Cancelled, Progress, silent
+from svv.kernels.gpu import may_record
+from svv.kernels.recorded import RecordedSteps
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.last_good import LastGood
@@ -172,6 +174,11 @@ def falling(fraction: float, end: float, hold: float = 0.0) -> float:
     if end > 0.0:
         return float(end**fraction)
     return min(1.0, (1.0 - fraction) / (1.0 - hold)) if hold < 1.0 else 1.0
+
+
+def recorded_steps(device: torch.device) -> RecordedSteps:
+    """Return what records a stage's steps, unless several processes train, whose steps wait for each other."""
+    return RecordedSteps(may_record(device) and not ranks.many())
 
 
 def network_adam(parameters: Sequence[Tensor] | Sequence[Group], rate: float = 1e-3) -> NetworkAdam:

@@ -13,7 +13,8 @@ class Group(TypedDict, total=False):
     """Parameters with a learning rate of their own."""
 
     params: Sequence[Tensor]
-    lr: float
+    lr: float | Tensor
+    """A number, or a tensor (1,) on the parameters' device."""
     full: float
     """The rate at the beginning, for whoever changes ``lr``."""
 
@@ -37,7 +38,7 @@ class NetworkAdam:
         self.state: dict[int, dict[str, Tensor]] = {}
         self._betas, self._eps = betas, eps
 
-    def _numbered(self) -> Iterator[tuple[int, float, Tensor]]:
+    def _numbered(self) -> Iterator[tuple[int, float | Tensor, Tensor]]:
         """Yield each parameter with its number among all and the rate of its group."""
         number = 0
         for group in self.param_groups:
@@ -67,7 +68,7 @@ class NetworkAdam:
             mean = own["exp_avg"].lerp_(gradient, 1.0 - first)
             square = own["exp_avg_sq"].mul_(second).addcmul_(gradient, gradient, value=1.0 - second)
             size = (square.sqrt() / (1.0 - second**steps) ** 0.5).add_(self._eps)
-            parameter.addcdiv_(mean, size, value=-rate / (1.0 - first**steps))
+            parameter.addcdiv_(mean, size, value=-float(rate) / (1.0 - first**steps))
 
     def _state_of(self, number: int, parameter: Tensor) -> dict[str, Tensor]:
         """Return the state of a parameter, which begins with zeros."""
@@ -102,12 +103,13 @@ class FusedAdam(NetworkAdam):
             steps, means, squares = ([own[k] for own in states] for k in ("step", "exp_avg", "exp_avg_sq"))
             values, gradients = [p for _, p in parameters], [p.grad for _, p in parameters if p.grad is not None]
             torch._foreach_add_(steps, 1.0)
-            torch._fused_adam_(
+            step = torch.ops.aten._fused_adam_
+            (step.tensor_lr if isinstance(rate, Tensor) else step.default)(
                 values, gradients, means, squares, [], steps, lr=rate, beta1=first, beta2=second, weight_decay=0.0,
                 eps=self._eps, amsgrad=False, maximize=False,
             )  # fmt: skip
 
-    def _by_rate(self) -> Iterator[tuple[float, list[tuple[int, Tensor]]]]:
+    def _by_rate(self) -> Iterator[tuple[float | Tensor, list[tuple[int, Tensor]]]]:
         """Yield the parameters with a gradient, with their numbers, and the rate of each group."""
         number = 0
         for group in self.param_groups:

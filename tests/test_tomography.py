@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -219,6 +220,29 @@ def test_a_pixel_is_found_again_from_the_points_on_its_ray(parallel: bool) -> No
     behind = np.round((rays.origins - 2 * rays.directions).double().numpy() * scale).astype(np.int32)
     back_project(behind, np.float32(scale), *one, images[n : n + 1], sums)
     assert (sums == 0).all()
+
+
+@given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 9), st.integers(1, 9), st.integers(1, 40))
+def test_vertices_collect_what_images_hold_around_them(seed: int, n: int, height: int, width: int, v: int) -> None:
+    """Within the frame, on its edge, where one pixel counts, beyond it, and behind the camera."""
+    random = np.random.default_rng(seed)
+    vertices, scale = random.integers(0, 9, (v, 3)).astype(np.int32), 8
+    rotations = np.linalg.qr(random.normal(size=(n, 3, 3)))[0].astype(np.float32)
+    positions = (0.5 + random.uniform(0.2, 3.0, (n, 1)) * rotations[:, :, 2]).astype(np.float32)
+    parallel = random.random(n) < 0.3
+    lens = np.stack([random.uniform(3, 20, n), 0.5 - 0.5 * random.uniform(0, 2, n) * width,
+                     0.5 - 0.5 * random.uniform(0, 2, n) * height, parallel], axis=1).astype(np.float32)  # fmt: skip
+    images, sums = random.random((n, height, width, 2)).astype(np.float32), np.empty((v, 2), np.float32)
+    back_project(vertices, np.float32(scale), rotations, positions, lens, images, sums)
+    expected = np.zeros((v, 2))
+    for p, k in itertools.product(range(v), range(n)):
+        right, up, back = (vertices[p] / scale - positions[k]) @ rotations[k]
+        if back < 0:
+            zoom = lens[k, 0] if parallel[k] else -lens[k, 0] / back
+            row, column = -up * zoom - lens[k, 2], right * zoom - lens[k, 1]
+            rows, columns = (np.maximum(1 - abs(np.arange(m) - c), 0) for m, c in ((height, row), (width, column)))
+            expected[p] += np.einsum("i,j,ijc->c", rows, columns, images[k])
+    np.testing.assert_allclose(sums, expected, atol=2e-3)
 
 
 def begun(views: ViewSet, resolution: int = 32) -> tuple[SparseLattice, Occupancy, str]:

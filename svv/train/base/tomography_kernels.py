@@ -6,8 +6,6 @@ threads.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit, prange
 
@@ -18,6 +16,8 @@ from svv.core.lanes import (
     bits_of,
     exp,
     gather,
+    gather_pairs,
+    lane_numbers,
     load,
     mask_of,
     maximum,
@@ -44,7 +44,8 @@ from svv.kernels.numba.packets import (
     values_of_table,
     within,
 )
-from svv.kernels.numba.trilinear import ONE32
+
+TWO, BEFORE = np.float32(2.0), np.int32(-1)
 
 
 @njit(parallel=True, cache=True)
@@ -189,7 +190,7 @@ def back_project(vertices, scale, rotations, positions, lenses, images, sums):  
     """Write, for each vertex, the sum over views of what their images hold where the vertex is seen.
 
     Args:
-        vertices: Integer coordinates, int32. (V, 3)
+        vertices: Integer coordinates, int32, contiguous. (V, 3)
         scale: Vertices per box unit.
         rotations: Camera-to-box rotations, float32. (N, 3, 3)
         positions: Camera positions in box coordinates, float32. (N, 3)
@@ -198,26 +199,51 @@ def back_project(vertices, scale, rotations, positions, lenses, images, sums):  
         sums: Result, float32. (V, 2)
     """
     count, height, width = images.shape[:3]
-    for p in prange(vertices.shape[0]):
-        x, y, z = vertices[p, 0] / scale, vertices[p, 1] / scale, vertices[p, 2] / scale
-        first = second = np.float32(0.0)
-        for n in range(count):
-            m = rotations[n]
-            dx, dy, dz = x - positions[n, 0], y - positions[n, 1], z - positions[n, 2]
-            away = -(m[0, 2] * dx + m[1, 2] * dy + m[2, 2] * dz)
-            if away <= 0.0:
-                continue
-            zoom = lenses[n, 0] if lenses[n, 3] > 0.0 else lenses[n, 0] / away
-            column = (m[0, 0] * dx + m[1, 0] * dy + m[2, 0] * dz) * zoom - lenses[n, 1]
-            row = -(m[0, 1] * dx + m[1, 1] * dy + m[2, 1] * dz) * zoom - lenses[n, 2]
-            i, j = int(math.floor(row)), int(math.floor(column))
-            if i < -1 or j < -1 or i >= height or j >= width:
-                continue
-            below, beside = row - np.float32(i), column - np.float32(j)
-            for a in range(2):
-                for b in range(2):
-                    if 0 <= i + a < height and 0 <= j + b < width:
-                        w = (below if a else ONE32 - below) * (beside if b else ONE32 - beside)
-                        first += w * images[n, i + a, j + b, 0]
-                        second += w * images[n, i + a, j + b, 1]
-        sums[p, 0], sums[p, 1] = first, second
+    final, bottom, edge = np.int32(len(vertices) - 1), np.int32(height - 1), np.int32(width - 1)
+    for block in prange((len(vertices) + MOST_RAYS - 1) // MOST_RAYS):
+        found, end = np.empty((2, LANES), np.float32), min(len(vertices), (block + 1) * MOST_RAYS)
+        for start in range(block * MOST_RAYS, end, LANES):
+            at = minimum(lane_numbers() + np.int32(start), splat(final)) * 3
+            x, y = as_floats(gather(vertices, at)) / scale, as_floats(gather(vertices, at + 1)) / scale
+            z = as_floats(gather(vertices, at + 2)) / scale
+            first = second = splat(ZERO)
+            for n in range(count):
+                m, zoom = rotations[n], splat(lenses[n, 0])
+                dx, dy, dz = x - positions[n, 0], y - positions[n, 1], z - positions[n, 2]
+                away = ZERO - (m[0, 2] * dx + m[1, 2] * dy + m[2, 2] * dz)
+                ahead = away > ZERO
+                if lenses[n, 3] <= ZERO:
+                    zoom = zoom / select(ahead, away, splat(ONE))
+                column = (m[0, 0] * dx + m[1, 0] * dy + m[2, 0] * dz) * zoom - lenses[n, 1]
+                row = ZERO - (m[0, 1] * dx + m[1, 1] * dy + m[2, 1] * dz) * zoom - lenses[n, 2]
+                top, upper, lower = _pixels(row, height)
+                left, one, other = _pixels(column, width)
+                if bits_of(ahead & (maximum(upper, lower) > ZERO) & (maximum(one, other) > ZERO)) == 0:
+                    continue
+                upper, lower = select(ahead, upper, splat(ZERO)), select(ahead, lower, splat(ZERO))
+                below, right = minimum(top + 1, splat(bottom)), minimum(left + 1, splat(edge))
+                top, below = maximum(top, splat(NONE)) * width, below * width
+                left, view = maximum(left, splat(NONE)), 2 * n * height * width
+                a, b = gather_pairs(images, (top + left) * 2, view), gather_pairs(images, (top + right) * 2, view)
+                c, d = gather_pairs(images, (below + left) * 2, view), gather_pairs(images, (below + right) * 2, view)
+                first = first + upper * (one * a[0] + other * b[0]) + lower * (one * c[0] + other * d[0])
+                second = second + upper * (one * a[1] + other * b[1]) + lower * (one * c[1] + other * d[1])
+            store(found, 0, first)
+            store(found, LANES, second)
+            for lane in range(min(LANES, end - start)):
+                sums[start + lane, 0], sums[start + lane, 1] = found[0, lane], found[1, lane]
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _pixels(place, count):  # type: ignore[no-untyped-def]
+    """Return the pixels before places along an axis, from -1 on, and the weights of these and of the next ones.
+
+    The weights of pixels beyond the ``count`` pixels of the frame are 0.
+    """
+    place = within(place, splat(-TWO), splat(np.float32(count + 1)))
+    first = truncated(place)
+    first = select(as_floats(first) > place, first - 1, first)
+    part, last, nothing = place - as_floats(first), np.int32(count - 1), splat(ZERO)
+    own = select((first >= 0) & (first <= last), ONE - part, nothing)
+    following = select((first >= -1) & (first < last), part, nothing)
+    return minimum(maximum(first, splat(BEFORE)), splat(last)), own, following

@@ -387,7 +387,7 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     assert min(run["train_cpu_seconds"], run["view_cpu_seconds"], run["dvr_cpu_seconds"]) > 0
     assert min(run["train_peak_bytes"], run["render_peak_bytes"]) > 50e6
     assert run["train_seconds"] == pytest.approx(
-        sum(run[f"{stage}_seconds"] for stage in ("hull", "base", "palette", "lighting", "pcn", "sampling"))
+        sum(run[f"{stage}_seconds"] for stage in ("check", "hull", "base", "palette", "lighting", "pcn", "sampling"))
     )
     sources = Sources()
     sources.feed((out / "chart.html").read_text())

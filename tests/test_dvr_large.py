@@ -221,6 +221,21 @@ def test_a_single_value_far_away_changes_nothing_but_its_neighbours(far: float) 
     assert shown[0].max() > 200.0 and (away > 3.0).mean() < 0.01 and away[12:36, 12:36].max() <= 3.0
 
 
+@pytest.mark.parametrize("points", [((0.2, 0.0), (0.3, 1.0)), ((0.6, 1.0), (0.7, 0.0)), ((0.4, 0.2), (0.5, 0.2))])
+def test_values_beyond_the_last_points_are_drawn_as_vtk_draws_them(points: tuple[tuple[float, float], ...]) -> None:
+    axis = np.linspace(-1.0, 1.0, 24)
+    values = (1.0 - np.abs(axis[:, None, None] + axis[None, :, None] + axis) / 3.0).astype(np.float32)
+    function = TransferFunction(
+        [(0.3, 0.9, 0.2, 0.1)], [(value, opacity, 0.5, 0.0) for value, opacity in points], unit_distance=2.0
+    )
+    camera = make_views(from_array(values), function, n=3, test=0, size=48, rescale=False)[0].cameras[0]
+    ours, theirs = (
+        render_views(from_array(values), function, [camera], mapper, Shading(on=False)).astype(float)
+        for mapper in ("bricks", "cpu")
+    )
+    assert theirs[..., 3].mean() > 5.0 and np.abs(ours - theirs).mean() < 4.0  # edges of opaque boxes
+
+
 def test_what_memory_or_the_table_does_not_hold_is_left_to_vtk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(casters, "hardware_opengl", lambda: False)
     image = stirred_volume(40, levels=255)

@@ -150,7 +150,7 @@ def test_stages_learn_unseen_views(trained: tuple[Scene, Report], unseen: ViewSe
     assert palette.psnr > base.psnr - 2.0
     assert base.views == 5
     assert report["preset"] == "tiny"
-    assert set(report["seconds"]) >= {"hull", "base", "palette", "pcn", "total"}  # type: ignore[call-overload]
+    assert set(report["seconds"]) >= {"check", "hull", "base", "palette", "pcn", "total"}  # type: ignore[call-overload]
     assert int(report["peak_rss_bytes"]) > 0  # type: ignore[call-overload]
 
 

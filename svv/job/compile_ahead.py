@@ -16,6 +16,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -75,12 +76,14 @@ def ball_views() -> ViewSet:
 
 
 def compile_all() -> None:
-    """Train on a ball, render it with both kinds of light and paint it, in a few steps each."""
+    """Read views of a ball, train on it, render it with both kinds of light and paint it, in a few steps each."""
     from svv.kernels.numba.bricks import made
     from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
 
-    views, draft = ball_views(), preset("draft")
+    with TemporaryDirectory() as folder:
+        ball_views().write(folder)
+        views, draft = ViewSet.read(folder), preset("draft")
     few = replace(
         draft,
         reconstruct=replace(draft.reconstruct, iterations=10 * STEPS, cells=SIDE),

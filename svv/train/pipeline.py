@@ -103,7 +103,7 @@ def train_scene(
 
     >>> trained, report = svv.train_scene(views, "draft", time_limit=2.0)
     >>> trained.networks, sorted(report["seconds"])
-    (('base', 'pcn'), ['base', 'extinction', 'hull', 'palette', 'pcn', 'sampling', 'total'])
+    (('base', 'pcn'), ['base', 'check', 'extinction', 'hull', 'palette', 'pcn', 'sampling', 'total'])
     """
     asked, chosen = given(TrainOptions, options, changes)
     if len(views.cameras) < LEAST_VIEWS:

@@ -78,8 +78,9 @@ class Training:
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
         self.confidence: tuple[float, ...] = ()
-        checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names))
-        told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views))
+        with self._timed("check"):
+            checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names))
+            told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views))
         self.warnings = [said for said in told if said is not None]
 
     @property
@@ -140,7 +141,7 @@ class Training:
     def _restored_base(self) -> Scene:
         assert self.saved is not None
         values = self.saved.finished["base"]
-        self.seconds, self.notes = values["seconds"], values["notes"]
+        self.seconds, self.notes = {**self.seconds, **values["seconds"]}, values["notes"]
         return Scene.from_arrays(values["header"], self.saved.arrays).on(self.device)
 
     def _base(self) -> Scene:

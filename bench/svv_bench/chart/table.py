@@ -48,6 +48,8 @@ class Row:
     """Time of all stages of training."""
     train_cpu_seconds: float
     """CPU time of all threads during training; far below seconds x CPUs if others used the machine."""
+    check_seconds: float
+    """Time of comparing pictures and cameras; 0 in runs of versions that did not count it."""
     hull_seconds: float
     base_seconds: float
     palette_seconds: float
@@ -130,6 +132,7 @@ def read_row(training: Path, rendering: Path) -> Row:
         test_views=shown["test_views"],
         train_seconds=seconds["total"],
         train_cpu_seconds=made["cpu_seconds"],
+        check_seconds=seconds.get("check", 0.0),
         hull_seconds=seconds["hull"],
         base_seconds=seconds["base"],
         palette_seconds=seconds["palette"],

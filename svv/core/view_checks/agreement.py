@@ -7,13 +7,14 @@ A level whose silhouettes disagree is no proof by itself: in fog, what is dense 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
-from svv.core.view_checks.silhouettes import Silhouettes, Views, differences
+from svv.core.view_checks.outline_kernels import trace
+from svv.core.view_checks.silhouettes import TANGENTS, Silhouettes, Views, differences, outermost
 
 Array = NDArray[np.float64]
 Images = NDArray[np.uint8]
@@ -32,6 +33,12 @@ CONTRASTS = (16, 48, 96, 160)
 
 CLEANED = (16, 96)
 """Levels at which dust is removed: a pixel counts if most of the 3 x 3 around it do."""
+
+LEVELS = len(OPACITIES) + len(CONTRASTS) + len(CLEANED)
+"""Number of levels: those of alpha, those of contrast and those without dust."""
+
+OF_ALPHA = np.repeat((True, False, True), (len(OPACITIES), len(CONTRASTS), len(CLEANED)))
+"""Which are levels of alpha. (LEVELS,)"""
 
 LEAST_FOUND = 20
 """Differences of a level below which it says nothing."""
@@ -53,21 +60,6 @@ class Outlines:
     of_alpha: NDArray[np.bool_]
     """Which are levels of alpha. The others are of brightness, which light from the camera moves over a surface, so
     they may disagree with right cameras. (levels,)"""
-
-    @classmethod
-    def of(cls, images: Images) -> Outlines:
-        """Find the silhouettes of RGBA pictures. (n, height, width, 4)"""
-        chosen, thin, step = thinned(images)
-        masks: list[NDArray[np.bool_]] = []
-        for values, levels in ((thin[..., 3], OPACITIES), (_contrast(thin), CONTRASTS)):
-            masks += [values > level for level in levels]
-        masks += [uniform_filter((thin[..., 3] > level).astype(np.float32), (0, 3, 3)) > 0.5 for level in CLEANED]
-        of_alpha = np.ones(len(masks), bool)
-        of_alpha[len(OPACITIES) : len(OPACITIES) + len(CONTRASTS)] = False
-        different = [k for k, m in enumerate(masks) if not any(np.array_equal(m, other) for other in masks[:k])]
-        silhouettes = {k: Silhouettes.of(list(masks[k]), step) for k in different}
-        found = {k: s for k, s in silhouettes.items() if s.usable.sum() > 2}
-        return cls(chosen, tuple(found.values()), np.array([_reach(s) for s in found.values()]), of_alpha[list(found)])
 
     def fewer(self, views: int, levels: int, tangents: int = 1) -> Outlines:
         """Return some of the views at some of the levels, spread evenly, with every so many-th tangent."""
@@ -112,26 +104,100 @@ class Outlines:
         return float((((meeting - position) * ray).sum(axis=1) > 0.0).mean())
 
 
-def thinned(images: Images) -> tuple[NDArray[np.intp], Images, int]:
-    """Return some views, spread evenly, and every so many-th of their pixels: indices, pixels, and how many-th."""
-    chosen = _spread(len(images), MOST_VIEWS)
-    step = max(1, round(max(images.shape[1:3]) / LONG_SIDE))
-    return chosen, images[chosen, step // 2 :: step, step // 2 :: step], step
+class Tracing:
+    """Finds the silhouettes of pictures, looking at each of them once."""
+
+    def __init__(self, images: Images) -> None:
+        """Look at nothing yet. RGBA pictures (n, height, width, 4)"""
+        self._images, self._step = images, step_of(images)
+        self._known: dict[tuple[int, tuple[int, ...]], _Traced] = {}
+
+    def outlines(self, chosen: NDArray[np.intp]) -> Outlines:
+        """Return the silhouettes of some of the pictures, given by their indices."""
+        background = self._background(chosen)
+        missing = np.array([k for k in chosen.tolist() if (k, background) not in self._known], np.intp)
+        for k, one in zip(missing.tolist(), self._traced(missing, background), strict=True):
+            self._known[k, background] = one
+        traced = [self._known[k, background] for k in chosen.tolist()]
+        # Levels are alike if they are in the code of every pixel.
+        bits = np.unique(np.concatenate([one.codes for one in traced])) >> np.arange(LEVELS)[:, None] & 1
+        different = [k for k in range(LEVELS) if not (bits[:k] == bits[k]).all(axis=1).any()]
+        found = {}
+        for k in different:
+            usable = np.array([one.whole[k] for one in traced])
+            if usable.sum() > 2:
+                found[k] = Silhouettes(np.stack([one.points[k] for one in traced]), usable)
+        reach = np.array([_reach(silhouettes) for silhouettes in found.values()])
+        return Outlines(chosen, tuple(found.values()), reach, OF_ALPHA[list(found)])
+
+    def _traced(self, which: NDArray[np.intp], background: tuple[int, ...]) -> Iterator[_Traced]:
+        """Look at some of the pictures."""
+        height = len(range(self._images.shape[1])[self._step // 2 :: self._step])
+        ends = np.empty((len(which), LEVELS, 2, height), np.int16)
+        whole, codes = np.empty((len(which), LEVELS), np.bool_), np.zeros((len(which), 1 << LEVELS), np.bool_)
+        trace(self._images, which, self._step, np.array(background), TABLES, ends, whole, codes)
+        for n in range(len(which)):
+            points = np.zeros((LEVELS, TANGENTS, 2))
+            for k in range(LEVELS):
+                sides, rows = np.nonzero(ends[n, k] >= 0)
+                if len(rows):
+                    points[k] = outermost(np.stack([ends[n, k, sides, rows], rows], 1), self._step)
+            yield _Traced(points, whole[n], np.flatnonzero(codes[n]))
+
+    def _background(self, chosen: NDArray[np.intp]) -> tuple[int, ...]:
+        """Return from which RGB pixels differ: that of empty ones, or -1 for black if alpha has many levels."""
+        first, step = self._step // 2, self._step
+        some = self._images[:, first :: 4 * step, first :: 4 * step, 3]
+        if not all(((some[k] == 0) | (some[k] == 255)).all() for k in chosen):
+            return -1, -1, -1
+        thin = self._images[:, first::step, first::step]
+        counts = [thin[k, ..., 3].size - int(np.count_nonzero(thin[k, ..., 3])) for k in chosen]
+        apart, done, parts = max(1, sum(counts) // 10000), 0, []  # ten thousand pixels, evenly among all
+        for k, count in zip(chosen, counts, strict=True):
+            empty = np.flatnonzero(thin[k, ..., 3] == 0)[-done % apart :: apart]
+            parts.append(thin[k, empty // thin.shape[2], empty % thin.shape[2], :3])
+            done += count
+        return tuple(np.median(np.concatenate(parts), axis=0).astype(np.int64).tolist()) if done else (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class _Traced:
+    """What was found in one picture."""
+
+    points: Array
+    """Its silhouettes (:attr:`svv.core.view_checks.silhouettes.Silhouettes.points`). (LEVELS, TANGENTS, 2)"""
+    whole: NDArray[np.bool_]
+    """Which of them are there and wholly inside the picture. (LEVELS,)"""
+    codes: NDArray[np.intp]
+    """The codes of its pixels, in ascending order."""
+
+
+def step_of(images: Images) -> int:
+    """Return every how many-th pixel of pictures is looked at, from half of that on. (n, height, width, 4)"""
+    return max(1, min(round(max(images.shape[1:3]) / LONG_SIDE), *images.shape[1:3]))
+
+
+def some_of(count: int) -> NDArray[np.intp]:
+    """Return the indices of those of ``count`` views that are compared."""
+    return _spread(count, MOST_VIEWS)
 
 
 def _spread(count: int, most: int) -> NDArray[np.intp]:
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
 
 
-def _contrast(images: Images) -> Images:
-    """Return how much pixels differ from the background: that of empty pixels, or black if alpha has many levels."""
-    alpha = images[..., 3]
-    if np.isin(alpha[:, ::4, ::4], (0, 255)).all():
-        empty = images[..., :3][alpha == 0]
-        background = np.median(empty[:: max(1, len(empty) // 10000)], axis=0) if len(empty) else np.zeros(3)
-        apart = np.abs(images[..., :3].astype(np.int16) - background.astype(np.int16)).max(axis=-1)
-        return np.where(alpha > 0, apart, 0).astype(np.uint8)
-    return (images[..., :3].max(axis=-1).astype(np.uint16) * alpha // 255).astype(np.uint8)
+def _tables() -> NDArray[np.int64]:
+    """Return the tables by which pixels are given their levels (:func:`trace`). (4, 256)"""
+    values, numbers = np.arange(256), np.arange(LEVELS)[:, None]
+    opaque, contrasting = np.array(OPACITIES)[:, None], np.array(CONTRASTS)[:, None]
+    both = np.stack([values & 15, values >> 4])  # pixels of a square above either level of CLEANED
+    bits = np.concatenate([values > opaque, values > contrasting, both > 4]) << numbers
+    of_alpha, of_contrast, of_square = np.split(bits, np.cumsum([len(OPACITIES), len(CONTRASTS)]))
+    of_pixel = (values > CLEANED[0]) + 16 * (values > CLEANED[1])
+    return np.stack([of_alpha.sum(axis=0), of_contrast.sum(axis=0), of_pixel, of_square.sum(axis=0)])
+
+
+TABLES = _tables()
 
 
 def _reach(silhouettes: Silhouettes) -> float:

@@ -7,6 +7,8 @@ centre, whose picture is the same from everywhere, is an object.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, find_objects, label, maximum_filter
@@ -45,24 +47,25 @@ OBJECT = 0.5
 """Fraction of its rays with a point that all views see from which on a thing is an object."""
 
 
-def fixed_pixels(images: Images, views: Views, step: int = 1) -> Mask:
+def fixed_pixels(images: Sequence[Images], views: Views, step: int = 1) -> Mask:
     """Return the pixels of things that stand still on the screen.
 
     Args:
-        images: RGBA, every ``step``-th pixel from ``step // 2`` on. (n, height, width, 4)
+        images: RGBA, every ``step``-th pixel from ``step // 2`` on. (n) x (height, width, 4)
         views: Their cameras, in pixels of the whole image.
         step: See there.
 
     Returns:
         True where something stands still. (height, width)
     """
-    filled = images[..., 3] > VISIBLE
+    filled = np.stack([image[..., 3] > VISIBLE for image in images])
     found = np.zeros(filled.shape[1:], bool)
     ever = filled.any(axis=0)
     if len(images) < 3 or not ever.any():
         return found
-    same = filled.all(axis=0) & (np.ptp(images, axis=0).max(axis=-1) <= SAME)
-    seen = _Seen(filled, views, step)
+    same = np.logical_and.reduce(filled)
+    same[same] = np.ptp([image[same] for image in images], axis=0).max(axis=-1) <= SAME
+    seen: _Seen | None = None
     for mask in (same, ever & ~same):
         numbers, _ = label(binary_dilation(mask, np.ones((3, 3)), JOINED), np.ones((3, 3)))
         for number, place in enumerate(find_objects(numbers), start=1):
@@ -74,6 +77,7 @@ def fixed_pixels(images: Images, views: Views, step: int = 1) -> Mask:
                 continue
             if mask is not same and (filled & thing).sum() > OBJECT * filled.sum():
                 continue  # what moves within its place, as axes that turn do, is not the object itself
+            seen = seen or _Seen(filled, views, step)
             if seen.of_thing(thing) < OBJECT:
                 found |= thing
     return found

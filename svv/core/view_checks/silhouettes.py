@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 TANGENTS = 180
 """Directions in the image in which the outermost pixel of a silhouette is noted."""
 
+_ANGLE = 2.0 * np.pi * np.arange(TANGENTS) / TANGENTS
+OUTWARDS = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)])
+"""These directions. (2, TANGENTS)"""
+
 INSET = 0.25
 """Pixels by which an outline lies outside the middle of its outermost pixel, on average: measured on balls,
 in images of 96 to 384 pixels. Without it, estimated angles of view are up to 0.8 degrees too large."""
@@ -73,8 +77,6 @@ class Silhouettes:
         If only every ``step``-th pixel is given, from ``step // 2`` on, points are those of the whole image: outlines
         lie another (step - 1) / 2 pixels further out, on average.
         """
-        angle = 2.0 * np.pi * np.arange(TANGENTS) / TANGENTS
-        outwards = np.stack([np.cos(angle), np.sin(angle)])  # (2, tangents)
         points, usable = np.zeros((len(masks), TANGENTS, 2)), np.zeros(len(masks), bool)
         for view, mask in enumerate(masks):
             rows = np.flatnonzero(mask.any(axis=1))
@@ -82,11 +84,26 @@ class Silhouettes:
                 continue
             first = mask[rows].argmax(axis=1)
             last = mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
-            ends = np.concatenate([np.stack([first, rows], 1), np.stack([last, rows], 1)]) * step + step // 2 + 0.5
-            points[view] = ends[(ends @ outwards).argmax(axis=0)] + (INSET + 0.5 * (step - 1)) * outwards.T
+            ends = np.concatenate([np.stack([first, rows], 1), np.stack([last, rows], 1)])
+            points[view] = outermost(ends, step)
             inside = rows[0] > 0 and rows[-1] < mask.shape[0] - 1
             usable[view] = inside and first.min() > 0 and last.max() < mask.shape[1] - 1
         return cls(points, usable)
+
+
+def outermost(ends: NDArray[np.integer], step: int) -> Array:
+    """Return the outermost point of a silhouette in each direction.
+
+    Args:
+        ends: Column and row of its pixels, at least of all that may be outermost: first those on the left, then those
+            on the right, each from the top down. (pixels, 2)
+        step: Every so many-th pixel of the picture is counted (:meth:`Silhouettes.of`).
+
+    Returns:
+        Column and row, in pixels from the upper left corner of the whole picture. (TANGENTS, 2)
+    """
+    pixels = ends * step + step // 2 + 0.5
+    return pixels[(pixels @ OUTWARDS).argmax(axis=0)] + (INSET + 0.5 * (step - 1)) * OUTWARDS.T
 
 
 @dataclass(frozen=True)

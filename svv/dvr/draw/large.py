@@ -140,7 +140,7 @@ class BrickMapper:
         low, high = tf.told_apart(*volume.range)
         values = np.linspace(low, high, ENTRIES)
         table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
-        ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
+        ranges = np.array(tf.visible_ranges(*volume.range)).reshape(-1, 2)
         shown = Appearance.of(volume.overview)
         self._look = Look(
             low, high, table, ranges, tf.unit_distance, shading, shown.nearest, shown.blank, shown.crop,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from svv.core.geometry.cameras import Camera
-from svv.core.view_checks.agreement import MOST_PAIRS, MOST_VIEWS, Outlines
+from svv.core.view_checks.agreement import MOST_PAIRS, MOST_VIEWS, Outlines, Tracing, some_of
 from svv.core.view_checks.camera_mistakes import Mistake, mistakes, turned_by
 from svv.core.view_checks.silhouettes import Views, differences, differences_by_view
 from svv.errors import BadInput
@@ -67,6 +67,9 @@ WHOLE_EDGE, MANY = 0.95, 0.3
 
 APART, PAIRS_A_VIEW = (5.0, 2.0), 12
 """Factor of the usual difference and pixels from which a view disagrees with the others, and pairs of each view."""
+
+SPARSE = 8
+"""Every so many-th pixel of a picture that is looked at first to see whether it shows anything."""
 
 NAMED = 5
 """Pictures that a sentence names at most."""
@@ -118,19 +121,20 @@ def check_agreement(
     fixed = fixed_in(cameras, images)
     if fixed is not None:  # a colour bar must not be blamed on the cameras
         images = without(images, fixed)
-    found, doubt = _check(cameras, images, names, where, also)
-    alone = None if found is None else _apart(cameras, images, names)
+    tracing = Tracing(images)
+    found, doubt = _check(cameras, tracing, names, where, also)
+    alone = None if found is None else _apart(cameras, tracing, names)
     doubt = " ".join(filter(None, (doubt, alone, _empty(images, names), _surrounded(images)))) or None
     return Agreement(found, doubt, None if fixed is None else noticed(fixed))
 
 
-def _apart(cameras: Sequence[Camera], images: NDArray[np.uint8], names: Sequence[str]) -> str | None:
+def _apart(cameras: Sequence[Camera], tracing: Tracing, names: Sequence[str]) -> str | None:
     """Name the views whose silhouettes disagree with those of all others, which agree among themselves."""
     count, wrong = len(cameras), []
     step = -(-count // MOST_VIEWS)
     for first in range(step):
         some = np.arange(first, count, step)
-        outlines = Outlines.of(images[some])
+        outlines = tracing.outlines(some)
         views = Views.of([cameras[int(k)] for k in some])
         levels = [level for level, alpha in zip(outlines.levels, outlines.of_alpha) if alpha]
         if not levels:
@@ -150,7 +154,8 @@ def _apart(cameras: Sequence[Camera], images: NDArray[np.uint8], names: Sequence
 
 def _empty(images: NDArray[np.uint8], names: Sequence[str]) -> str | None:
     """Name the pictures that show nothing, if others show something."""
-    empty = np.flatnonzero(~(images[..., 3] > 0).any(axis=(1, 2))).tolist()
+    alpha = images[..., 3]
+    empty = [k for k in range(len(images)) if not alpha[k, ::SPARSE, ::SPARSE].any() and not alpha[k].any()]
     if not empty or len(empty) == len(images):
         return None
     return f"{_some(empty, names)} show{'s' * (len(empty) == 1)} nothing: leave out what was not drawn."
@@ -165,8 +170,8 @@ def _some(which: Sequence[int], names: Sequence[str]) -> str:
 
 def _surrounded(images: NDArray[np.uint8]) -> str | None:
     """Say in how many views the scene fills the edge of the picture, if these are many."""
-    alpha = images[..., 3] > 0
-    edges = np.concatenate([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], axis=1)
+    alpha = images[..., 3]
+    edges = np.concatenate([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], axis=1) > 0
     full = int((edges.mean(axis=1) > WHOLE_EDGE).sum())
     if full < MANY * len(images):
         return None
@@ -178,9 +183,9 @@ def _surrounded(images: NDArray[np.uint8]) -> str | None:
 
 
 def _check(
-    cameras: Sequence[Camera], images: NDArray[np.uint8], names: Sequence[str], where: object, also: Sequence[Mistake]
+    cameras: Sequence[Camera], tracing: Tracing, names: Sequence[str], where: object, also: Sequence[Mistake]
 ) -> tuple[str | None, str | None]:
-    outlines = Outlines.of(images)
+    outlines = tracing.outlines(some_of(len(cameras)))
     which = "The pictures" if where is None else f"The pictures of {where}"
     if not outlines.levels:
         return None, None

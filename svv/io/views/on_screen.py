@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from svv.core.geometry.cameras import Camera
-from svv.core.view_checks.agreement import thinned
+from svv.core.view_checks.agreement import some_of, step_of
 from svv.core.view_checks.fixed_pixels import VISIBLE, fixed_pixels, places_of
 from svv.core.view_checks.silhouettes import Views
 from svv.errors import BadInput
@@ -35,7 +35,8 @@ def fixed_in(cameras: Sequence[Camera], images: Images) -> Mask | None:
     Returns:
         (height, width), or None.
     """
-    chosen, thin, step = thinned(images)
+    chosen, step = some_of(len(images)).tolist(), step_of(images)
+    thin = [images[k, step // 2 :: step, step // 2 :: step] for k in chosen]
     found = fixed_pixels(thin, Views.of([cameras[k] for k in chosen]), step)
     if not found.any():
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import partial
 
@@ -301,6 +302,7 @@ def reconstruct(
     Returns:
         The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
+    begin = time.monotonic()
     work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
     loop = Loop(
         settings.iterations, running.limit, running.progress, "base NeRF", network=work.field, notes=running.notes
@@ -311,11 +313,16 @@ def reconstruct(
         if state.restored is not None:
             loop.done, loop.spent = state.restored
         loop.save = lambda done, spent: state.save(done, spent, work.layout())
+    ready = time.monotonic()
+    if running.limit is not None:
+        loop.limit = max(0.1, running.limit - (ready - begin))
     seconds = loop.run(work.step)
+    done = time.monotonic()
     running.notes.extend([*work.room.notes(), *work.recorded.notes])
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()
+    seconds += ready - begin + time.monotonic() - done
     return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit, settings)
 
 

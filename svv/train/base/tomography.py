@@ -19,8 +19,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -41,6 +43,7 @@ from svv.fields.radiance.rendering import RayCaster
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.numba.bricks import MOST_ROOM, made
+from svv.measure import usable_cpus
 from svv.train.base.tomography_kernels import back_project, beside_visible, mean_of_squares, optical_depths
 
 Array = NDArray[np.float32]
@@ -197,14 +200,25 @@ def planned(levels: int, opaque: bool) -> list[int]:
     return [*plan[:-1], 0] if opaque and levels > 1 else plan
 
 
+_MOSTLY_OPAQUE: WeakKeyDictionary[ViewSet, bool] = WeakKeyDictionary()
+
+
 def mostly_opaque(views: ViewSet) -> bool:
-    """Return whether so many visible pixels are opaque that a tomography is only a guess."""
-    return opaque_part(views.images[..., 3]) > MOSTLY
+    """Return whether so many visible pixels are opaque that a tomography is only a guess; pixels are counted once."""
+    if views not in _MOSTLY_OPAQUE:
+        _MOSTLY_OPAQUE[views] = opaque_part(views.images[..., 3]) > MOSTLY
+    return _MOSTLY_OPAQUE[views]
 
 
 def opaque_part(alpha: NDArray[np.uint8]) -> float:
     """Return which part of the visible pixels is opaque, from the alpha of views, 0 to 255. (N, height, width)"""
-    return int(np.count_nonzero(alpha >= 255 * OPAQUE)) / max(int(np.count_nonzero(alpha)), 1)
+
+    def counted(image: NDArray[np.uint8]) -> tuple[int, int]:
+        return int(np.count_nonzero(image >= round(255 * OPAQUE))), int(np.count_nonzero(image))
+
+    with ThreadPoolExecutor(usable_cpus()) as pool:
+        opaque, visible = np.sum(list(pool.map(counted, alpha)), axis=0).tolist()
+    return float(opaque / max(visible, 1))
 
 
 def extinction_from(

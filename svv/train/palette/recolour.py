@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -326,6 +327,7 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     Returns:
         The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
     """
+    begin = time.monotonic()
     base, occupancy, seed, checkpoint = scene.base, scene.occupancy, running.seed, running.saved
     torch.manual_seed(seed)
     network = PaletteField(
@@ -357,9 +359,12 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
             loop.done, loop.spent = state.restored
             work.budget.rays = int((checkpoint.extra("palette") or {})["rays"])
         loop.save = lambda done, spent: state.save(done, spent, {"rays": np.array(work.budget.rays)})
+    ready = time.monotonic()
     seconds = loop.run(work.step)
+    done = time.monotonic()
     running.notes.extend([*work.room.notes(), *work.recorded.notes])
     if network.phong is not None:
         network.phong.settle(occupancy)
     network.requires_grad_(False)
-    return network, ranks.once(work.shares), seconds
+    shares = ranks.once(work.shares)
+    return network, shares, seconds + ready - begin + time.monotonic() - done

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import maximum_filter
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, look_at, sphere_cameras
@@ -28,7 +30,7 @@ from svv.kernels.dispatch import CPU
 from svv.kernels.numba.bricks import made
 from svv.train.base.first_extinction import begin, largest_extinction
 from svv.train.base.tomography import Tomography, opaque_part, pixels_a_cell, reduced, smaller
-from svv.train.base.tomography_kernels import back_project, optical_depths
+from svv.train.base.tomography_kernels import back_project, beside_visible, optical_depths
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
@@ -121,6 +123,59 @@ def test_depths_from_bricks_are_those_from_the_table() -> None:
     np.testing.assert_allclose(project(lattice, rays, room=np.inf), found, rtol=1e-5)
 
 
+@given(st.integers(0, 10**6), st.floats(0.1, 1.0), st.integers(1, 2))
+def test_depths_are_sums_over_the_samples_in_occupied_cells(seed: int, share: float, finer: int) -> None:
+    """Whether rays share a packet with shorter ones, begin in the box, miss it, or leap through it."""
+    random = np.random.default_rng(seed)
+    occupied = (random.random((6, 5, 7)) < share).astype(np.uint8)
+    occupied[3, 2, 4] = 1
+    where, scale = Occupancy(Box.of_bounds((0, 0, 0), (6 / 7, 5 / 7, 1.0)), 7, occupied), 7 * finer
+    lattice = SparseLattice(occupied, 7, (scale,), 1).requires_grad_(False)
+    lattice.table[:, 0] = torch.from_numpy(random.normal(size=len(lattice.table)).astype(np.float32))
+    origin = random.uniform(-0.5, 1.5, (300, 3)).astype(np.float32)
+    direction = random.uniform(0.2, 0.8, (300, 3)).astype(np.float32) - origin
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    step, layout, stop = 1 / 32, lattice.layout, 4.0
+    out, extent = np.empty(300, np.float32), np.asarray(where.box.extent, np.float32)
+    optical_depths(
+        origin, direction, where.distance_on(CPU).numpy(), np.float32(7), extent, np.float32(step), np.float32(0.3),
+        layout.shapes.numpy(), layout.scales.numpy(), layout.bases.numpy(), layout.index.numpy(),
+        lattice.table[:, 0].numpy(), np.float32(stop), out,
+    )  # fmt: skip
+    t = ((np.arange(128) + np.float32(0.3)) * np.float32(step)).astype(np.float32)
+    points = origin[:, None] + t[:, None] * direction[:, None]
+    inside = ((points >= 0) & (points <= extent)).all(axis=-1)
+    cell = np.minimum((points.clip(0, extent) * 7).astype(int), np.array(occupied.shape) - 1)
+    inside &= occupied[tuple(np.moveaxis(cell, -1, 0))] > 0
+    part = np.zeros(inside.shape)
+    part[inside] = np.exp(lattice(torch.from_numpy(points[inside]))[:, 0].numpy()) * step
+    expected, largest = part.sum(axis=1), part.max(axis=1)
+    ended = expected > stop
+    np.testing.assert_array_less(np.abs(out - expected)[~ended], 1e-4 + largest[~ended])  # one may lie on a face
+    assert (np.abs(out - expected) > 1e-4)[~ended].mean() < 0.02
+    assert (out[ended] > stop).all() and (out <= stop + largest + 1e-4).all()
+
+
+@given(st.integers(0, 10**6), st.integers(1, 3), st.integers(1, 30), st.integers(1, 30), st.integers(1, 4))
+def test_images_are_reduced_to_means(seed: int, n: int, height: int, width: int, factor: int) -> None:
+    height, width = max(height, factor), max(width, factor)
+    images = np.random.default_rng(seed).integers(0, 256, (n, height, width, 4), dtype=np.uint8)
+    whole = images[:, : height // factor * factor, : width // factor * factor, 3]
+    squares = whole.reshape(n, height // factor, factor, width // factor, factor)
+    expected = squares.mean(axis=(2, 4), dtype=np.float32) / np.float32(255.0)
+    np.testing.assert_array_equal(reduced(images[..., 3], factor), expected)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 3), st.integers(1, 12), st.integers(1, 12), st.sampled_from([-1, 0, 1]))
+def test_pixels_beside_visible_ones_are_cast(seed: int, n: int, height: int, width: int, odd: int) -> None:
+    random = np.random.default_rng(seed)
+    alpha = (random.random((n, height, width)) * (random.random((n, height, width)) < 0.1)).astype(np.float32)
+    expected, out = maximum_filter(alpha > 0, (1, 3, 3)), np.empty(alpha.shape, np.uint8)
+    row, column = np.indices((height, width))
+    beside_visible(alpha, odd, out)
+    np.testing.assert_array_equal(out, expected & ((odd < 0) | ((row + column) % 2 == odd)))
+
+
 def test_a_step_needs_only_half_the_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Other pixels are not cast, and count neither for nor against a vertex."""
     cast: list[int] = []
@@ -165,6 +220,29 @@ def test_a_pixel_is_found_again_from_the_points_on_its_ray(parallel: bool) -> No
     behind = np.round((rays.origins - 2 * rays.directions).double().numpy() * scale).astype(np.int32)
     back_project(behind, np.float32(scale), *one, images[n : n + 1], sums)
     assert (sums == 0).all()
+
+
+@given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 9), st.integers(1, 9), st.integers(1, 40))
+def test_vertices_collect_what_images_hold_around_them(seed: int, n: int, height: int, width: int, v: int) -> None:
+    """Within the frame, on its edge, where one pixel counts, beyond it, and behind the camera."""
+    random = np.random.default_rng(seed)
+    vertices, scale = random.integers(0, 9, (v, 3)).astype(np.int32), 8
+    rotations = np.linalg.qr(random.normal(size=(n, 3, 3)))[0].astype(np.float32)
+    positions = (0.5 + random.uniform(0.2, 3.0, (n, 1)) * rotations[:, :, 2]).astype(np.float32)
+    parallel = random.random(n) < 0.3
+    lens = np.stack([random.uniform(3, 20, n), 0.5 - 0.5 * random.uniform(0, 2, n) * width,
+                     0.5 - 0.5 * random.uniform(0, 2, n) * height, parallel], axis=1).astype(np.float32)  # fmt: skip
+    images, sums = random.random((n, height, width, 2)).astype(np.float32), np.empty((v, 2), np.float32)
+    back_project(vertices, np.float32(scale), rotations, positions, lens, images, sums)
+    expected = np.zeros((v, 2))
+    for p, k in itertools.product(range(v), range(n)):
+        right, up, back = (vertices[p] / scale - positions[k]) @ rotations[k]
+        if back < 0:
+            zoom = lens[k, 0] if parallel[k] else -lens[k, 0] / back
+            row, column = -up * zoom - lens[k, 2], right * zoom - lens[k, 1]
+            rows, columns = (np.maximum(1 - abs(np.arange(m) - c), 0) for m, c in ((height, row), (width, column)))
+            expected[p] += np.einsum("i,j,ijc->c", rows, columns, images[k])
+    np.testing.assert_allclose(sums, expected, atol=2e-3)
 
 
 def begun(views: ViewSet, resolution: int = 32) -> tuple[SparseLattice, Occupancy, str]:

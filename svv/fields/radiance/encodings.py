@@ -15,8 +15,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from svv.core.rays.encodings import VERTICES_A_WORD, stored_rows
-from svv.kernels.dispatch import kernels_for
+from svv.core.rays.encodings import VERTICES_A_WORD
+from svv.fields.radiance.layout_kernels import coarser, into_cells, lay_out, rows_left, sum_levels, vertices_in
+from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.types import Context, Lattice
 
 VERTICES_AT_A_TIME = 1 << 18
@@ -47,9 +48,9 @@ class Encoding(nn.Module):
 
     table: nn.Parameter
 
-    def __init__(self, rows: int, features: int, levels: int) -> None:
+    def __init__(self, rows: int, features: int, levels: int, device: torch.device = CPU) -> None:
         super().__init__()
-        self.table = nn.Parameter(torch.zeros(rows, features))
+        self.table = nn.Parameter(torch.zeros(rows, features, device=device))
         self.features, self.levels = features, levels
         self.gradient: Tensor | None = None
         self.used: Tensor | None = None
@@ -110,7 +111,14 @@ class SparseLattice(Encoding):
     scales: Tensor
     index: Tensor
 
-    def __init__(self, occupied: NDArray[np.uint8], cells: int, resolutions: Sequence[int], features: int) -> None:
+    def __init__(
+        self,
+        occupied: NDArray[np.uint8],
+        cells: int,
+        resolutions: Sequence[int],
+        features: int,
+        device: torch.device = CPU,
+    ) -> None:
         """Lay out the lattice.
 
         Args:
@@ -118,25 +126,23 @@ class SparseLattice(Encoding):
             cells: Cells per box unit of ``occupied``.
             resolutions: Cells per box unit of each level; each divides ``cells`` or is a multiple of it.
             features: Features per level.
+            device: Where the lattice is to lie.
         """
-        shapes, bases, ends, rows = [], [], [], 0
-        index: list[NDArray[np.int64]] = []
-        for resolution in resolutions:
-            vertices = _vertices(_resample(occupied, cells, resolution))
-            words, count = _index_of(vertices, rows)
-            shapes.append(vertices.shape)
-            bases.append(sum(len(level) for level in index))
-            index.append(words)
-            rows += count
+        levels = [_parts_of(occupied, cells, resolution) for resolution in resolutions]
+        shapes = [_vertices_along(*level) for level in levels]
+        bases = [0, *itertools.accumulate(x * y * _words_along(z) for x, y, z in shapes)]
+        index, ends, rows = np.zeros(bases[-1], np.int64), [], 0
+        for level, (x, y, _), base, end in zip(levels, shapes, bases, bases[1:], strict=False):
+            rows += lay_out(*level, rows, index[base:end].reshape(x, y, -1))
             ends.append(rows)
-        bases.append(max(rows - 2, 0))
-        super().__init__(rows, features, len(resolutions))
+        bases[-1] = max(rows - 2, 0)
+        super().__init__(rows, features, len(resolutions), device)
         self.resolutions = tuple(int(r) for r in resolutions)
         self._ends = ends
-        self.register_buffer("shapes", torch.tensor(shapes), persistent=False)
-        self.register_buffer("bases", torch.tensor(bases), persistent=False)
-        self.register_buffer("scales", torch.tensor(resolutions, dtype=torch.float32), persistent=False)
-        self.register_buffer("index", torch.from_numpy(np.concatenate(index)), persistent=False)
+        self.register_buffer("shapes", torch.tensor(shapes, device=device), persistent=False)
+        self.register_buffer("bases", torch.tensor(bases, device=device), persistent=False)
+        self.register_buffer("scales", torch.tensor(resolutions, dtype=torch.float32, device=device), persistent=False)
+        self.register_buffer("index", torch.from_numpy(index).to(device), persistent=False)
 
     @property
     def layout(self) -> Lattice:
@@ -149,18 +155,17 @@ class SparseLattice(Encoding):
 
     def vertices_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.int64]:
         """Return integer coordinates of a level's vertices, in the order of its rows, for the lattice's cells."""
-        return np.argwhere(_vertices(_resample(occupied, cells, self.resolutions[level])))
+        return vertices_of(occupied, cells, self.resolutions[level])
 
     def pieces_of_level(
         self, level: int, occupied: NDArray[np.uint8], cells: int
     ) -> Iterator[tuple[slice, NDArray[np.int64]]]:
         """Yield rows of a level and the coordinates of their vertices, some at a time: millions take much memory."""
-        vertices = _vertices(_resample(occupied, cells, self.resolutions[level]))
-        there, first = np.flatnonzero(vertices), self.rows_of_level(level).start
-        for start in range(0, len(there), VERTICES_AT_A_TIME):
-            some = there[start : start + VERTICES_AT_A_TIME]
-            rows = slice(first + start, first + start + len(some))
-            yield rows, np.stack(np.unravel_index(some, vertices.shape), axis=1)
+        (words, count), first = _words_of(occupied, cells, self.resolutions[level]), self.rows_of_level(level).start
+        for start in range(0, count, VERTICES_AT_A_TIME):
+            some = np.empty((min(VERTICES_AT_A_TIME, count - start), 3), np.int64)
+            vertices_in(words, start, some)
+            yield slice(first + start, first + start + len(some)), some
 
     def places_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.float32]:
         """Return box coordinates for looking up a level's vertices, in the order of its rows. (V, 3)
@@ -210,21 +215,14 @@ class SparseLattice(Encoding):
 
         ``occupied`` must be a subset of the cells this lattice was made for.
         """
-        result = SparseLattice(occupied, cells, (*self.resolutions, *finer), self.features).to(self.table.device)
+        device, count = self.table.device, self.index.numel()
+        result = SparseLattice(occupied, cells, (*self.resolutions, *finer), self.features, device)
+        rows = np.empty(result.rows_of_level(self.levels - 1).stop, np.int64)
+        if rows_left(self.index.cpu().numpy(), result.index[:count].cpu().numpy(), rows):
+            raise ValueError("some of the cells are not those of this lattice")
         with torch.no_grad():
-            for level in range(self.levels):
-                left = _vertices(_resample(occupied, cells, self.resolutions[level]))[self._stored(level)]
-                old = self.table[self.rows_of_level(level)]
-                result.table[result.rows_of_level(level)] = old[torch.from_numpy(left).to(old.device)]
+            torch.index_select(self.table, 0, torch.from_numpy(rows).to(device), out=result.table[: len(rows)])
         return result
-
-    def _stored(self, level: int) -> NDArray[np.bool_]:
-        """Return which vertices of a level are stored, as the index has it. (X, Y, Z)"""
-        x, y, z = self.shapes[level].tolist()
-        words, base = -(-z // VERTICES_A_WORD), int(self.bases[level])
-        bits = self.index[base : base + x * y * words].cpu().numpy().astype("<u8").view("<u4")[::2]  # the lower halves
-        whole = np.unpackbits(np.ascontiguousarray(bits).view(np.uint8), bitorder="little")
-        return whole.reshape(x, y, words * VERTICES_A_WORD)[:, :, :z] > 0
 
     def summed(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
         """Return a lattice of only the finest level that gives exactly the sum of all levels' features.
@@ -234,22 +232,15 @@ class SparseLattice(Encoding):
         """
         if self.levels == 1:
             return self.restricted(occupied, cells)
-        finest = self.resolutions[-1]
-        result = SparseLattice(occupied, cells, (finest,), self.features)
-        table, index = self.table.detach().cpu().numpy(), self.index.cpu()
-        shapes, bases = self.shapes.cpu(), self.bases.tolist()
-        total, pieces = np.zeros(result.table.shape, np.float32), result.pieces_of_level(0, occupied, cells)
-        for (piece, vertices), (level, resolution) in itertools.product(pieces, enumerate(self.resolutions)):
-            low, rest = np.divmod(vertices, finest // resolution)
-            part = (rest * (resolution / finest)).astype(np.float32)
-            for corner in itertools.product((0, 1), repeat=3):
-                weight = np.where(corner, part, 1.0 - part).prod(axis=1, dtype=np.float32)
-                inside = torch.minimum(torch.from_numpy(low + corner), shapes[level] - 1)  # beyond it, weights are 0
-                row = stored_rows(inside, shapes[level], bases[level], index).clamp(max=len(table) - 1).numpy()
-                total[piece] += np.where(weight > 0, weight, 0.0)[:, None] * table[row]
+        finest, device = self.resolutions[-1], self.table.device
+        result = SparseLattice(occupied, cells, (finest,), self.features, device)
+        total, (words, _) = np.zeros(result.table.shape, np.float32), _words_of(occupied, cells, finest)
+        steps = np.array([finest // resolution for resolution in self.resolutions])
+        layout = self.shapes, torch.from_numpy(steps), self.bases, self.index, self.table.detach()
+        sum_levels(words, *(tensor.cpu().numpy() for tensor in layout), total)
         with torch.no_grad():
             result.table.copy_(torch.from_numpy(total))
-        return result.to(self.table.device)
+        return result
 
 
 class HashGrid(Encoding):
@@ -321,41 +312,47 @@ class LatticeAdam:
             self.age[k].copy_(torch.from_numpy(state[f"{k}.age"].copy()))
 
 
-def _resample(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArray[np.bool_]:
-    """Return occupancy at another resolution: a coarser cell is occupied if any of its parts is."""
-    o = occupied > 0
+def _parts_of(occupied: NDArray[np.uint8], cells: int, resolution: int) -> tuple[NDArray[np.uint8], int]:
+    """Return the occupied cells of a level, or of a coarser one, and into how many parts these are to be divided.
+
+    A cell that is coarser than those given is occupied if any of its parts is.
+    """
+    given = np.ascontiguousarray(occupied, np.uint8)
     if resolution >= cells:
         if resolution % cells:
             raise ValueError(f"resolution {resolution} is not a multiple of {cells}")
-        k = resolution // cells
-        return o.repeat(k, 0).repeat(k, 1).repeat(k, 2)
+        return given, resolution // cells
     if cells % resolution:
         raise ValueError(f"resolution {resolution} does not divide {cells}")
-    k = cells // resolution
-    o = np.pad(o, [(0, -n % k) for n in o.shape])
-    x, y, z = (n // k for n in o.shape)
-    return np.asarray(o.reshape(x, k, y, k, z, k).any(axis=(1, 3, 5)))
+    side = cells // resolution
+    out = np.zeros([-(-n // side) for n in given.shape], np.uint8)
+    coarser(given, side, out)
+    return out, 1
 
 
-def _index_of(vertices: NDArray[np.bool_], rows: int) -> tuple[NDArray[np.int64], int]:
-    """Return the words of a level's index (:func:`svv.core.rays.encodings.stored_rows`), and the number of its rows.
+def _vertices_along(cells: NDArray[np.uint8], parts: int) -> tuple[int, ...]:
+    """Return the number of vertices along each axis; see :func:`_parts_of`."""
+    return tuple(parts * n + 1 for n in cells.shape)
 
-    ``vertices`` (X, Y, Z) are those that are stored; ``rows`` is the first one's row.
-    """
-    padded = np.pad(vertices, ((0, 0), (0, 0), (0, -vertices.shape[2] % VERTICES_A_WORD))).reshape(-1, VERTICES_A_WORD)
-    stored = np.packbits(padded, axis=1, bitorder="little").view("<u4")[:, 0].astype(np.int64)
-    behind = np.cumsum(padded.sum(axis=1, dtype=np.int64))
-    first = rows + np.concatenate([[0], behind[:-1]])
-    return first << 32 | stored, int(behind[-1])
+
+def _words_along(vertices: int) -> int:
+    return -(-vertices // VERTICES_A_WORD)
+
+
+def _words_of(occupied: NDArray[np.uint8], cells: int, resolution: int) -> tuple[NDArray[np.int64], int]:
+    """Return the words of a level's index, as if it were the only level, (X, Y, W), and the number of its vertices."""
+    level = _parts_of(occupied, cells, resolution)
+    x, y, z = _vertices_along(*level)
+    words = np.zeros((x, y, _words_along(z)), np.int64)
+    return words, lay_out(*level, 0, words)
 
 
 def vertices_of(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArray[np.int64]:
-    """Return integer coordinates of the vertices that a lattice of this resolution has, in raster order. (V, 3)
-
-    The result is a view of an array (3, V), whose rows are faster to read than its columns.
-    """
-    vertices = _vertices(_resample(occupied, cells, resolution))
-    return np.stack(np.unravel_index(np.flatnonzero(vertices), vertices.shape)).T
+    """Return integer coordinates of the vertices that a lattice of this resolution has, in raster order. (V, 3)"""
+    words, count = _words_of(occupied, cells, resolution)
+    out = np.empty((count, 3), np.int64)
+    vertices_in(words, 0, out)
+    return out
 
 
 def places_of(
@@ -373,29 +370,10 @@ def places_of(
         (V, 3)
     """
     chosen = vertices_of(occupied, cells, resolution) if vertices is None else vertices
-    filled = np.pad(_resample(occupied, cells, resolution), 1)
-    plane, row = filled.shape[1] * filled.shape[2], filled.shape[2]
-    full = filled.ravel()
-    x, y, z = chosen.T
-    first = (x + 1) * plane + (y + 1) * row + z + 1
-    away, left = np.zeros(len(chosen), np.uint8), np.arange(len(chosen))
-    for number, (i, j, k) in enumerate(itertools.product((0, 1), repeat=3)):
-        hit = full[first[left] - i * plane - j * row - k]
-        away[left[hit]] = number
-        left = left[~hit]
+    level = _parts_of(occupied, cells, resolution)
+    at = np.arange(max(_vertices_along(*level)))
+    own, *beside = ((at + part) / resolution for part in (0.0, 0.5, -0.5))
+    ahead, behind = (np.nextafter(own.astype(np.float32), middle.astype(np.float32)) for middle in beside)
     out = np.empty((len(chosen), 3), np.float32)
-    for axis, (at, bit) in enumerate(zip((x, y, z), (4, 2, 1), strict=True)):
-        middle = at + np.where(away & bit, -0.5, 0.5)
-        out[:, axis] = np.nextafter((at / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
-    return out
-
-
-def _vertices(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mark the corners of occupied cells. (X, Y, Z) -> (X + 1, Y + 1, Z + 1)"""
-    out = np.zeros([n + 1 for n in cells.shape], bool)
-    x, y, z = cells.shape
-    for i in (0, 1):
-        for j in (0, 1):
-            for k in (0, 1):
-                out[i : i + x, j : j + y, k : k + z] |= cells
+    into_cells(*level, chosen, ahead, behind, out)
     return out

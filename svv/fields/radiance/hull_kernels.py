@@ -5,13 +5,127 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+CUT, NOTHING, SOME, ALL = 0, 1, 2, 3
+"""What a view shows of cells: its frame cuts them or they are behind it; or how much of their square is visible."""
+
+BLOCK = 4
+"""Cells along each side of a block."""
+
+FEW = 8
+"""Number of cells of a block of which each is looked at by itself."""
+
 
 @njit(parallel=True, cache=True)
-def visual_hull(tables, rotations, positions, lenses, cells, shape, reach, occupied):  # type: ignore[no-untyped-def]
+def summed(masks, side, tables):  # type: ignore[no-untyped-def]
+    """Write the summed-area tables of masks whose pixels are squares of pixels, set if any pixel of the square is.
+
+    Args:
+        masks: uint8, > 0 where something is visible. (N, H, W)
+        side: Pixels along a side of a square.
+        tables: Result, zeros, int32. (N, H / side + 1, W / side + 1), rounded up
+    """
+    _, height, width = masks.shape
+    for n in prange(masks.shape[0]):
+        row = np.empty(tables.shape[2] - 1, np.uint8)
+        for y in range(tables.shape[1] - 1):
+            row[:] = 0
+            for i in range(side * y, min(side * (y + 1), height)):
+                for x in range(row.shape[0]):
+                    for j in range(side * x, min(side * (x + 1), width)):
+                        row[x] |= masks[n, i, j]
+            total = 0
+            for x in range(row.shape[0]):
+                total += row[x] > 0
+                tables[n, y + 1, x + 1] = tables[n, y, x + 1] + total
+
+
+@njit
+def _view(n, rotations, positions, lenses):  # type: ignore[no-untyped-def]
+    """Return rotation, position and lens of a view as numbers, which need not be loaded again for each cell."""
+    m, p = rotations[n], positions[n]
+    turn = m[0, 0], m[0, 1], m[0, 2], m[1, 0], m[1, 1], m[1, 2], m[2, 0], m[2, 1], m[2, 2]
+    return turn, (p[0], p[1], p[2]), (lenses[n, 0], lenses[n, 1], lenses[n, 2], lenses[n, 3] > 0.0)
+
+
+@njit
+def _verdict(view, table, x, y, z, spread, reach):  # type: ignore[no-untyped-def]
+    """Return what a view shows of cells whose middles are at most ``spread`` from a point: one of the constants.
+
+    With ``spread`` > 0, the square that is looked at surely contains that of each of these cells.
+    """
+    m, (px, py, pz), (focal, column, row, parallel) = view
+    dx, dy, dz = x - px, y - py, z - pz
+    away = -(m[6] * dx + m[7] * dy + m[8] * dz)
+    near = away - spread
+    if near <= 2 * reach:
+        return CUT
+    d = 1.0 if parallel else away
+    u = (m[0] * dx + m[1] * dy + m[2] * dz) / d
+    v = (m[3] * dx + m[4] * dy + m[5] * dz) / d
+    far_u, far_v, beside, below = u, v, 0.0, 0.0
+    if spread > 0.0:  # the most that u and v may differ, and a pixel for whatever is rounded
+        du = spread if parallel else spread * (1.0 + abs(u)) / near
+        dv = spread if parallel else spread * (1.0 + abs(v)) / near
+        far_u, far_v, beside, below = abs(u) + du, abs(v) + dv, du * focal + 1.0, dv * focal + 1.0
+    slant = 1.0 if parallel else np.sqrt(1.0 + far_u * far_u + far_v * far_v)
+    r = reach * focal / (1.0 if parallel else near) * slant + 0.5
+    rx, ry = r + beside, r + below
+    u, v = u * focal + column, row - v * focal
+    x0, x1 = int(np.floor(u - rx)), int(np.ceil(u + rx))
+    y0, y1 = int(np.floor(v - ry)), int(np.ceil(v + ry))
+    if x0 < 0 or y0 < 0 or x1 >= table.shape[1] or y1 >= table.shape[0]:
+        return CUT
+    visible = table[y1, x1] - table[y0, x1] - table[y1, x0] + table[y0, x0]
+    if visible == 0:
+        return NOTHING
+    return ALL if visible == (x1 - x0) * (y1 - y0) else SOME
+
+
+@njit(cache=True)
+def _carve_block(  # type: ignore[no-untyped-def]
+    block, begin, cells, at, reach, tables, rotations, positions, lenses, left
+):
+    """Leave only those cells of a block in its list ``left`` (C, 4) that views keep, each with 1 if a view decides.
+
+    Returns:
+        The number of these cells, and the view that left out the last if none is left, otherwise ``begin``: the view
+        to begin with.
+    """
+    views, count, shown = tables.shape[0], left.shape[0], False
+    x, y, z = (block[0] + 0.5 * BLOCK) / cells, (block[1] + 0.5 * BLOCK) / cells, (block[2] + 0.5 * BLOCK) / cells
+    for m in range(begin, begin + views):
+        n = m if m < views else m - views
+        view, table = _view(n, rotations, positions, lenses), tables[n]
+        if count > FEW:
+            verdict = _verdict(view, table, x, y, z, (BLOCK - 1) * reach, reach)
+            if verdict == NOTHING:
+                return 0, n
+            if verdict == ALL:
+                shown = True
+                continue
+        kept = 0
+        for q in range(count):
+            i, j, k, seen = left[q, 0], left[q, 1], left[q, 2], left[q, 3]
+            verdict = _verdict(view, table, at[i], at[j], at[k], 0.0, reach)
+            if verdict != NOTHING:
+                left[kept, 0], left[kept, 1], left[kept, 2] = i, j, k
+                left[kept, 3] = seen if verdict == CUT else 1
+                kept += 1
+        count = kept
+        if count == 0:
+            return 0, n
+    if shown:
+        left[:count, 3] = 1
+    return count, begin
+
+
+@njit(parallel=True, cache=True)
+def visual_hull(tables, rotations, positions, lenses, cells, reach, occupied):  # type: ignore[no-untyped-def]
     """Keep the cells whose projection meets the mask in every view that contains them.
 
     A view does not decide on cells that are behind it or not wholly in its frame. Cells on which none decides are left
-    out.
+    out. Most views decide alike on all cells of a block, and most of those outside are left out by the view that left
+    out the one before.
 
     Args:
         tables: Summed-area tables of the masks, int32. (N, H + 1, W + 1)
@@ -20,36 +134,24 @@ def visual_hull(tables, rotations, positions, lenses, cells, shape, reach, occup
         lenses: For each view the focal length in mask pixels (mask pixels per box unit if it is orthographic), column
             and row of the principal point in mask pixels, and 1 if it is orthographic, otherwise 0. (N, 4)
         cells: Cells per box unit.
-        shape: Cells per axis. (3,)
         reach: Radius of a cell's bounding sphere in box units.
-        occupied: Result, uint8. (X, Y, Z)
+        occupied: Result, zeros, uint8. (X, Y, Z)
     """
-    views, height, width = tables.shape[0], tables.shape[1] - 1, tables.shape[2] - 1
-    for i in prange(shape[0]):
-        for j in range(shape[1]):
-            for k in range(shape[2]):
-                inside, seen = True, False
-                for n in range(views):
-                    dx = (i + 0.5) / cells - positions[n, 0]
-                    dy = (j + 0.5) / cells - positions[n, 1]
-                    dz = (k + 0.5) / cells - positions[n, 2]
-                    z = -(rotations[n, 2, 0] * dx + rotations[n, 2, 1] * dy + rotations[n, 2, 2] * dz)
-                    if z <= 2 * reach:
-                        continue
-                    focal, parallel = lenses[n, 0], lenses[n, 3] > 0.0
-                    d = 1.0 if parallel else z
-                    u = (rotations[n, 0, 0] * dx + rotations[n, 0, 1] * dy + rotations[n, 0, 2] * dz) / d
-                    v = (rotations[n, 1, 0] * dx + rotations[n, 1, 1] * dy + rotations[n, 1, 2] * dz) / d
-                    px, py = u * focal + lenses[n, 1], lenses[n, 2] - v * focal
-                    slant = 1.0 if parallel else np.sqrt(1.0 + u * u + v * v)
-                    r = reach * focal / d * slant + 0.5
-                    x0, x1 = int(np.floor(px - r)), int(np.ceil(px + r))
-                    y0, y1 = int(np.floor(py - r)), int(np.ceil(py + r))
-                    if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
-                        continue  # the view's frame cuts the cell, so the view does not decide
-                    seen = True
-                    t = tables[n]
-                    if t[y1, x1] - t[y0, x1] - t[y1, x0] + t[y0, x0] == 0:
-                        inside = False
-                        break
-                occupied[i, j, k] = 1 if inside and seen else 0
+    nx, ny, nz = occupied.shape
+    at = (np.arange(max(nx, ny, nz)) + 0.5) / cells
+    for x in prange(-(-nx // BLOCK)):
+        begin, block, left = 0, np.empty(3, np.int64), np.empty((BLOCK**3, 4), np.int64)
+        for y in range(-(-ny // BLOCK)):
+            for z in range(-(-nz // BLOCK)):
+                block[0], block[1], block[2] = BLOCK * x, BLOCK * y, BLOCK * z
+                count = 0
+                for i in range(BLOCK * x, min(BLOCK * (x + 1), nx)):
+                    for j in range(BLOCK * y, min(BLOCK * (y + 1), ny)):
+                        for k in range(BLOCK * z, min(BLOCK * (z + 1), nz)):
+                            left[count, 0], left[count, 1], left[count, 2], left[count, 3] = i, j, k, 0
+                            count += 1
+                count, begin = _carve_block(
+                    block, begin, cells, at, reach, tables, rotations, positions, lenses, left[:count]
+                )
+                for q in range(count):
+                    occupied[left[q, 0], left[q, 1], left[q, 2]] = left[q, 3]

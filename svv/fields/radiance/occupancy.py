@@ -16,7 +16,7 @@ from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.rays.cells import widened
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
 from svv.errors import BadInput
-from svv.fields.radiance.hull_kernels import visual_hull
+from svv.fields.radiance.hull_kernels import summed, visual_hull
 from svv.kernels.dispatch import kernels_of
 
 MASK_SIZE = 256
@@ -89,20 +89,46 @@ class Occupancy:
         return result
 
 
-def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Occupancy:
+@dataclass(frozen=True)
+class _Masks:
+    """What is visible in views, in squares of pixels: summed-area tables, int32. (N, H + 1, W + 1)"""
+
+    tables: NDArray[np.int32]
+    side: int
+    """Pixels along a side of a square."""
+
+    @classmethod
+    def of(cls, masks: NDArray[np.bool_] | NDArray[np.uint8]) -> _Masks:
+        """Shrink masks to at most about MASK_SIZE pixels per side; a pixel is set if any of its parts is."""
+        n, h, w = masks.shape
+        side = max(1, max(h, w) // MASK_SIZE)
+        tables = np.zeros((n, -(-h // side) + 1, -(-w // side) + 1), np.int32)
+        summed(masks.view(np.uint8), side, tables)
+        return cls(tables, side)
+
+    @property
+    def cut(self) -> bool:
+        """Whether a frame cuts off what is visible."""
+        t = self.tables
+        return bool(
+            t[:, 1, -1].any() or t[:, -1, 1].any() or (t[:, -1] > t[:, -2]).any() or (t[..., -1] > t[..., -2]).any()
+        )
+
+
+def carve(masks: NDArray[np.bool_] | NDArray[np.uint8], cameras: Sequence[Camera], cells: int) -> Occupancy:
     """Return the visual hull of the views' masks and the box around it.
 
     A view says nothing about points outside its frame, so subjects may extend beyond the frames of some or all views.
 
     Args:
-        masks: Pixels in which something is visible. (N, H, W)
+        masks: Pixels in which something is visible, or the alpha of the views. (N, H, W)
         cameras: One per mask.
         cells: Cells along the longest side of the box.
 
     Raises:
         BadInput: The masks have no common hull: every view is empty, or cameras and images do not fit together.
     """
-    small = _shrink(masks)
+    small = _Masks.of(masks)
     box = _grown(_first_box(cameras), small, cameras)
     for resolution in (64, 96):
         occupied = _hull(small, cameras, box, resolution)
@@ -158,12 +184,11 @@ def _first_box(cameras: Sequence[Camera]) -> Box:
     return Box.of_bounds(centre - half, centre + half)
 
 
-def _grown(box: Box, masks: NDArray[np.bool_], cameras: Sequence[Camera]) -> Box:
+def _grown(box: Box, masks: _Masks, cameras: Sequence[Camera]) -> Box:
     """Enlarge a cube, at most up to the nearest camera, while a subject that the frames cut off reaches its faces."""
-    cut = masks[:, [0, -1]].any() or masks[:, :, [0, -1]].any()
     centre = box.bounds.mean(axis=0)
     most = GREATEST_REACH * min(float(np.linalg.norm(c.position - centre)) for c in cameras)
-    while cut and 0.5 * box.size < most:
+    while masks.cut and 0.5 * box.size < most:
         occupied = _hull(masks, cameras, box, 32)
         if not any(occupied.take((0, -1), axis).any() for axis in range(3)):
             break
@@ -176,28 +201,14 @@ def _shape(box: Box, cells: int) -> NDArray[np.int64]:
     return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
 
 
-def _shrink(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Shrink masks to at most about MASK_SIZE pixels per side; a pixel is set if any of its parts is."""
-    n, h, w = masks.shape
-    k = max(1, max(h, w) // MASK_SIZE)
-    padded = np.pad(masks, [(0, 0), (0, -h % k), (0, -w % k)])
-    return np.asarray(padded.reshape(n, padded.shape[1] // k, k, padded.shape[2] // k, k).any(axis=(2, 4)))
-
-
-def _hull(masks: NDArray[np.bool_], cameras: Sequence[Camera], box: Box, cells: int) -> NDArray[np.uint8]:
-    n, h, w = masks.shape
-    tables = np.zeros((n, h + 1, w + 1), np.int32)
-    tables[:, 1:, 1:] = masks.cumsum(1, dtype=np.int32).cumsum(2, dtype=np.int32)
-    # The mask may be padded, so its scale is the shrink factor, not the ratio of the widths.
-    shrink = np.ceil(cameras[0].width / w)
-    lenses = np.zeros((n, 4))
+def _hull(masks: _Masks, cameras: Sequence[Camera], box: Box, cells: int) -> NDArray[np.uint8]:
+    lenses, side = np.zeros((len(cameras), 4)), masks.side
     for lens, c in zip(lenses, cameras, strict=True):
         column, row = c.principal_point
         focal = c.focal * box.size if c.is_orthographic else c.focal
-        lens[:] = focal / shrink, column / shrink, row / shrink, c.is_orthographic
+        lens[:] = focal / side, column / side, row / side, c.is_orthographic
     rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])
     positions = box.to_box(np.stack([c.camera_to_world[:3, 3] for c in cameras]))
-    shape = _shape(box, cells)
-    occupied = np.zeros(shape, np.uint8)
-    visual_hull(tables, rotations, positions, lenses, float(cells), shape, np.sqrt(0.75) / cells, occupied)
+    occupied = np.zeros(_shape(box, cells), np.uint8)
+    visual_hull(masks.tables, rotations, positions, lenses, float(cells), np.sqrt(0.75) / cells, occupied)
     return occupied

@@ -64,7 +64,7 @@ are idle at its end; with more, the last block keeps other threads waiting."""
 
 
 @njit(fastmath=FAST_MATH, inline="always")
-def _within(a, low, high):  # type: ignore[no-untyped-def]
+def within(a, low, high):  # type: ignore[no-untyped-def]
     """Return numbers, or the nearest ones between two limits."""
     return minimum(maximum(a, low), high)
 
@@ -88,7 +88,7 @@ def _between(a, b, c, d, wx, wy, wz):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST_MATH)
-def _values_in_bricks(x, y, z, scale, shape, slots, values):  # type: ignore[no-untyped-def]
+def values_in_bricks(x, y, z, scale, shape, slots, values):  # type: ignore[no-untyped-def]
     """Return the trilinear interpolations at positions in occupied cells; see :mod:`svv.kernels.numba.bricks`."""
     ix, iy, iz, wx, wy, wz = _cell(x, y, z, scale, shape)
     slot = gather(slots, ((ix >> SHIFT) * slots.shape[1] + (iy >> SHIFT)) * slots.shape[2] + (iz >> SHIFT))
@@ -106,7 +106,7 @@ def _pairs_at(table, index, at, before, last):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST_MATH)
-def _values_of_table(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
+def values_of_table(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
     """Return the sums over levels of the trilinear interpolations of a one-channel table."""
     total, last = splat(ZERO), splat(np.int32(bases[shapes.shape[0]]))
     for level in range(shapes.shape[0]):
@@ -128,8 +128,19 @@ def _leap(cell, empty, o, d, inverse_d, side):  # type: ignore[no-untyped-def]
     return select(inverse_d == ZERO, splat(NEVER), (wall - o) * inverse_d)
 
 
+@njit(fastmath=FAST_MATH, inline="always")
+def after_leap(cell, empty, o, d, inverse_d, side, rate, shifts):  # type: ignore[no-untyped-def]
+    """Return the first samples of rays behind the cubes of ``empty`` cells that begin with their cells."""
+    tx = _leap(cell[0], empty, o[0], d[0], inverse_d[0], side)
+    ty = _leap(cell[1], empty, o[1], d[1], inverse_d[1], side)
+    leaves = minimum(tx, minimum(ty, _leap(cell[2], empty, o[2], d[2], inverse_d[2], side)))
+    leaves = minimum(leaves * rate - shifts, splat(FAR))
+    whole = truncated(leaves)
+    return select(as_floats(whole) < leaves, whole + 1, whole)
+
+
 @njit(fastmath=FAST_MATH)
-def _begin(origins, directions, extent, step, shift, r, lane, state, steps):  # type: ignore[no-untyped-def]
+def begin(origins, directions, extent, step, shift, r, lane, state, steps):  # type: ignore[no-untyped-def]
     """Write the state at the start of a ray into a lane; returns whether there are steps to take."""
     near, far = clip_to_box(origins, directions, r, extent)
     if near >= far:
@@ -232,7 +243,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     shift = uniform(seed, first_ray + coming, 0) if seed > 0 else HALF
                     lane = first_of(ended)
                     start[coming], count[coming], tail[coming] = n, 0, ZERO
-                    if _begin(origins, directions, extent, step, shift, coming, lane, state, steps):
+                    if begin(origins, directions, extent, step, shift, coming, lane, state, steps):
                         owner[lane] = coming
                         going |= 1 << lane
                         ended &= ended - 1
@@ -249,27 +260,22 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 ahead = load(steps, 2 * LANES) * (nx * ny * nz)
             now, t = i, (as_floats(i) + shifts) * step
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-            cx = _within(truncated(x * cells), low, last_x)
-            cy = _within(truncated(y * cells), low, last_y)
-            cz = _within(truncated(z * cells), low, last_z)
+            cx = within(truncated(x * cells), low, last_x)
+            cy = within(truncated(y * cells), low, last_y)
+            cz = within(truncated(z * cells), low, last_z)
             empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
             occupied = (i <= last) & (empty == 0)
             i = i + 1
             if bits_of(occupied) != going:
-                # Go to the first sample behind the cube of empty cells around this one.
-                wide = as_floats(empty)
-                tx, ty = _leap(as_floats(cx), wide, ox, dx, rx, side), _leap(as_floats(cy), wide, oy, dy, ry, side)
-                leaves = minimum(tx, minimum(ty, _leap(as_floats(cz), wide, oz, dz, rz, side)))
-                leaves = minimum(leaves * rate - shifts, splat(FAR))
-                whole = truncated(leaves)
-                whole = select(as_floats(whole) < leaves, whole + 1, whole)
-                i = select(occupied, i, maximum(i, whole))
+                cell, origin = (as_floats(cx), as_floats(cy), as_floats(cz)), (ox, oy, oz)
+                following = after_leap(cell, as_floats(empty), origin, (dx, dy, dz), (rx, ry, rz), side, rate, shifts)
+                i = select(occupied, i, maximum(i, following))
             if bits_of(occupied) != 0:
-                x, y, z = _within(x, nothing, end_x), _within(y, nothing, end_y), _within(z, nothing, end_z)
+                x, y, z = within(x, nothing, end_x), within(y, nothing, end_y), within(z, nothing, end_z)
                 if slots.size > 0:
-                    raw = _values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
+                    raw = values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
                 else:
-                    raw = _values_of_table(x, y, z, shapes, scales, bases, index, table)
+                    raw = values_of_table(x, y, z, shapes, scales, bases, index, table)
                 s = exp(minimum(raw, splat(ceiling)))
                 thickness = select(occupied, s * step, nothing)
                 before = left_out if merge else nothing

@@ -82,7 +82,7 @@ def first_occupancy(
     progress(0.0, "where to look")
     known = known_volume(views, settings, field)
     if known is None:
-        occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
+        occupancy = carve(views.images[..., 3], views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
         least = least_extinction(settings.prune_least * known.cells, float(np.exp(np.float64(known.exponent.max()))))

@@ -27,7 +27,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 from torch import Tensor
 
 from svv.core.geometry.cameras import Camera
@@ -45,7 +44,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.numba.bricks import MOST_ROOM, made
 from svv.measure import usable_cpus
-from svv.train.base.tomography_kernels import back_project, optical_depths
+from svv.train.base.tomography_kernels import back_project, beside_visible, mean_of_squares, optical_depths
 
 Array = NDArray[np.float32]
 
@@ -103,10 +102,9 @@ class Tomography:
         self.lattice = self._fog(COARSEST)
 
     def _fog(self, resolution: int) -> SparseLattice:
-        lattice = SparseLattice(self.occupancy.occupied, self.occupancy.cells, (resolution,), 1)
-        with torch.no_grad():
-            lattice.table.fill_(START)
-        return lattice.requires_grad_(False).to(self.device)
+        lattice = SparseLattice(self.occupancy.occupied, self.occupancy.cells, (resolution,), 1, self.device)
+        lattice.requires_grad_(False).table.fill_(START)
+        return lattice
 
     def refine(self, occupancy: Occupancy, resolution: int) -> None:
         """Continue with a finer lattice on fewer cells."""
@@ -145,12 +143,10 @@ class Tomography:
 
     def _step(self, caster: RayCaster, alpha: Array, vertices: NDArray[np.int32]) -> None:
         """Multiply the extinction by what the alpha (N, H, W) of a subset of views suggests."""
-        near = np.stack([maximum_filter(image > 0, 3) for image in alpha])
-        if self._half:
-            # Like the squares of one colour on a chessboard: wherever a vertex is seen, two of the four pixels around
-            # it are among them, and the sums only count these.
-            row, column = np.indices(near.shape[1:], sparse=True)
-            near &= (row + column) % 2 == self._random.integers(2)
+        # Like the squares of one colour on a chessboard: wherever a vertex is seen, two of the four pixels around it
+        # are among them, and the sums only count these.
+        near, odd = np.empty(alpha.shape, np.uint8), int(self._random.integers(2)) if self._half else -1
+        beside_visible(alpha, odd, near)
         rows = np.flatnonzero(near)
         seen = self._optical_depths(caster, torch.from_numpy(rows))
         told = alpha.reshape(-1)[rows]
@@ -296,9 +292,7 @@ def reduced(alpha: NDArray[np.uint8], factor: int) -> Array:
     """
     n, height, width = len(alpha), alpha.shape[1] // factor, alpha.shape[2] // factor
     out = np.empty((n, height, width), np.float32)
-    for small, image in zip(out, alpha, strict=True):
-        square = image[: height * factor, : width * factor].reshape(height, factor, width, factor)
-        small[:] = square.mean(axis=(1, 3), dtype=np.float32) / np.float32(255.0)
+    mean_of_squares(alpha, factor, out)
     return out
 
 

@@ -6,16 +6,89 @@ threads.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.kernels.numba.bricks import NO_BRICKS, value_in_brick
-from svv.kernels.numba.leaping import octant
-from svv.kernels.numba.marching import clip_to_box, interpolate_scalar, inverse, leap
-from svv.kernels.numba.trilinear import ONE32
+from svv.core.lanes import (
+    LANES,
+    as_floats,
+    bits_of,
+    exp,
+    gather,
+    gather_pairs,
+    lane_numbers,
+    load,
+    mask_of,
+    maximum,
+    minimum,
+    number_of,
+    select,
+    splat,
+    store,
+    truncated,
+)
+from svv.kernels.numba.bricks import NO_BRICKS
+from svv.kernels.numba.packets import (
+    ENDED,
+    ENOUGH,
+    MOST_RAYS,
+    NONE,
+    ONE,
+    STATE,
+    TAU,
+    ZERO,
+    after_leap,
+    begin,
+    values_in_bricks,
+    values_of_table,
+    within,
+)
+
+TWO, BEFORE = np.float32(2.0), np.int32(-1)
+
+
+@njit(parallel=True, cache=True)
+def mean_of_squares(alpha, factor, out):  # type: ignore[no-untyped-def]
+    """Write the mean of alpha, uint8 (N, H, W), over squares of ``factor`` pixels as float32 in [0, 1].
+
+    ``out`` is of (N, H / factor, W / factor), rounded down.
+    """
+    _, height, width = out.shape
+    parts, levels = np.float32(factor * factor), np.float32(255.0)
+    for n in prange(out.shape[0]):
+        total = np.empty(width, np.int64)
+        for y in range(height):
+            total[:] = 0
+            for i in range(factor * y, factor * (y + 1)):
+                for x in range(width):
+                    for j in range(factor * x, factor * (x + 1)):
+                        total[x] += alpha[n, i, j]
+            for x in range(width):
+                out[n, y, x] = np.float32(total[x]) / parts / levels
+
+
+@njit(parallel=True, cache=True)
+def beside_visible(alpha, odd, out):  # type: ignore[no-untyped-def]
+    """Mark the pixels that are visible or one of whose 8 neighbours is.
+
+    Args:
+        alpha: float32, > 0 where something is visible. (N, H, W)
+        odd: Only pixels of a chessboard's even (0) or odd squares (1); all (-1).
+        out: Result, uint8. (N, H, W)
+    """
+    _, height, width = alpha.shape
+    for n in prange(alpha.shape[0]):
+        column = np.zeros(width + 2, np.uint8)  # three pixels above each other
+        for y in range(height):
+            column[:] = 0
+            for i in range(max(y - 1, 0), min(y + 2, height)):
+                for x in range(width):
+                    column[x + 1] |= alpha[n, i, x] > 0.0
+            for x in range(width):
+                out[n, y, x] = column[x] | column[x + 1] | column[x + 2]
+            if odd >= 0:
+                out[n, y, (y + odd + 1) & 1 :: 2] = 0
 
 
 def optical_depths(  # type: ignore[no-untyped-def]
@@ -48,46 +121,68 @@ def optical_depths(  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def _optical_depths(  # type: ignore[no-untyped-def]
+def _optical_depths(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, slots, bricks, stop,
     out,
 ):  # fmt: skip
-    """Do the work of :func:`optical_depths`."""
+    """Do the work of :func:`optical_depths`, a packet of rays at a time as :mod:`svv.kernels.numba.packets` does."""
     nx, ny, nz = distance.shape[1:]
-    side, rate = ONE32 / cells, ONE32 / step
-    in_bricks, scale = slots.size > 0, scales[0]
-    cell = np.int32(shapes[0, 0] - 2), np.int32(shapes[0, 1] - 2), np.int32(shapes[0, 2] - 2)  # the last one
-    for r in prange(origins.shape[0]):
-        ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
-        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
-        near, far = clip_to_box(origins, directions, r, extent)
-        depth = np.float32(0.0)
-        if near < far:
-            ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
-            ahead = octant(dx, dy, dz)
-            i, last = int(math.ceil(near * rate - shift)), int(math.floor(far * rate - shift))
-            while i <= last:
-                t = (np.float32(i) + shift) * step
-                x = min(max(ox + t * dx, np.float32(0.0)), extent[0])
-                y = min(max(oy + t * dy, np.float32(0.0)), extent[1])
-                z = min(max(oz + t * dz, np.float32(0.0)), extent[2])
-                cx, cy, cz = min(int(x * cells), nx - 1), min(int(y * cells), ny - 1), min(int(z * cells), nz - 1)
-                empty = int(distance[ahead, cx, cy, cz])
-                if empty > 0:
-                    tx = leap(cx, empty, dx, ox, ix_, side)
-                    ty = leap(cy, empty, dy, oy, iy_, side)
-                    tz = leap(cz, empty, dz, oz, iz_, side)
-                    i = max(i + 1, int(math.ceil(min(tx, min(ty, tz)) * rate - shift)))
-                    continue
-                if in_bricks:
-                    value = value_in_brick(x, y, z, scale, cell, slots, bricks)
-                else:
-                    value = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
-                depth += np.exp(value) * step
-                if depth > stop:
+    side, rate, low, nothing = ONE / cells, ONE / step, splat(NONE), splat(ZERO)
+    last_x, last_y, last_z = splat(np.int32(nx - 1)), splat(np.int32(ny - 1)), splat(np.int32(nz - 1))
+    end_x, end_y, end_z = splat(extent[0]), splat(extent[1]), splat(extent[2])
+    for block in prange((len(out) + MOST_RAYS - 1) // MOST_RAYS):
+        state, steps = np.zeros((STATE, LANES), np.float32), np.zeros((3, LANES), np.int32)
+        owner, going = np.full(LANES, -1, np.int64), 0
+        coming, after = block * MOST_RAYS, min(len(out), (block + 1) * MOST_RAYS)
+        ox = oy = oz = dx = dy = dz = rx = ry = rz = tau = nothing
+        i, last, ahead = low, low, low
+        while True:
+            if going == 0 or (number_of(going) <= ENOUGH and coming < after):
+                # Rays that have ended leave their depths, and others take their lanes.
+                store(state, TAU * LANES, tau)
+                store(steps, 0, i)
+                for lane in range(LANES):
+                    if going >> lane & 1:
+                        continue
+                    if owner[lane] >= 0:
+                        out[owner[lane]], owner[lane] = state[TAU, lane], -1
+                    while coming < after and owner[lane] < 0:
+                        out[coming] = ZERO
+                        if begin(origins, directions, extent, step, shift, coming, lane, state, steps):
+                            owner[lane] = coming
+                            going |= 1 << lane
+                        coming += 1
+                if going == 0:
                     break
-                i += 1
-        out[r] = depth
+                ox, oy, oz = load(state, 0), load(state, LANES), load(state, 2 * LANES)
+                dx, dy, dz = load(state, 3 * LANES), load(state, 4 * LANES), load(state, 5 * LANES)
+                rx, ry, rz = load(state, 6 * LANES), load(state, 7 * LANES), load(state, 8 * LANES)
+                tau, i = load(state, TAU * LANES), load(steps, 0)
+                last = select(mask_of(going), load(steps, LANES), splat(ENDED))
+                ahead = load(steps, 2 * LANES) * (nx * ny * nz)
+            t = (as_floats(i) + shift) * step
+            x = within(ox + t * dx, nothing, end_x)
+            y = within(oy + t * dy, nothing, end_y)
+            z = within(oz + t * dz, nothing, end_z)
+            cx, cy = minimum(truncated(x * cells), last_x), minimum(truncated(y * cells), last_y)
+            cz = minimum(truncated(z * cells), last_z)
+            empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
+            occupied = (i <= last) & (empty == 0)
+            i = i + 1
+            if bits_of(occupied) != going:
+                i = select(occupied, i, maximum(i, after_leap(
+                    (as_floats(cx), as_floats(cy), as_floats(cz)), as_floats(empty), (ox, oy, oz), (dx, dy, dz),
+                    (rx, ry, rz), side, rate, splat(shift),
+                )))  # fmt: skip
+            if bits_of(occupied) != 0:
+                if slots.size > 0:
+                    raw = values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
+                else:
+                    raw = values_of_table(x, y, z, shapes, scales, bases, index, table)
+                tau = tau + select(occupied, exp(raw) * step, nothing)
+                last = select(tau > stop, splat(ENDED), last)
+            i = minimum(i, last + 1)
+            going = bits_of(i <= last)
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -95,7 +190,7 @@ def back_project(vertices, scale, rotations, positions, lenses, images, sums):  
     """Write, for each vertex, the sum over views of what their images hold where the vertex is seen.
 
     Args:
-        vertices: Integer coordinates, int32. (V, 3)
+        vertices: Integer coordinates, int32, contiguous. (V, 3)
         scale: Vertices per box unit.
         rotations: Camera-to-box rotations, float32. (N, 3, 3)
         positions: Camera positions in box coordinates, float32. (N, 3)
@@ -104,26 +199,51 @@ def back_project(vertices, scale, rotations, positions, lenses, images, sums):  
         sums: Result, float32. (V, 2)
     """
     count, height, width = images.shape[:3]
-    for p in prange(vertices.shape[0]):
-        x, y, z = vertices[p, 0] / scale, vertices[p, 1] / scale, vertices[p, 2] / scale
-        first = second = np.float32(0.0)
-        for n in range(count):
-            m = rotations[n]
-            dx, dy, dz = x - positions[n, 0], y - positions[n, 1], z - positions[n, 2]
-            away = -(m[0, 2] * dx + m[1, 2] * dy + m[2, 2] * dz)
-            if away <= 0.0:
-                continue
-            zoom = lenses[n, 0] if lenses[n, 3] > 0.0 else lenses[n, 0] / away
-            column = (m[0, 0] * dx + m[1, 0] * dy + m[2, 0] * dz) * zoom - lenses[n, 1]
-            row = -(m[0, 1] * dx + m[1, 1] * dy + m[2, 1] * dz) * zoom - lenses[n, 2]
-            i, j = int(math.floor(row)), int(math.floor(column))
-            if i < -1 or j < -1 or i >= height or j >= width:
-                continue
-            below, beside = row - np.float32(i), column - np.float32(j)
-            for a in range(2):
-                for b in range(2):
-                    if 0 <= i + a < height and 0 <= j + b < width:
-                        w = (below if a else ONE32 - below) * (beside if b else ONE32 - beside)
-                        first += w * images[n, i + a, j + b, 0]
-                        second += w * images[n, i + a, j + b, 1]
-        sums[p, 0], sums[p, 1] = first, second
+    final, bottom, edge = np.int32(len(vertices) - 1), np.int32(height - 1), np.int32(width - 1)
+    for block in prange((len(vertices) + MOST_RAYS - 1) // MOST_RAYS):
+        found, end = np.empty((2, LANES), np.float32), min(len(vertices), (block + 1) * MOST_RAYS)
+        for start in range(block * MOST_RAYS, end, LANES):
+            at = minimum(lane_numbers() + np.int32(start), splat(final)) * 3
+            x, y = as_floats(gather(vertices, at)) / scale, as_floats(gather(vertices, at + 1)) / scale
+            z = as_floats(gather(vertices, at + 2)) / scale
+            first = second = splat(ZERO)
+            for n in range(count):
+                m, zoom = rotations[n], splat(lenses[n, 0])
+                dx, dy, dz = x - positions[n, 0], y - positions[n, 1], z - positions[n, 2]
+                away = ZERO - (m[0, 2] * dx + m[1, 2] * dy + m[2, 2] * dz)
+                ahead = away > ZERO
+                if lenses[n, 3] <= ZERO:
+                    zoom = zoom / select(ahead, away, splat(ONE))
+                column = (m[0, 0] * dx + m[1, 0] * dy + m[2, 0] * dz) * zoom - lenses[n, 1]
+                row = ZERO - (m[0, 1] * dx + m[1, 1] * dy + m[2, 1] * dz) * zoom - lenses[n, 2]
+                top, upper, lower = _pixels(row, height)
+                left, one, other = _pixels(column, width)
+                if bits_of(ahead & (maximum(upper, lower) > ZERO) & (maximum(one, other) > ZERO)) == 0:
+                    continue
+                upper, lower = select(ahead, upper, splat(ZERO)), select(ahead, lower, splat(ZERO))
+                below, right = minimum(top + 1, splat(bottom)), minimum(left + 1, splat(edge))
+                top, below = maximum(top, splat(NONE)) * width, below * width
+                left, view = maximum(left, splat(NONE)), 2 * n * height * width
+                a, b = gather_pairs(images, (top + left) * 2, view), gather_pairs(images, (top + right) * 2, view)
+                c, d = gather_pairs(images, (below + left) * 2, view), gather_pairs(images, (below + right) * 2, view)
+                first = first + upper * (one * a[0] + other * b[0]) + lower * (one * c[0] + other * d[0])
+                second = second + upper * (one * a[1] + other * b[1]) + lower * (one * c[1] + other * d[1])
+            store(found, 0, first)
+            store(found, LANES, second)
+            for lane in range(min(LANES, end - start)):
+                sums[start + lane, 0], sums[start + lane, 1] = found[0, lane], found[1, lane]
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _pixels(place, count):  # type: ignore[no-untyped-def]
+    """Return the pixels before places along an axis, from -1 on, and the weights of these and of the next ones.
+
+    The weights of pixels beyond the ``count`` pixels of the frame are 0.
+    """
+    place = within(place, splat(-TWO), splat(np.float32(count + 1)))
+    first = truncated(place)
+    first = select(as_floats(first) > place, first - 1, first)
+    part, last, nothing = place - as_floats(first), np.int32(count - 1), splat(ZERO)
+    own = select((first >= 0) & (first <= last), ONE - part, nothing)
+    following = select((first >= -1) & (first < last), part, nothing)
+    return minimum(maximum(first, splat(BEFORE)), splat(last)), own, following

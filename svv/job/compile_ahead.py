@@ -16,7 +16,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -76,14 +75,12 @@ def ball_views() -> ViewSet:
 
 
 def compile_all() -> None:
-    """Read views of a ball, train on it, render it with both kinds of light and paint it, in a few steps each."""
+    """Train on a ball, render it with both kinds of light and paint it, in a few steps each."""
     from svv.kernels.numba.bricks import made
     from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
 
-    with TemporaryDirectory() as folder:
-        ball_views().write(folder)
-        views, draft = ViewSet.read(folder), preset("draft")
+    views, draft = ball_views(), preset("draft")
     few = replace(
         draft,
         reconstruct=replace(draft.reconstruct, iterations=10 * STEPS, cells=SIDE),

@@ -17,7 +17,6 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.io.files.declared_sizes import check_pixels
 from svv.io.views.lenses import Lens, rectify
-from svv.io.views.png import read_png
 from svv.io.views.transforms import Frame, camera_in, file_in, mask_files
 
 Images = NDArray[np.uint8]
@@ -147,9 +146,6 @@ def _of_one_size(
 def decode(file: Path) -> Images:
     """Return uint8 levels: (h, w, 4) with straight alpha, or (h, w, 3) if the file has no alpha."""
     try:
-        pixels = read_png(file)
-        if pixels is not None:
-            return pixels
         with Image.open(file) as image:
             check_pixels(file, *image.size)
             if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale

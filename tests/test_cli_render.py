@@ -41,7 +41,7 @@ class Ball:
     rendered: ClassVar[list[Camera]] = []
     networks, stroked, layers, still = ("base", "pcn"), (), (), True
 
-    def to_bytes(self) -> bytes:
+    def to_bytes(self, whole: bool = True) -> bytes:
         return b"a ball"
 
     def render(

@@ -13,15 +13,15 @@ TYPES = {
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
     "begin end passed shift where place around points strokes noise look tint covered below left harmonics tables lit "
     "plain raw colours diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
-    "depth images sums weight shown g_values g_weights g_raw g_light light each g_density",
+    "depth images sums weight shown rate pull penalties g_values g_weights g_raw g_light light each g_density",
     "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends dropped",
     "*fp64": "apart shares",
-    "*i32": "age ray number entries of seeds vertices",
+    "*i32": "seed age ray number entries of seeds vertices",
     "*i16": "seen",
     "*u8": "used distance known nearest near levels",
-    "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
+    "fp32": "beta1 beta2 epsilon cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
     "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam",
-    "i32": "samples rows finer width height rays channels nx ny nz seed first_ray inputs outputs size stride length "
+    "i32": "samples rows finer width height rays channels nx ny nz first_ray inputs outputs size stride length "
     "side before until regions total most columns",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
@@ -46,7 +46,7 @@ OWN_TYPES = {
     "count_owned": {**COUNT, "number": "*i64", "owner": "*i64"},
     "draw": {"index": "*i32", "first": "*i64", "ends": "*fp64"},
     "march": {"total": "*i64"},
-    "learn": {"place": "*i64", **dict.fromkeys(("alpha", "offsets", "shade", "mixed"), "fp32")},
+    "learn": {"place": "*i64", "alpha": "fp32"},
 }
 """Those whose type is another one in a kernel."""
 COUNTED_THERE = {

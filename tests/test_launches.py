@@ -26,7 +26,6 @@ from svv.fields.strokes.kept_strokes import Brushed
 from svv.fields.strokes.stroke_checks import BRUSHES, curved_strokes, samples_near
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
-from svv.kernels.recorded import RecordedSteps
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import RecolourSettings, ReconstructSettings
@@ -47,7 +46,7 @@ NOTHING = {
 
 MOST = {"base": 19, "palette": 23, "palette, regions known": 27, "image": 12}
 """Operations of a step of stage 1, of stage 2 without and with known regions, and of a piece of an image. A GPU records
-all of a step but the first, which copies the step's numbers (:mod:`svv.train.run.recorded`)."""
+all of a step but the first, which copies the step's numbers (:mod:`svv.kernels.recorded`)."""
 
 WAITING = {"_local_scalar_dense", "nonzero", "masked_select", "_unique2"}
 """Operations for which the CPU waits on a GPU, because it needs their value or the size of their result. An index by a
@@ -110,10 +109,6 @@ def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], t
 
     monkeypatch.setattr(GridExecutor, "__call__", counted_launch)
     monkeypatch.setattr(NetworkAdam, "step", uncounted_step)
-    # What a recording holds: steps read their numbers on the GPU.
-    monkeypatch.setattr(RecordedSteps, "take", lambda self, key, step: step())
-    monkeypatch.setattr(RecordedSteps, "possible", property(lambda self: True, lambda self, value: None), raising=False)
-    monkeypatch.setattr(torch.cuda, "graph_pool_handle", lambda: None)
     return run
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from functools import lru_cache
+from numbers import Integral
 
 import numpy as np
 import torch
@@ -48,7 +49,7 @@ def number_on(number: float | Tensor, device: torch.device) -> Tensor:
     """
     if isinstance(number, Tensor):
         return number
-    kind = torch.int32 if isinstance(number, int) else torch.float32
+    kind = torch.int32 if isinstance(number, Integral) else torch.float32
     return torch.full((1,), number, dtype=kind, device=device) if number else _zero(kind, device)
 
 

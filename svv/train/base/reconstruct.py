@@ -119,8 +119,7 @@ class Reconstruction:
         rays, kernels = ranks.part(self.budget.rays), self._kernels()
         count, rates = rays.stop - rays.start, self._rates(falling(fraction, s.decay, s.hold))
         room = None if kernels is None else self.room.of(number, count)
-        there = kernels is not None and self.recorded.possible
-        self.numbers.set(number, self.pool.seed_of(number), rates, rays, there)
+        self.numbers.set(number, self.pool.seed_of(number), rates, rays, there=kernels is not None)
         if room is None:
             error = self._take(number, rays, kernels, None)
         else:

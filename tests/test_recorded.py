@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,13 @@ from svv.kernels.dispatch import CPU
 from svv.kernels.recorded import RecordedSteps, StepNumbers
 from tests.interpreted import GPU, triton_kernels
 from tests.test_sample_room import DEVICE, stages
+
+
+class OnCpu(StepNumbers):
+    """Numbers that stay numbers."""
+
+    def set(self, number: int, pixels: int, others: Sequence[float], rays: slice, there: bool) -> None:
+        super().set(number, pixels, others, rays, False)
 
 
 class Recording:
@@ -66,9 +74,7 @@ def test_a_step_that_reads_its_numbers_on_the_gpu_is_the_same(stage: int, monkey
         torch.manual_seed(0)
         work = stages(monkeypatch)[stage]
         work.recorded.possible = there and GPU
-        if not there:  # the numbers stay numbers
-            plain = StepNumbers.set
-            monkeypatch.setattr(work.numbers, "set", lambda *given, there: plain(work.numbers, *given, False))
+        work.numbers = StepNumbers(DEVICE) if there else OnCpu(DEVICE)
         losses = [float(work.step(number, 0.1 * number)) for number in range(5 if GPU else 2)]
         assert not there or not GPU or work.recorded.recordings > 0, work.recorded.notes
         ends.append([*losses, *(p.detach().cpu().flatten() for p in work.field.parameters())])

@@ -7,21 +7,21 @@ is just starting, importing them would create an additional session.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
 from svv.pv.client import follow_property, linked_camera, mask_points, part_picking, placing
-from svv.pv.client.observers import observe
+from svv.pv.client.observers import Watched, observe, python_proxy, with_data
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
 from svv.pv.display.volume_display import as_volume, set_looks
 from svv.pv.live.sharpening import BESIDE, watch_learning
 from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
-from svv.pv.paraview_types import Display, Observer, Proxy, SMProxyManager, SMSessionProxyManager, View
+from svv.pv.paraview_types import Display, Observer, Proxy, SMProxy, SMProxyManager, SMSessionProxyManager, View
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -29,14 +29,11 @@ CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 """Filters with buttons that set their panel (:mod:`svv.pv.panel.undo`)."""
 
-OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
-    (KEEPING, "UpdateDataEvent", take_names),
-    (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
-    (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
-    (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
-    (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),
-)
-"""What makes buttons and properties of filters work: the filters, an event, and what is called then."""
+TAKE = ("TakeWhatIsShownNow", "TakeAsEdited")
+"""Buttons, of one meaning, after which what a display has changed is captured."""
+
+_captured: Watched[dict[str, object]] = Watched()
+"""What each filter's display was like when it was captured last."""
 
 OF_VIEWS = (
     ("EndEvent", follow_property.view_drawn),
@@ -141,14 +138,56 @@ def capture(filter: Proxy, view: View | None = None) -> None:
         BadInput: The input is not shown as a volume, or in a way that is not supported; the filter then refuses to draw
             it, for the same reason.
     """
-    display = volume_display(filter.Input, view)
+    _take(filter, volume_display(filter.Input, view), {})
+
+
+@with_data("string0")
+def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
+    """Capture what has changed in the display of a filter's input since the last time; an observer of its buttons.
+
+    What was changed in the panel alone stays. If the input is no longer shown as a volume, all does.
+    """
+    if name in TAKE:
+        _capture_if_shown(python_proxy(proxy), _captured.get(proxy))
+
+
+def _capture_if_shown(filter: Proxy, before: Mapping[str, object] | None = None) -> None:
+    """Capture the display of a filter's input, or what of it differs from ``before``.
+
+    Whatever goes wrong must not keep others from being set up.
+    """
+    try:
+        _take(filter, volume_display(filter.Input), before or {})
+    except BadInput:
+        pass  # the filter reports what is missing when it is applied
+    except Exception as error:
+        filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
+
+
+def _take(filter: Proxy, display: Display, before: Mapping[str, object]) -> None:
+    """Give a filter what of its display differs from before."""
     try:
         shown = shown_as(display)
     except BadInput as error:
         filter.Refusal = str(error)
         raise
-    for name, value in {**shown, "Refusal": ""}.items():
-        setattr(filter, name, value)
+    filter.Refusal = ""
+    now = {**shown, "TransferFunction": display.LookupTable.SMProxy.GetGlobalIDAsString()}
+    for name, value in shown.items():
+        if name not in before or before[name] != now[name]:
+            setattr(filter, name, value)
+    _captured.put(filter.SMProxy, now)
+
+
+OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
+    (CAPTURED, "UpdatePropertyEvent", capture_changes),
+    (KEEPING, "UpdateDataEvent", take_names),
+    (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
+    (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
+    (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
+    (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),
+)
+"""What makes buttons and properties of filters work: the filters, an event, and what is called then."""
 
 
 def watch_new_filters() -> None:
@@ -199,16 +238,6 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
             continue
         if display.Input.SMProxy.GetXMLName() in IMAGES:
             as_it_is(display)
-
-
-def _capture_if_shown(filter: Proxy) -> None:
-    """Capture the display of a new filter's input; whatever goes wrong must not keep others from being set up."""
-    try:
-        capture(filter)
-    except BadInput:
-        pass  # the filter reports what is missing when it is applied
-    except Exception as error:
-        filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
 
 
 def _new_displays(session: SMSessionProxyManager, kind: str) -> Iterator[Display]:

@@ -34,7 +34,12 @@ taken("refused")
 display.BlendMode = "Composite"
 made.TakeAsEdited()
 taken("again")
+first, view = view, CreateView("RenderView")
+show(input, Ambient=0.5)  # another view, which is active now
+made.TakeAsEdited()
+taken("other view")
 display.SetRepresentationType("Outline")
+Hide(input, view); GetDisplayProperties(input, view).SetRepresentationType("Outline")
 made.TakeAsEdited()
 taken("no volume")
 """
@@ -42,7 +47,7 @@ taken("no volume")
     said = json.loads((tmp_path / "said.json").read_text())
     assert said["first"][:5] == ["s", 0, 0.25, 0.5, True]
     assert said["display changed"][:5] == ["s", 0, 0.25, 0.5, False]
-    for name in ("taken", "again", "no volume"):  # what the panel alone was told stays
+    for name in ("taken", "again", "other view", "no volume"):  # what the panel alone was told stays
         assert said[name][:5] == ["other", 0, 0.75, 0.5, True], name
         assert said[name][5].startswith("4 views"), name
     assert said["refused"][5].startswith("The volume is shown with the")

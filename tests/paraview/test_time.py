@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from filter_script import VOLUME  # type: ignore[import-not-found]
 from time_script import BLOB, SOURCE  # type: ignore[import-not-found]
 
 
@@ -67,6 +68,27 @@ assert counted == ["train", "draw_views"] * 4, counted
 
 
 @pytest.mark.slow
+def test_an_image_stays_in_its_view_when_the_view_has_it_made_anew(pvpython, tmp_path) -> None:
+    done = pvpython(
+        VOLUME
+        + """
+wavelet, display = shown()
+views = small(StyleRFViews(Input=wavelet, Folder=sys.argv[1] + "/views"))
+view = CreateView("RenderView")
+view.ViewSize = [60, 60]
+Show(views, view)
+Render(view)
+before, kept = status(views), views.KeptAs
+views.Views = 9
+Render(view)
+assert before.startswith("8 views") and status(views).startswith("9 views"), status(views)
+assert views.KeptAs != kept and views.KeptAs == views.GetProperty("Kept").GetElement(0)
+""",
+        tmp_path,
+    )
+    assert "no vtkImageData input" not in done.stderr  # what ParaView says of a display without its data
+
+
 def test_each_time_step_is_trained_once_where_that_is_wished(pvpython, tmp_path) -> None:
     pvpython(
         SOURCE

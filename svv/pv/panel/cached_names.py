@@ -1,8 +1,8 @@
 """The property *Kept As*: after each run of a filter it holds the names under which the results are kept.
 
 The filter itself runs on the server, with the data, and cannot set its own properties, whereas states consist of
-properties. This is therefore client code. Setting the property starts nothing: the filter stores it without being
-modified.
+properties. This is therefore client code. The property is not sent to the server, whose filter has the names already:
+that would make ParaView discard what a view has just been given to show, if it is the view that updates the filter.
 """
 
 from __future__ import annotations
@@ -23,4 +23,3 @@ def take_names(proxy: SMProxy, event: str) -> None:
     names = told.GetElement(0)
     if names and names != carried.GetElement(0):
         carried.SetElement(0, names)
-        proxy.UpdateProperty("KeptAs")

@@ -111,6 +111,7 @@ class Keeping(Filter):
     def gives(self, **names: str) -> None:
         """Record the names under which the filter's current results are kept, by slot."""
         self._names |= names
+        self.values["KeptAs"] = self.GetKept()
 
     def kept_as(self, name: str, kind: str) -> Any:
         """Return the result that is kept under a name, or None."""

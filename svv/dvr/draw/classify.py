@@ -183,7 +183,7 @@ def classified_grid(
         low, high = (round(float(stage.of_volume(known[i])), decimals) for i in (inside[0], inside[-1]))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
-    exponent, owner = averaged(values, known, sigma, starts, 0.0 if stage.appearance.nearest else AVERAGING_WIDTH)
+    exponent, owner = averaged(values, known, sigma, starts, reach_of(stage))
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma)
     low, high = stage.of_volume(kept.interval).tolist()
@@ -289,8 +289,13 @@ def _weights(counts: Array, sigma: Array) -> Array:
     return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
 
 
+def reach_of(stage: Stage) -> float:
+    """Return the width of the averaging in cells: none if there are no values between those of neighbours."""
+    return 0.0 if stage.appearance.nearest else AVERAGING_WIDTH
+
+
 def averaged(
-    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int], reach: float = AVERAGING_WIDTH
+    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int], reach: float
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
     """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.
 
@@ -303,7 +308,7 @@ def averaged(
         known: Ascending values. (K,)
         sigma: Extinction of the known values, 1 / box unit. (K,)
         starts: Index of the first known value of each range.
-        reach: Width of the averaging in cells; 0 if there are no values between those of neighbours.
+        reach: Width of the averaging in cells, see :func:`reach_of`.
 
     Returns:
         Natural logarithms of the extinction, and range numbers. (X, Y, Z) each.

@@ -99,7 +99,7 @@ def render_views(
         BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
             it is ``gpu`` and OpenGL is not available.
     """
-    mapper = quickest(image, mapper, None)
+    mapper = quickest(image, mapper, None, tf, rescale=False)
     opened = Opened.of(image, mapper, None)
     tf = tf.fitted(*opened.range, rescale=False)
     tf = replace(tf, unit_distance=tf.unit_distance or opened.unit_distance)
@@ -157,9 +157,9 @@ def make_views(
         volume = as_volume(volume)
     elif not isinstance(volume, LargeVolume):
         volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
-    opened = Opened.of(volume, quickest(volume, asked.mapper, asked.memory), asked.memory)
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
+    opened = Opened.of(volume, quickest(volume, asked.mapper, asked.memory, tf, rescale), asked.memory)
     given = tf or default_transfer_function(opened.image)
     fitted = given.fitted(*opened.range, rescale)
     rescaled = given.is_stretched(*opened.range, rescale)

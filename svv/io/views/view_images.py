@@ -36,8 +36,8 @@ FEW, EXCEPTIONS, COLOURED = 50, 0.01, 0.3
 """Number of faint pixels that tell enough, fraction of them that may be noise, and brightness of colours by alpha."""
 
 MULTIPLIED = (
-    "No translucent pixel is brighter than its alpha, as if colours were multiplied by alpha: if so, divide them by it, "
-    "or what is translucent becomes too dark."
+    "No translucent pixel is brighter than its alpha, as if colours were multiplied by alpha: if so, divide them by "
+    "it, or what is translucent becomes too dark."
 )
 RECTIFIED = "Lens distortion and pixels that are not square were removed from {count} of the {all} images."
 RESIZED = "The images differ in size, so all were reduced to {width} x {height} pixels."

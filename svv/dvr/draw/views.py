@@ -256,8 +256,12 @@ def open_caster(
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
-    jumps = stage.appearance.nearest or stage.appearance.blank is not None
+    shown = stage.appearance
+    jumps = shown.nearest or shown.blank is not None
     finest = STEP[make_caster.name] * (0.5 if jumps else 1.0)
+    if shown.crop is not None:  # rays must not miss a thin slice
+        sides = np.diff(shown.crop, axis=0) * stage.image.GetSpacing() / shown.stretch
+        finest = min(finest, 0.5 * float(sides.min()) / stage.voxel)
     distance = max((step or finest) * stage.voxel, least)
     caster = make_caster(stage, shading, distance)
 
@@ -273,7 +277,7 @@ def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     """Return the sample distance in voxels that a volume needs with its transfer function.
 
     It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
-    of a voxel, or ``finest`` if none does. The sample distance of the caster is changed.
+    of a voxel, on black as well as on white, or ``finest`` if none does. The sample distance of the caster is changed.
     """
     radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
     cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)
@@ -281,13 +285,14 @@ def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     def draw(step: float) -> NDArray[np.float64]:
         caster.set_step(step * stage.voxel)
         pixels = np.stack([caster.render(camera) for camera in cameras]) / 255.0
-        return (pixels[..., :3] - 1.0) * pixels[..., 3:]  # on white, which is 0
+        colours, opacities = pixels[..., :3], pixels[..., 3:]
+        return np.stack([colours * opacities, (colours - 1.0) * opacities])  # on black, and on white, which is 0
 
     if not COARSER[caster.name]:
         return finest
     fine = draw(0.125)
     error = 10.0 ** (-0.1 * GOOD_ENOUGH)
-    good = (step for step in COARSER[caster.name] if np.square(draw(step) - fine).mean() <= error)
+    good = (s for s in COARSER[caster.name] if np.square(draw(s) - fine).mean(axis=(1, 2, 3, 4)).max() <= error)
     return next(good, finest)
 
 

@@ -72,7 +72,6 @@ def test_colour_spaces(space: str, middle: tuple | None) -> None:
         assert np.abs(tf.colour_at(5) - preset(RGBPoints=[0, 1, 0, 0, 10, 0, 1, 0]).colour_at(5)).max() > 0.05
 
 
-
 def test_paraviews_blue_to_red_rainbow_has_green_in_the_middle() -> None:
     tf = preset(ColorSpace="HSV", RGBPoints=[0, 0, 0, 1, 1, 1, 0, 0])
     np.testing.assert_allclose(tf.colour_at(0.5), (0, 1, 0), atol=1e-6)

@@ -10,6 +10,7 @@ pytest.importorskip("vtkmodules")
 from svv.bricks.numbers import Numbers
 from svv.core.differences import above
 from svv.core.interval_text import interval_text
+from svv.core.volumes.classified import ClassifiedVolume
 from svv.dvr.draw.classify import classified
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.views import make_views
@@ -115,6 +116,32 @@ def test_differences_are_exact() -> None:
     assert above(np.array([1.5], np.float32), 1.0).tolist() == [0.5]
 
 
+@pytest.mark.parametrize("origin", [0.7, -1.3, 2.0, 1e18])
+@pytest.mark.parametrize("kind", ["i8", "u8", "i4", "f8"])
+def test_differences_from_any_number_are_those_of_whole_numbers(kind: str, origin: float) -> None:
+    """Where a function begins between two labels, all of them were taken for others."""
+    np.testing.assert_allclose(above(np.arange(5).astype(kind), origin), np.arange(5) - origin)
+
+
+def test_differences_may_be_larger_than_half_of_all_whole_numbers() -> None:
+    np.testing.assert_allclose(above(np.array([0, 5, 2**64 - 1], np.uint64), 1.0), [-1.0, 4.0, 2.0**64], rtol=1e-15)
+    np.testing.assert_allclose(above(np.array([-(2**63), 2**63 - 1]), -(2.0**63)), [0.0, 2.0**64], rtol=1e-15)
+
+
+def test_labels_of_64_bits_are_drawn_as_those_of_8() -> None:
+    labels = np.random.default_rng(0).integers(0, 3, (12, 12, 12))
+    tf = TransferFunction(
+        [(0, 1, 0, 0), (1, 0, 1, 0), (2, 0, 0, 1)], [(0.7, 0, 0.5, 0), (1, 0.3, 0.5, 0), (1.9, 0, 0.5, 0)]
+    )
+    drawn = [
+        make_views(from_array(labels.astype(kind)), tf, n=3, size=24, mapper="bricks", rescale=False)[0].images.astype(
+            int
+        )
+        for kind in ("u1", "i8", "u8")
+    ]
+    assert drawn[0].any() and np.abs(drawn[1:] - drawn[0]).mean() < 0.5
+
+
 def test_bricks_keep_floats_that_differ_little_as_differences() -> None:
     kept = Numbers.of(np.dtype(np.float32), 101325.0, 101326.0)
     assert kept.converted(np.array([101325.5], np.float32)).tolist() == [0.5] and kept.mapped(101326.0) == 1.0
@@ -137,3 +164,39 @@ def test_bricks_keep_floats_that_differ_little_as_differences() -> None:
 )
 def test_intervals_are_told_with_the_digits_that_they_need(low: float, high: float, text: str) -> None:
     assert interval_text(low, high) == text
+
+
+FILLS = {"-999": -999.0, "-99999": -99999.0, "1e20": 1e20, "-1e20": -1e20, "netCDF's": 9.96921e36, "lowest": -3.4e38}
+
+
+def with_fill(fill: float, opacities: tuple[tuple[float, float], ...]) -> ClassifiedVolume:
+    """A ball whose volume has a block of a fill value where it shows nothing, and what opacities make of it."""
+    values = field(24).astype(np.float32)
+    values[0, 0, 0] = values[-1, -1, -1] = 1.0  # the box is that of the whole volume
+    values[2:6, 2:6, 2:6] = 0.0
+    values[3:5, 3:5, 3:5] = fill
+    points = [(value, opacity, 0.5, 0.0) for value, opacity in opacities]
+    function = TransferFunction([(0.0, 0, 0, 1), (0.5, 0, 1, 0), (1.0, 1, 0, 0)], points, 1.0)
+    return classified(set_stage(from_array(values), function))
+
+
+@pytest.mark.parametrize("fill", [pytest.param(value, id=name) for name, value in FILLS.items()])
+@pytest.mark.parametrize(
+    "opacities", [((0.3, 0.0), (0.4, 0.3), (0.5, 0.0), (0.7, 0.0), (0.8, 0.8)), ((0.5, 0.0), (0.5000001, 0.7))],
+    ids=["ramps", "step"],
+)  # fmt: skip
+def test_a_fill_value_far_away_changes_no_extinction_elsewhere(
+    fill: float, opacities: tuple[tuple[float, float], ...]
+) -> None:
+    """It is one that lies just beyond the function, only farther away."""
+    if fill > 0:
+        opacities = (*opacities, (1.9, opacities[-1][1]), (2.0, 0.0))  # it is not to be seen
+    plain, found = (with_fill(value, opacities) for value in (3.0 if fill > 0 else -2.0, fill))
+    away = np.exp(found.exponent.astype(float)) - np.exp(plain.exponent.astype(float))
+    scale = np.exp(plain.exponent.astype(float)).max()
+    assert np.abs(away).mean() < 2e-3 * scale
+    beyond = np.abs(away).copy()
+    beyond[4:20, 4:20, 4:20] = 0.0  # the block and the cells around it
+    assert beyond.max() < 0.02 * scale
+    assert plain.values is not None and found.values is not None
+    assert found.values.interval == pytest.approx(plain.values.interval, abs=0.1 * np.ptp(plain.values.interval))

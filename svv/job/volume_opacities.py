@@ -133,7 +133,7 @@ class _Seen:
         assert scene.base.density is not None and scene.palette_network is not None
         cells, cameras = scene.base.density.resolutions[-1], scene.rig.sphere(VIEWS, SIZE)
         caster, box = RayCaster(cameras, scene.occupancy.box, scene.device), scene.occupancy.box
-        known = np.linspace(np.nanmin(values), np.nanmax(values), KNOWN)
+        known = function.resolved(float(np.nanmin(values)), float(np.nanmax(values)), KNOWN)
         opacity, hue = function.opacity_at(known), _hue(function.colour_at(known))
         places, weights, clear, other, found = [], [], [], [], []
         for pixels in torch.arange(VIEWS * SIZE * SIZE).split(RAYS):
@@ -181,7 +181,7 @@ def _approximate(
     other = float(now.weight[now.other].sum() - before.weight[before.other].sum())
     said = []
     if other > TOLD:
-        known = np.linspace(np.nanmin(values), np.nanmax(values), KNOWN)
+        known = functions[0].resolved(float(np.nanmin(values)), float(np.nanmax(values)), KNOWN)
         new = np.interp(now.value, known, functions[0].opacity_at(known)) <= 0.0
         wrong = now.other & (now.weight > 0.0)
         low, high = np.quantile(now.value[wrong & new if (wrong & new).any() else wrong], (0.05, 0.95))

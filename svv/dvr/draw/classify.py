@@ -23,7 +23,7 @@ from vtkmodules.vtkImagingCore import vtkImageReslice
 from svv.core.geometry.box import Box
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.core.volumes.classified import COARSE, LARGEST, ClassifiedVolume, Edges, ValueGrid, ValueRange, grid_shape
-from svv.dvr.draw.frame import Stage, set_stage
+from svv.dvr.draw.frame import STEP, Stage, set_stage
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
 from svv.measure import usable_cpus
@@ -48,6 +48,9 @@ MOST_RANGES = 8
 
 BESIDE = 0.1
 """Width of the known values on both sides of the visible ones, as a fraction of the width of these."""
+
+BEYOND = 100.0
+"""Distance from what a function tells apart, in its width, from which values are kept as if they were that near."""
 
 VALUES = 4097
 """Number of values at which the integral of the extinction is known."""
@@ -183,9 +186,9 @@ def classified_grid(
         low, high = (round(float(stage.of_volume(known[i])), decimals) for i in (inside[0], inside[-1]))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
-    exponent, owner = averaged(values, known, sigma, starts)
+    exponent, owner = averaged(values, known, sigma, starts, stage.appearance.nearest)
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
-    kept = _value_grid(values, cells, spare, known, sigma)
+    kept = _value_grid(values, cells, spare, known, sigma, colour)
     low, high = stage.of_volume(kept.interval).tolist()
     shown = stage.tf.colour_at(np.linspace(*kept.interval, COLOURS)).astype(np.float32)
     kept = replace(kept, interval=(low, high), edges=voxel_edges(stage, box, kept.cells), colours=shown)
@@ -198,24 +201,29 @@ def _decimals(values: Array) -> int:
     return 9 - math.floor(math.log10(width)) if width > 0 else 300
 
 
-def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array) -> ValueGrid:
+def _value_grid(
+    values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array, colour: Array
+) -> ValueGrid:
     """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`, in the stage's values."""
-    seen = known[sigma > 0]
-    width = max(float(seen[-1] - seen[0]), 1e-3 * float(known[-1] - known[0]), 1e-9)
+    first, width = _varying(known, np.column_stack([sigma, colour * (sigma > 0)[:, None]]))
+    far = BEYOND * width if width > STEP else np.inf  # a step needs all values around it
+    low, high = max(float(known[0]), first - far), min(float(known[-1]), first + width + far)
+    seen = np.clip(known[sigma > 0], low, high)
+    width = max(float(seen[-1] - seen[0]), 1e-3 * (high - low), 1e-9)
     beside = BESIDE * width
-    low, high = max(known[0], seen[0] - beside), min(known[-1], seen[-1] + beside)
-    high = max(float(high), low + beside)
+    low, high = max(float(known[0]), seen[0] - beside), min(float(known[-1]), seen[-1] + beside)
+    high = max(high, low + beside)
     kept = values[::spare, ::spare, ::spare]
     wanted = [-(-(n - 1) // spare) + 1 for n in values.shape]  # a grid of fewer cells may end a vertex later
     own = np.pad(kept, [(0, after - n) for after, n in zip(wanted, kept.shape)], mode="edge")
     codes = np.zeros(own.shape[::-1], np.uint16)
     for k, layer in enumerate(own):  # one after another, because several whole grids would take much memory
-        codes[:, :, k] = coded(layer, (float(low), float(high))).T
+        codes[:, :, k] = coded(layer, (low, high)).T
     at = np.linspace(low, high, VALUES)
     integral = np.interp(at, known, _integral(known, sigma))
     visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
     return ValueGrid(
-        cells // spare, codes, (float(low), high), (visible[0], visible[1]),
+        cells // spare, codes, (low, high), (visible[0], visible[1]),
         np.maximum.accumulate(integral - integral[0]) / (high - low),
     )  # fmt: skip
 
@@ -232,7 +240,7 @@ def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, 
 
     (K,), (K,)
     """
-    known = np.unique(np.concatenate([stage.tf.samples(low, high), np.linspace(low, high, 4097)]))
+    known = stage.tf.resolved(low, high)
     sigma = -np.log1p(-np.minimum(stage.tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
     return known, sigma * stage.scale * box.size
 
@@ -290,7 +298,7 @@ def _weights(counts: Array, sigma: Array) -> Array:
 
 
 def averaged(
-    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int]
+    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int], nearest: bool
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
     """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.
 
@@ -303,6 +311,7 @@ def averaged(
         known: Ascending values. (K,)
         sigma: Extinction of the known values, 1 / box unit. (K,)
         starts: Index of the first known value of each range.
+        nearest: Whether there are no values between those of neighbours, so that nothing is averaged.
 
     Returns:
         Natural logarithms of the extinction, and range numbers. (X, Y, Z) each.
@@ -310,7 +319,7 @@ def averaged(
     low, high = known[0], known[-1]
     integral = _integral(known, sigma)
     borders = known[starts[1:]]
-    least = 1e-4 * (high - low)  # minimum half width, so that differences of the integral are accurate
+    first, width = _varying(known, sigma)
     # No values lie below the first or above the last known one, but a volume may have a single value.
     lit = np.concatenate([[False], sigma[:1] > 0, (sigma[1:] > 0) | (sigma[:-1] > 0), sigma[-1:] > 0, [False]])
     edges = np.concatenate([[-np.inf], known, [np.inf]])[lit[1:] != lit[:-1]]
@@ -323,7 +332,9 @@ def averaged(
         squared = np.square(np.nan_to_num(slope))
         for axis in (0, 1):
             squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
-        half = np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
+        # So wide that differences of the integral are accurate.
+        least = np.maximum(1e-4 * width, 1e-9 * np.abs(np.nan_to_num(layer) - first))
+        half = least if nearest else np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
         start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
         own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN gets the last range
         passed = np.searchsorted(edges, start)
@@ -357,8 +368,21 @@ def _heaviest(
 
 
 def _integral(known: Array, sigma: Array) -> Array:
-    """Return the integral of the extinction over the values, starting at the first one. (K,)"""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known))])
+    """Return the integral of the extinction over the values, from the first at which it varies. (K,)
+
+    From there it is accurate, whatever single values lie far below.
+    """
+    part = 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known)
+    start = int(np.searchsorted(known, _varying(known, sigma)[0]))
+    return np.concatenate([-np.cumsum(part[:start][::-1])[::-1], [0.0], np.cumsum(part[start:])])
+
+
+def _varying(known: Array, function: Array) -> tuple[float, float]:
+    """Return the value from which a function (K,) or (K, C) of the known values varies, and the width over which."""
+    rows = function.reshape(len(known), -1)
+    changes = np.flatnonzero((np.abs(np.diff(rows, axis=0)) > 1e-9 * np.abs(rows).max(axis=0)).any(axis=1))
+    first, last = (changes[0], changes[-1] + 1) if len(changes) else (0, -1)
+    return float(known[first]), float(known[last] - known[first])
 
 
 def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:

@@ -25,9 +25,17 @@ Array = NDArray[np.float64]
 MARGIN = 1
 """Number of voxels kept around the visible cells, whose gradients reach one voxel further."""
 
-
 SLAB = 16
 """Number of layers of cells that are examined together."""
+
+FAR = 1e4
+"""Range of the values, in widths of what a function tells apart, beyond which float32 would not resolve that."""
+
+STEP = 1e-6
+"""Width, relative to its values, below which a function is a step: it needs no resolution of its own."""
+
+FARTHEST = 1e15
+"""Largest value of the stage: the square of its gradient is one in float32, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +148,7 @@ def place_part(
     visible = (last - first) * spacing
     centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
     scale = 1.0 / visible.max()
-    numbers, gain, zero = _small_type(cropped, span)
+    numbers, gain, zero = _small_type(cropped, tf, span)
     unit_distance = tf.unit_distance or unit_distance_for(level_of_image(whole))
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
     put(staged, shown)
@@ -182,19 +190,24 @@ def visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[
 
 
 def _small_type(
-    values: NDArray[np.number], span: tuple[float, float] | None = None
+    values: NDArray[np.number], tf: TransferFunction, span: tuple[float, float] | None = None
 ) -> tuple[NDArray[np.number], float, float]:
     """Return the values in a type that both mappers accept, and the gain and origin of the mapping.
 
-    8-bit and 16-bit values stay unchanged. Wider types are mapped to float32 in [0, 1], because the mappers overflow
-    for values that are huge, tiny or 64 bits wide.
+    8-bit and 16-bit values stay unchanged. Wider types are mapped to float32, because the mappers overflow for values
+    that are huge, tiny or 64 bits wide: to [0, 1], unless single values lie so far away (fill values such as 1e20) that
+    float32 could not resolve the function then. In that case what the function tells apart is mapped to [0, 1].
     """
     if values.dtype.itemsize <= 2:
         return values, 1.0, 0.0
     check_precision(values)
     low, high = span or (float(values.min()), float(values.max()))
-    gain = 1.0 / (high - low) if high > low else 1.0
+    first, last = tf.told_apart(low, high)
+    width = max(last - first, STEP * max(abs(first), abs(last)))
+    if high - low <= FAR * width:
+        first, width = low, high - low
+    gain = 1.0 / width if width > 0 else 1.0
     mapped = np.empty(values.shape, np.float32)
     for slab, out in zip(values, mapped):  # in float64, but never the whole volume at once
-        out[...] = above(slab, low) * gain
-    return mapped, gain, low
+        out[...] = np.clip(above(slab, first) * gain, -FARTHEST, FARTHEST)
+    return mapped, gain, first

@@ -100,7 +100,7 @@ def render_views(
         BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
             it is ``gpu`` and OpenGL is not available.
     """
-    mapper = quickest(image, mapper, None)
+    mapper = quickest(image, mapper, None, tf, rescale=False)
     opened = Opened.of(image, mapper, None)
     tf = tf.fitted(*opened.range, rescale=False)
     tf = replace(tf, unit_distance=tf.unit_distance or opened.unit_distance)
@@ -158,9 +158,9 @@ def make_views(
         volume = as_volume(volume)
     elif not isinstance(volume, LargeVolume):
         volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
-    opened = Opened.of(volume, quickest(volume, asked.mapper, asked.memory), asked.memory)
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
+    opened = Opened.of(volume, quickest(volume, asked.mapper, asked.memory, tf, rescale), asked.memory)
     given = tf or default_transfer_function(opened.image)
     fitted = given.fitted(*opened.range, rescale)
     rescaled = given.is_stretched(*opened.range, rescale)
@@ -257,8 +257,12 @@ def open_caster(
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
-    jumps = stage.appearance.nearest or stage.appearance.blank is not None
+    shown = stage.appearance
+    jumps = shown.nearest or shown.blank is not None
     finest = STEP[make_caster.name] * (0.5 if jumps else 1.0)
+    if shown.crop is not None:  # rays must not miss a thin slice
+        sides = np.diff(shown.crop, axis=0) * stage.image.GetSpacing() / shown.stretch
+        finest = min(finest, 0.5 * float(sides.min()) / stage.voxel)
     distance = max((step or finest) * stage.voxel, least)
     caster = make_caster(stage, shading, distance)
 
@@ -274,7 +278,7 @@ def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     """Return the sample distance in voxels that a volume needs with its transfer function.
 
     It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
-    of a voxel, or ``finest`` if none does. The sample distance of the caster is changed.
+    of a voxel, on black as well as on white, or ``finest`` if none does. The sample distance of the caster is changed.
     """
     radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
     cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)
@@ -282,13 +286,14 @@ def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     def draw(step: float) -> NDArray[np.float64]:
         caster.set_step(step * stage.voxel)
         pixels = np.stack([caster.render(camera) for camera in cameras]) / 255.0
-        return (pixels[..., :3] - 1.0) * pixels[..., 3:]  # on white, which is 0
+        colours, opacities = pixels[..., :3], pixels[..., 3:]
+        return np.stack([colours * opacities, (colours - 1.0) * opacities])  # on black, and on white, which is 0
 
     if not COARSER[caster.name]:
         return finest
     fine = draw(0.125)
     error = 10.0 ** (-0.1 * GOOD_ENOUGH)
-    good = (step for step in COARSER[caster.name] if np.square(draw(step) - fine).mean() <= error)
+    good = (s for s in COARSER[caster.name] if np.square(draw(s) - fine).mean(axis=(1, 2, 3, 4)).max() <= error)
     return next(good, finest)
 
 

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
+from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 Array = NDArray[np.float64]
 Colour = tuple[float, ...]
@@ -47,15 +47,10 @@ def colours_at(points: Array, values: Array, log: bool = False) -> Array:
 @lru_cache(64)
 def _path(first: Colour, last: Colour) -> Array:
     """Return evenly spaced colours from one to another. (``ENTRIES``, 3)"""
-    function = vtkDiscretizableColorTransferFunction()
+    function = vtkColorTransferFunction()
     function.SetColorSpaceToLabCIEDE2000()
     function.AddRGBPoint(0.0, *first)
     function.AddRGBPoint(1.0, *last)
-    function.DiscretizeOn()
-    function.SetNumberOfValues(ENTRIES)
-    function.Build()
-    colours = np.zeros((ENTRIES, 3))
-    for number in range(ENTRIES):
-        function.GetColor(number / (ENTRIES - 1), colour := [0.0] * 3)
-        colours[number] = colour
-    return colours
+    table = [0.0] * (3 * ENTRIES)
+    function.GetTable(0.0, 1.0, ENTRIES, table)
+    return np.array(table).reshape(ENTRIES, 3)

@@ -38,6 +38,9 @@ HUES = ((0.15, 0.45, 0.95), (1.0, 0.55, 0.15), (0.25, 0.8, 0.4), (0.9, 0.2, 0.5)
 LARGEST_VALUE = 1e100
 """Largest value of a point; differences of larger ones are not numbers any more."""
 
+BETWEEN = 17
+"""Number of pieces into which the interval between two points is divided."""
+
 NORMALIZED = ((0.0, 1.0), (-1.0, 1.0))
 """Ranges of functions that are meant to be stretched over the data: nearly all of ParaView's presets have one."""
 
@@ -173,10 +176,18 @@ class TransferFunction:
             raise BadInput(f"'{self.name}' is opaque everywhere in the data's range ({data}): only a box would show.")
 
     def samples(self, low: float, high: float) -> NDArray[np.float64]:
-        """Return values in [low, high] that miss no extremum: evenly spaced, the points, and both sides of each."""
+        """Return values in [low, high] that miss no extremum: evenly spaced, the points and both sides of each.
+
+        As a single value far away makes the even ones coarse, there are some between each two points, too.
+        """
         values = np.array([point[0] for point in self.opacities])
-        near = np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf)])
+        between = np.linspace(values[:-1], values[1:], BETWEEN, endpoint=False)[1:].ravel()
+        near = np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf), between])
         return np.unique(np.clip(np.concatenate([np.linspace(low, high, 1025), near]), low, high))
+
+    def resolved(self, low: float, high: float, count: int = 4097) -> NDArray[np.float64]:
+        """Return ascending values in [low, high] that miss no extremum, ``count`` of them even where values differ."""
+        return np.union1d(self.samples(low, high), np.linspace(*self.told_apart(low, high), count))
 
     def visible_ranges(self, low: float, high: float) -> list[tuple[float, float]]:
         """Return the intervals of values in [low, high] with an opacity above 0, in ascending order."""

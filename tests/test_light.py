@@ -159,6 +159,13 @@ def test_summed_normals_are_the_same(lit_cube: Scene) -> None:
     np.testing.assert_allclose(kept.render(cube_camera()).rgba, lit_cube.render(cube_camera()).rgba, atol=0.03)
 
 
+def test_rays_that_meet_nothing_have_no_normals(lit_cube: Scene) -> None:
+    """A step whose rays had no sample stopped the training of something very transparent."""
+    palette = lit_cube.palette_network
+    assert palette is not None and palette.phong is not None
+    assert palette.phong.normal(torch.zeros(0, 3)).shape == (0, 3)
+
+
 def test_files_keep_the_light_and_undo_takes_it_back(lit_cube: Scene) -> None:
     scene = lit_cube.with_light(30, -10, intensity=0.7).edited(2, specular=0.4).with_light(direction=(0, 1, 0))
     back = Scene.from_bytes(scene.to_bytes())

@@ -234,7 +234,7 @@ def test_values_that_coarser_levels_average_away_look_as_they_should(kind: str) 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-3, 3e-5])
 def test_a_function_is_resolved_where_it_varies_at_both_ends_of_a_wide_range(width: float) -> None:
-    """Two phases, each within a small part of the range: from a ten-thousandth on, the table showed either or neither."""
+    """Two phases, each within a small part of the range: below a ten-thousandth, the table showed them by chance."""
     share = to_array(stirred_volume(24)).astype(np.float64)
     share = (share - share.min()) / np.ptp(share)
     rises, tops = (0.0, 0.3, 0.6, 1.0), (0.0, 0.0, 0.4, 0.0)

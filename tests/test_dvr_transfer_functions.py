@@ -72,16 +72,6 @@ def test_colour_spaces(space: str, middle: tuple | None) -> None:
         assert np.abs(tf.colour_at(5) - preset(RGBPoints=[0, 1, 0, 0, 10, 0, 1, 0]).colour_at(5)).max() > 0.05
 
 
-def test_shortest_paths_between_colours_are_vtks_and_not_searched_for_each_value() -> None:
-    """VTK needs 50 ms a value: a volume's tables of 20,000 took a quarter of an hour."""
-    points = [(0.0, 1.0, 0.5, 0.0), (2.0, 0.0, 0.4, 0.9), (2.0, 0.2, 0.9, 0.1), (3.0, 0.6, 0.0, 0.3)]
-    tf = TransferFunction(points, preset().opacities, space="Lab/CIEDE2000")
-    many = np.linspace(-1.0, 4.0, 20_001)
-    function, some = tf.to_vtk()[0], [0, 4000, 5001, 7777, 11999, 12000, 12003, 14000, 16000, 20000]
-    wanted = [function.GetColor(value) for value in many[some].tolist()]
-    np.testing.assert_allclose(tf.colour_at(many)[some], wanted, atol=0.03)  # of a path in steps
-
-
 def test_paraviews_blue_to_red_rainbow_has_green_in_the_middle() -> None:
     tf = preset(ColorSpace="HSV", RGBPoints=[0, 0, 0, 1, 1, 1, 0, 0])
     np.testing.assert_allclose(tf.colour_at(0.5), (0, 1, 0), atol=1e-6)

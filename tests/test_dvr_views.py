@@ -343,6 +343,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "n": ({"n": 2}, "At least 3"),
     "size": ({"size": 0}, "at least one pixel"),
     "test": ({"test": 182}, "0 to 181"),
+    "memory": ({"n": 10**9, "size": 800}, "choose fewer or smaller"),
     "fov": ({"fov": 200.0}, "angle of view"),
     "frame": ({"frame": "all"}, "visible"),
     "mapper": ({"mapper": "cuda"}, "auto, gpu, cpu or bricks"),

@@ -94,9 +94,10 @@ def test_a_step_is_recorded_again_when_its_key_changes_and_taken_as_it_is_after_
 
     assert [take("a"), recorded.recordings] == [1.0, 0]  # compiles what it needs
     assert [take("a"), take("a"), recorded.recordings] == [2.0, 3.0, 1]
-    assert [take("b"), recorded.recordings] == [4.0, 2]
+    assert [take("b"), recorded.recordings, take("b"), recorded.recordings] == [4.0, 1, 5.0, 2]
+    assert [take("a"), recorded.recordings, take("b"), take("b"), recorded.recordings] == [6.0, 2, 7.0, 8.0, 3]
     recorded.forget()
-    assert [take("b"), recorded.recordings, take("b"), recorded.recordings] == [5.0, 2, 6.0, 3]
+    assert [take("b"), recorded.recordings, take("b"), recorded.recordings] == [9.0, 3, 10.0, 4]
 
 
 def test_an_error_stays_what_it_was_in_its_step(recorded: RecordedSteps) -> None:

@@ -29,7 +29,7 @@ from svv.train.palette.ranges import Owners
 from svv.train.palette.recolour import Recolouring
 from svv.train.palette.regions_from_views import Labels
 from svv.train.run import sample_room
-from svv.train.run.batches import RayPool
+from svv.train.run.batches import RayBudget, RayPool
 from svv.train.run.sample_room import COUNT_EVERY, SPARE, SampleRoom
 from tests.interpreted import GPU, triton_kernels
 from tests.test_launches import LeftAndRight, views
@@ -96,6 +96,21 @@ def test_room_follows_what_was_counted_and_grows_where_it_was_too_small() -> Non
     assert room.lost == 3 and int(larger.dropped) == 0
     room.forget()
     assert room.of(1, 100) is None
+
+
+def test_numbers_of_samples_that_scatter_change_neither_room_nor_rays() -> None:
+    """Otherwise, steps would be recorded anew whenever samples are counted."""
+    room, budget, generator = SampleRoom(CPU), RayBudget(4096, 200_000), np.random.default_rng(0)
+    seen = set()
+    for number in range(0, 40 * COUNT_EVERY, COUNT_EVERY):
+        samples = int(budget.rays * 80 * generator.uniform(0.98, 1.02))
+        room.counted(samples, budget.rays)
+        budget.adjust(number, samples)
+        steps = room.of(number + 1, budget.rays)
+        assert steps is not None and 1.2 < steps.samples / (80 * budget.rays) < 1.9
+        seen.add((budget.rays, steps.samples))
+    assert len(seen) <= 2, seen
+    assert abs(budget.rays * 80 / 200_000 - 1.0) < 0.09
 
 
 NO_POINTS = torch.tensor([[torch.nan] * 3, [torch.inf] * 3, [-1e30, 1e30, 0.5], [0.99, 0.99, 0.99]])

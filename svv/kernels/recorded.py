@@ -82,20 +82,23 @@ class RecordedSteps:
         self.notes: list[str] = []
         """A sentence for the user if recording failed, after which steps are taken as they are."""
         self._key: Hashable = None
-        self._warm = False
+        self._warm: Hashable = None
         self._error: Tensor | None = None
         self._graph: torch.cuda.CUDAGraph | None = None
         self._pool = torch.cuda.graph_pool_handle() if possible else None
 
     def take(self, key: Hashable, step: Step) -> Tensor:
-        """Take a step: the first time as it is, so that all is compiled that it needs, and then from a recording.
+        """Take a step: the first one of a key as it is, and then from a recording.
+
+        The first one compiles and loads the kernels that it needs: nothing may be loaded while a step is recorded.
 
         Args:
             key: What a recording depends on, besides what :meth:`forget` is told of.
             step: Takes the step; whatever differs from step to step, it reads from :class:`StepNumbers`.
         """
-        if not self.possible or not self._warm:
-            self._warm = True
+        if not self.possible or key != self._warm:
+            self.forget()  # numbers of more rays lie elsewhere
+            self._warm = key
             return step()
         if key != self._key:
             try:
@@ -111,8 +114,7 @@ class RecordedSteps:
 
     def forget(self) -> None:
         """Forget the recording, because occupied cells or lattices have changed."""
-        self._graph = self._error = self._key = None
-        self._warm = False
+        self._graph = self._error = self._key = self._warm = None
 
     def _record(self, step: Step) -> None:
         """Record a step, which does nothing yet."""

@@ -26,6 +26,7 @@ from svv.dvr.functions.histogram import default_transfer_function
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import as_volume
 from svv.errors import BadInput, Progress, part, silent
+from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
 from svv.io.views.view_meta import ViewMeta, VolumeGrid
 from svv.io.views.viewset import ViewSet
@@ -301,6 +302,12 @@ def _check_options(asked: ViewOptions) -> None:
         raise BadInput(f"At least 3 views are needed, not {asked.n}.")
     if asked.size < 1:
         raise BadInput(f"The views' size must be at least one pixel, not {asked.size}.")
+    taken, there = 4 * asked.n * asked.size**2, memory_there()
+    if taken > there:
+        raise BadInput(
+            f"{asked.n} views of {asked.size} x {asked.size} pixels take {taken / 1e9:.3g} GB, and the memory is "
+            f"{there / 1e9:.3g} GB: choose fewer or smaller ones."
+        )
     if not 0 <= asked.test <= ORBIT:
         raise BadInput(f"Give 0 to {ORBIT} test views, not {asked.test}.")
     if not 0 < asked.fov < 180:

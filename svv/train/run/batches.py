@@ -54,6 +54,10 @@ class Batch:
         return self.shown[:, 3]
 
 
+SAME = 1.0 / 16.0
+"""Relative difference of numbers of rays that counts as none."""
+
+
 class RayBudget:
     """The number of rays per step: fewer when they give many samples, because samples determine the cost of a step."""
 
@@ -62,10 +66,15 @@ class RayBudget:
         self.rays, self._most, self._samples = most, most, samples
 
     def adjust(self, number: int, samples: float) -> None:
-        """Adapt to the samples that this rank's part of the rays gave in step ``number``; every 16th step counts."""
+        """Adapt to the samples that this rank's part of the rays gave in step ``number``; every 16th step counts.
+
+        Small differences change nothing: steps of as many rays as before need not be recorded anew on a GPU.
+        """
         if number % 16 == 0:
             ideal = self._samples * self.rays / max(int(ranks.total(samples)), 1)
-            self.rays = int(np.clip(ideal, self._most // 4, self._most))
+            rays = int(np.clip(ideal, self._most // 4, self._most))
+            if abs(rays - self.rays) > SAME * self.rays:
+                self.rays = rays
 
 
 SEED_STEP = 7919

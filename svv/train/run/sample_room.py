@@ -19,6 +19,10 @@ WHOLE = 4096
 """Room is a multiple of this, so that the next steps find memory of the same size."""
 
 
+NEAR = 1.2
+"""Factor by which room may differ from what is wanted, and stays as it is: steps of other room are recorded anew."""
+
+
 class SampleRoom:
     """How many samples the next steps have room for.
 
@@ -30,13 +34,16 @@ class SampleRoom:
         self.lost = 0
         """Rays that were left out."""
         self._dropped: Tensor = torch.zeros(1, dtype=torch.int64, device=device)
-        self._spare, self._samples_a_ray = SPARE, math.nan
+        self._spare, self._samples_a_ray, self._room = SPARE, math.nan, 0
 
     def of(self, number: int, rays: int) -> Room | None:
         """Return the room for step ``number`` of so many rays; None if its samples are to be counted."""
         if number % COUNT_EVERY == 0 or math.isnan(self._samples_a_ray):
             return None
-        return Room(WHOLE * math.ceil(self._spare * self._samples_a_ray * rays / WHOLE), self._dropped)
+        wanted = self._spare * self._samples_a_ray * rays
+        if not wanted / NEAR <= self._room <= wanted * NEAR:
+            self._room = WHOLE * math.ceil(wanted / WHOLE)
+        return Room(self._room, self._dropped)
 
     def counted(self, samples: int, rays: int) -> None:
         """Adapt to the samples that a step's rays gave, and to the rays that the steps before it left out."""

@@ -287,3 +287,21 @@ def test_views_without_it_leave_no_file_of_others(views: tuple[ViewSet, ViewSet]
     assert (tmp_path / CLASSIFIED).exists()
     replace(train, classified=None).write(tmp_path)
     assert not (tmp_path / CLASSIFIED).exists()
+
+
+def test_what_is_hardly_seen_is_not_pruned_away() -> None:
+    """Of views with an alpha of 6 at most, nothing was left, and nothing said so."""
+    z, y, x = np.indices((16, 16, 16)) - 7.5
+    ball = np.clip(1.2 - np.sqrt(x * x + y * y + z * z) / 8.0, 0.0, 1.0).astype(np.float32)
+    faint = TransferFunction([(0.0, 0.9, 0.7, 0.2)], [(0.0, 0.0, 0.5, 0.0), (0.3, 0.002, 0.5, 0.0)], 1.0)
+    views, _ = make_views(from_array(ball), faint, n=8, size=32, rescale=False)
+    assert 0 < views.images[..., 3].max() <= 8
+    draft = PRESETS["draft"]
+    short = replace(
+        draft,
+        reconstruct=replace(draft.reconstruct, iterations=250),
+        recolour=replace(draft.recolour, iterations=20),
+    )
+    scene, _ = train_scene(views, short)
+    drawn = np.stack([scene.render(camera).rgba[..., 3] for camera in views.cameras]) * 255.0
+    assert drawn.mean() > 0.5 * views.images[..., 3].mean()

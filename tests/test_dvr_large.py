@@ -18,6 +18,7 @@ from svv.bricks.source import ArraySource, Box
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig, sphere_cameras
 from svv.dvr.draw import casters, large
+from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.large import LargeVolume, memory_allowed, open_volume, straight
 from svv.dvr.draw.views import make_views, render_views
@@ -229,6 +230,26 @@ def test_values_that_coarser_levels_average_away_look_as_they_should(kind: str) 
     views, _ = make_views(whole, specks, n=3, size=400, mapper="bricks", rescale=False, step=0.5)
     drawn = render_views(volume, specks, views.cameras, "bricks", step=0.5).astype(int)
     assert np.abs(drawn - views.images).max() <= 1
+
+
+@pytest.mark.parametrize("width", [1e-1, 1e-3, 3e-5])
+def test_a_function_is_resolved_where_it_varies_at_both_ends_of_a_wide_range(width: float) -> None:
+    """Two phases, each within a small part of the range: below a ten-thousandth, the table showed them by chance."""
+    share = to_array(stirred_volume(24)).astype(np.float64)
+    share = (share - share.min()) / np.ptp(share)
+    rises, tops = (0.0, 0.3, 0.6, 1.0), (0.0, 0.0, 0.4, 0.0)
+
+    def views(low: float, high: float) -> np.ndarray:
+        values = np.where(share > 0.5, high + width * (share - 0.5), low + width * share)
+        points = [(end + width * r, top, 0.5, 0.0) for end in (low, high) for r, top in zip(rises, tops)]
+        apart = TransferFunction([(low, 0.9, 0.1, 0.1), (high, 0.1, 0.1, 0.9)], points, 1.0)
+        volume = from_array(values)
+        put(volume, Appearance(nearest=True))  # no values between the phases
+        flat = Shading(on=False)
+        return make_views(volume, apart, n=3, size=32, mapper="bricks", rescale=False, shading=flat)[0].images
+
+    near, far = (views(0.0, high).astype(float) for high in (2.0 * width, 1.0))
+    assert near[..., 3].mean() > 3.0 and np.abs(near[..., 3] - far[..., 3]).mean() < 0.4
 
 
 def test_values_that_are_no_numbers_are_refused_wherever_they_are() -> None:

@@ -142,6 +142,19 @@ def test_labels_of_64_bits_are_drawn_as_those_of_8() -> None:
     assert drawn[0].any() and np.abs(drawn[1:] - drawn[0]).mean() < 0.5
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize(("value", "kind"), [(0, "u1"), (-7, "i2"), (101325.0, "f4"), (2**40, "i8"), (1e12, "f8")])
+def test_a_volume_of_one_value_is_drawn(value: float, kind: str) -> None:
+    """Large ones were refused with a sentence about grids, others drawn with a warning of an overflow."""
+    solid = from_array(np.full((8, 9, 10), value, kind))
+    tf = TransferFunction([(value, 0.2, 0.4, 0.6)], [(value, 0.3, 0.5, 0.0)], 1.0)
+    drawn, vtks = (
+        make_views(solid, tf, n=3, size=24, mapper=mapper, rescale=False)[0].images[:, 10:14, 10:14].astype(float)
+        for mapper in ("bricks", "cpu")
+    )
+    assert drawn[..., 3].min() > 200.0 and np.abs(drawn - vtks).mean() < 2.0
+
+
 def test_bricks_keep_floats_that_differ_little_as_differences() -> None:
     kept = Numbers.of(np.dtype(np.float32), 101325.0, 101326.0)
     assert kept.converted(np.array([101325.5], np.float32)).tolist() == [0.5] and kept.mapped(101326.0) == 1.0

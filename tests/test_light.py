@@ -155,6 +155,7 @@ def test_summed_normals_are_the_same(lit_cube: Scene) -> None:
     assert again.palette_network.phong.normals.levels == 1
     at = torch.rand(200, 3, generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(again.palette_network.phong.normal(at), palette.phong.normal(at), atol=1e-4, rtol=0)
+    assert palette.phong.normal(at[:0]).shape == (0, 3)  # a step whose rays met nothing stopped a training
     kept = Scene.from_bytes(again.to_bytes())
     np.testing.assert_allclose(kept.render(cube_camera()).rgba, lit_cube.render(cube_camera()).rgba, atol=0.03)
 

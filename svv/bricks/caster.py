@@ -132,7 +132,8 @@ class BrickCaster:
         samples = np.zeros(count, np.int32)
         rays = np.arange(count, dtype=np.int32)
         low = self._numbers.mapped(self.look.low)
-        gain = (len(self.look.table) - 1) / max(float(self._numbers.mapped(self.look.high) - low), 1e-300)
+        span = float(self._numbers.mapped(self.look.high) - low)
+        gain = (len(self.look.table) - 1) / span if span > 0.0 else 0.0  # 0: of a volume of one value
         bounds, lengths = self._bounds(), np.zeros(3)
         if self.look.stretch is not None:
             lengths = self.level.spacing / self.look.stretch

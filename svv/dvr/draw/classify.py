@@ -190,6 +190,7 @@ def classified_grid(
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma, colour)
     low, high = stage.of_volume(kept.interval).tolist()
+    high = max(high, float(np.nextafter(low, np.inf)))  # of a volume of one large value
     shown = stage.tf.colour_at(np.linspace(*kept.interval, COLOURS)).astype(np.float32)
     kept = replace(kept, interval=(low, high), edges=voxel_edges(stage, box, kept.cells), colours=shown)
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
@@ -292,8 +293,7 @@ def frequencies(image: NDArray[np.number], known: Array, whole: int = 0) -> Arra
 
 def _weights(counts: Array, sigma: Array) -> Array:
     """Return the weights of the known values: their frequencies times their extinction. (K,)"""
-    # Interpolation produces all values between those of voxels, so each gets a small minimum frequency. The weight of a
-    # visible value must not be 0.
+    # Interpolation produces all values between those of voxels, so no visible one has a weight of 0.
     return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
 
 

@@ -45,6 +45,10 @@ OVERVIEW_BYTES = 300_000_000
 ENTRIES = 1 << 14
 """Number of entries of the table of colours and opacities."""
 
+MOST_ENTRIES, TRIED, UNRESOLVED = 1 << 20, 4096, 0.01
+"""Most entries; number of voxels whose colours and opacities decide how many are needed; and the error, as a fraction
+of the opacity, above which there are too few."""
+
 MOST_WIDTHS = 100.0
 """Range of the values, in widths of what a function tells apart, beyond which tables of VTK do not resolve that."""
 
@@ -150,7 +154,7 @@ class BrickMapper:
         self._volume, self._stage = volume, stage
         whole, ranges = seen_of(volume, tf)
         low, high = tf.told_apart(*whole)
-        values = np.linspace(low, high, ENTRIES)
+        values = np.linspace(low, high, entries_for(tf, low, high, to_array(volume.overview)))
         table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
         shown = Appearance.of(volume.overview)
         self._look = Look(
@@ -189,6 +193,29 @@ def seen_of(volume: LargeVolume, tf: TransferFunction) -> tuple[tuple[float, flo
     low, high = min(low, first), max(high, last)
     ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
     return (low, high), np.where(ranges <= low, -np.inf, np.where(ranges >= high, np.inf, ranges))
+
+
+def entries_for(tf: TransferFunction, low: float, high: float, voxels: NDArray[np.number]) -> int:
+    """Return how many entries a table from ``low`` to ``high`` needs to show voxels as the function does.
+
+    More are needed if the function varies at both ends of a wide range, such as on a logarithmic scale.
+    """
+    entries, span = ENTRIES, high - low
+    tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
+    tried = tried[(tried >= low) & (tried <= high)]
+
+    def light(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        opacity = tf.opacity_at(values)[:, None]
+        return np.concatenate([tf.colour_at(values) * opacity, opacity], axis=1)
+
+    exact = light(tried)
+    while span > 0.0 and exact.any() and entries < MOST_ENTRIES:
+        step = span / (entries - 1)
+        error = np.abs(light(low + np.rint((tried - low) / step) * step) - exact)
+        if error.mean() <= UNRESOLVED * exact[:, 3].mean():
+            break
+        entries *= 4
+    return entries
 
 
 def straight(drawn: NDArray[np.float32]) -> Pixels:

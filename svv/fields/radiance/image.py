@@ -87,8 +87,8 @@ def _recoloured(kernels: ImageKernels, scene: Model, raw: Tensor, here: Tensor |
     colours = scene.palette_network.colours.detach()
     if any(r.edited_colour is not None and r.recolour_in != "hsb" for r in scene.regions):
         weights, offsets = raw.split([1 + len(colours), 3 * len(colours)], dim=1)
-        edited = scene.edited_colours(offsets.view(len(raw), -1, 3), here) - colours
-        return torch.cat([weights, edited.view(len(raw), -1)], dim=1)
+        edited = scene.edited_colours(offsets.unflatten(1, (-1, 3)), here) - colours
+        return torch.cat([weights, edited.flatten(1)], dim=1)
     raw = raw.clone()
     for number, root, shown, target in scene.colour_edits():
         among = None if here is None else here[:, root] == number

@@ -107,7 +107,7 @@ def normals_at(scene: Model, position: Tensor) -> Tensor:
     assert scene.palette_network is not None
     phong = scene.palette_network.phong
     lattice = _gradient(scene) if phong is None else phong.normals
-    return normals_of(lattice.look_up(position).view(len(position), -1, 3).sum(dim=1))
+    return normals_of(lattice.look_up(position).unflatten(1, (-1, 3)).sum(dim=1))
 
 
 def _gradient(scene: Model) -> SparseLattice:

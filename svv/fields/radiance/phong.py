@@ -118,7 +118,7 @@ class PhongLight(nn.Module):
 
     def normal(self, position: Tensor) -> Tensor:
         """Return normals of either orientation, shorter than 1 away from surfaces. (S, 3) -> (S, 3)"""
-        return normals_of(self.normals(position).view(len(position), -1, 3).sum(dim=1))
+        return normals_of(self.normals(position).unflatten(1, (-1, 3)).sum(dim=1))
 
     def forward(
         self, position: Tensor, weights: Tensor, beams: Beams, coefficients: Tensor | None = None

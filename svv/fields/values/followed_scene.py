@@ -242,7 +242,7 @@ def _occupied(
     corner = occupancy.occupied_on(CPU).nonzero()
     between = lattice.resolutions[0] <= cells  # no vertex lies within a cell
     depth = largest_in(lambda points: lattice(points)[:, 0], corner, occupancy, corners=between) * step
-    left = occupancy.pruned(depth, PRUNED, grow=False)
+    left = occupancy.pruned(depth, least_extinction(PRUNED, float(depth.max())), grow=False)
     if not left.occupied.any():
         left.occupied[tuple(corner[0].tolist())] = 1
         left = Occupancy(box, cells, left.occupied)

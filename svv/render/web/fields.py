@@ -237,7 +237,7 @@ class Baker:
         phong = self.palette.phong
         if phong is not None:
             grid = self.grid(phong.normals)
-            vectors = torch.cat([phong.normals(places).view(len(places), -1, 3).sum(dim=1) for places in grid.pieces()])
+            vectors = torch.cat([phong.normals(places).unflatten(1, (-1, 3)).sum(dim=1) for places in grid.pieces()])
             channels = self.stored(grid, (NORMAL_SCALE * vectors).numpy(), NORMALS)
             self.found.append(Field.of("light", grid.resolution, channels))
         elif self.palette.lighting_mlp is not None:

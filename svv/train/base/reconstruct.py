@@ -14,7 +14,7 @@ from torch import Tensor
 from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions, learning
-from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.occupancy import Occupancy, least_extinction
 from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
@@ -246,7 +246,8 @@ class Reconstruction:
         """Remove the cells in which nothing is visible any more."""
         exponent = partial(log_extinction, self.field)
         largest = largest_extinction(exponent, self.occupancy, self.device, shared=True)
-        pruned = self.occupancy.pruned(largest * self.marching.step, self.prune_least, grow)
+        depth = largest * self.marching.step
+        pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
         if pruned.occupied.any():
             self.occupancy = pruned
             self._forget()

@@ -180,7 +180,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 if len(sys.argv) > 2:
     Connect("127.0.0.1", int(sys.argv[2]))
 volume, display = shown()
-views = small(StyleRFViews(Input=volume))
+views = small(StyleRFViews(Input=volume, RayCaster="cpu"))
 views.UpdatePipeline(2.0)
 assert "8 views" in status(views) and "cpu" in status(views), status(views)
 np.save(sys.argv[1], vtk_to_numpy(sm.Fetch(views).GetPointData().GetArray("RGBA")))

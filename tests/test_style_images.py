@@ -71,6 +71,23 @@ def test_a_rotated_camera_is_held_upright(tmp_path: Path, profiled: bool) -> Non
     assert style[5, 15, 0] > 0.7 and style[55, 15, 2] > 0.7
 
 
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "P", "transparent P"])
+def test_profiles_and_rotation_count_in_every_kind_of_png(tmp_path: Path, mode: str) -> None:
+    image = Image.new("RGB", (60, 30), (0, 0, 255))
+    image.paste((255, 0, 0), (0, 0, 30, 30))
+    other = image if mode == "RGB" else image.convert("RGBA") if mode == "RGBA" else image.quantize(4)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    swapped = srgb.replace(b"rXYZ", b"here").replace(b"bXYZ", b"rXYZ").replace(b"here", b"bXYZ")  # red is blue
+    extra = {"transparency": 3} if mode == "transparent P" else {}  # an index that no pixel has
+    other.save(tmp_path / "a.png", exif=exif, icc_profile=swapped, **extra)
+    style = read_style(tmp_path / "a.png")
+    assert style.shape == (60, 30, 3)
+    np.testing.assert_allclose(style[5, 15], (0, 0, 1), atol=0.02)
+    np.testing.assert_allclose(style[55, 15], (1, 0, 0), atol=0.02)
+
+
 @pytest.mark.parametrize("suffix", ["jpg", "png"])
 def test_twenty_thousand_pixels_wide_is_shrunk(tmp_path: Path, suffix: str) -> None:
     Image.new("RGB", (20_000, 200), RED).save(tmp_path / f"wide.{suffix}")

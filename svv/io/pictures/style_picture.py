@@ -109,14 +109,19 @@ def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float3
         grey = Image.fromarray(scaled(values).astype(np.float32), "F")
         values = np.asarray(grey.resize(_size(grey, long_side), Image.Resampling.BOX, reducing_gap=2))
         return np.repeat(values[..., None], 3, 2)
+    image = ImageOps.exif_transpose(image)
     if image.has_transparency_data:
-        image = image.convert("RGBA")
+        grey = image.mode in ("1", "L", "LA")
+        image = image.convert("LA" if grey else "RGBA")
         if image.getchannel("A").getextrema() == (0, 0):
             raise BadInput(f"The style picture {path} is completely transparent: choose one that shows something.")
         if max(image.size) > 2 * long_side:  # compositing needs a second copy, so shrink first
             image = image.resize(_size(image, 2 * long_side), Image.Resampling.BOX)
-        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
-    image = ImageOps.exif_transpose(_srgb(image))
+        colours = _srgb(image.convert("L" if grey else "RGB"))
+        colours.putalpha(image.getchannel("A"))
+        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), colours).convert("RGB")
+    else:
+        image = _srgb(image)
     image = image.resize(_size(image, long_side), Image.Resampling.LANCZOS, reducing_gap=3)
     return np.asarray(image, np.float32) / np.float32(255)
 
@@ -129,13 +134,13 @@ def _size(image: Image.Image, long_side: int) -> tuple[int, int]:
 
 def _srgb(image: Image.Image) -> Image.Image:
     profile = image.info.get("icc_profile")
+    if image.mode in ("P", "PA"):
+        image = image.convert("RGB")  # profiles are of the palette's colours
     if profile and image.mode in ("RGB", "CMYK", "L"):
         try:
             source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-            exif = image.getexif()
             converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
             assert converted is not None  # only an in-place conversion returns None
-            converted.getexif().update(exif)
             return converted
         except (
             ImageCms.PyCMSError,

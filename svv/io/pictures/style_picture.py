@@ -53,7 +53,8 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
         None,
     )  # our own limit, checked below, gives a clear message
     try:
-        with Image.open(path) as image:
+        # From a path, Pillow 12 and 13 garble turned TIFF files of some modes, which they map into memory.
+        with path.open("rb") as file, Image.open(file) as image:
             check_pixels(path, *image.size)
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
             if (deep := deep_tiff(path)) is not None:

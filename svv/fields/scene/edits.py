@@ -232,6 +232,18 @@ def with_edits_of(scene: S, other: Model) -> S:
     return replace(shown, parts=other.parts, layers=tuple(layers))
 
 
+def without_undone_splits(scene: S) -> S:
+    """Return the scene without the regions whose splits were undone; nothing that was undone can be redone then."""
+    if not scene.unsplit:
+        return scene
+    first, *others = (s.parts and s.parts.without_undone() for s in (scene, *scene.layers))
+    return replace(
+        scene, unsplit=(), history=replace(scene.history, future=()), parts=first,
+        layers=tuple(replace(layer, parts=parts) for layer, parts in zip(scene.layers, others, strict=True)),
+        others=tuple(replace(other, styles=other.styles[: len(scene.regions)]) for other in scene.others),
+    )  # fmt: skip
+
+
 def check_regions(scene: Model, *regions: int) -> None:
     """Raise BadInput unless regions are named, and there are all of them."""
     if not scene.regions:

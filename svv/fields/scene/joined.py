@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress
 from svv.fields.scene.edits import split_at as split_alone
-from svv.fields.scene.edits import with_part
+from svv.fields.scene.edits import with_part, without_undone_splits
 from svv.fields.scene.history import History
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
@@ -40,7 +40,7 @@ def joined(scenes: Sequence[S]) -> S:
         BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of
             different places or have other time steps.
     """
-    scenes = [member for scene in scenes for member in members(scene)]
+    scenes = [member for scene in scenes for member in members(without_undone_splits(scene))]
     if not 2 <= len(scenes) <= MOST:
         raise BadInput(f"Give 2 to {MOST} scenes to join, not {len(scenes)}.")
     first = scenes[0]
@@ -65,7 +65,7 @@ def joined(scenes: Sequence[S]) -> S:
         for region in scene.regions:
             parent = None if region.part_of is None else count + region.part_of
             regions.append(replace(region, layer=number, part_of=parent))
-    plain = [replace(scene, unsplit=(), history=History(), others=()) for scene in scenes]
+    plain = [replace(scene, history=History(), others=()) for scene in scenes]
     first = replace(plain[0], camera_rig=_rig_around(scenes))
     return replace(first, regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
 

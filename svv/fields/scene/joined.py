@@ -135,14 +135,14 @@ def with_members(scene: S, changed: Sequence[S]) -> S:
     """Return a joined scene with its members changed, which keep their regions; its light and its history stay."""
     own = [iter(member.every_region) for member in changed]
     every = tuple(replace(next(own[r.layer]), layer=r.layer, part_of=r.part_of) for r in scene.every_region)
-    count = len(scene.regions)
+    count, history = len(scene.regions), scene.history.rebased(scene.every_region, every)
     shared = changed[0].steps
     layers = tuple(
         replace(s, regions=(), unsplit=(), steps=None if s.steps is shared else s.steps, others=()) for s in changed[1:]
     )
     return replace(
         changed[0],
-        regions=every[:count], unsplit=every[count:], lamp=scene.lamp, history=scene.history, others=(), layers=layers,
+        regions=every[:count], unsplit=every[count:], lamp=scene.lamp, history=history, others=(), layers=layers,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress
 from svv.fields.scene.edits import split_at as split_alone
@@ -34,7 +35,7 @@ def joined(scenes: Sequence[S]) -> S:
 
     Args:
         scenes: Scenes of one place. Each keeps its edits, its parts and the painting that it shows; histories are
-            dropped, and all are lit by the light of the first.
+            dropped, and all are lit by the light of the first whose light can be moved (:func:`relit`).
 
     Raises:
         BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of
@@ -66,8 +67,22 @@ def joined(scenes: Sequence[S]) -> S:
             parent = None if region.part_of is None else count + region.part_of
             regions.append(replace(region, layer=number, part_of=parent))
     plain = [replace(scene, history=History(), others=()) for scene in scenes]
-    first = replace(plain[0], camera_rig=_rig_around(scenes))
+    first = replace(plain[0], camera_rig=_rig_around(scenes), lamp=_lamp_of(scenes))
     return replace(first, regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
+
+
+def relit(scenes: Sequence[Model]) -> list[int]:
+    """Return the numbers of the scenes whose light :func:`joined` replaces by that of another."""
+    lamp = _lamp_of(scenes)
+    return [number for number, scene in enumerate(scenes) if _has_lamp(scene) and scene.lamp != lamp]
+
+
+def _lamp_of(scenes: Sequence[Model]) -> Lamp:
+    return next(scene.lamp for scene in (*filter(_has_lamp, scenes), scenes[0]))
+
+
+def _has_lamp(scene: Model) -> bool:
+    return any(layer.settings.lighting == "phong" for layer in scene.every_layer)
 
 
 def named(scene: S, name: str) -> S:

@@ -16,6 +16,7 @@ from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig
+from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
 from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.draw.classify import classified_as
 from svv.dvr.draw.frame import set_stage
@@ -156,6 +157,33 @@ def test_the_array_of_the_cells_is_not_mixed_up_with_that_of_the_points() -> Non
     both.GetCellData().AddArray(values)
     assert to_array(as_volume(both, "s")).max() <= 1.0
     assert to_array(as_volume(both, "s", cells=True)).min() >= 2.0
+
+
+def test_between_labels_there_are_no_others() -> None:
+    """A ball of label 3 in label 0 had a rim of label 2, whose colour training gave it."""
+    z, y, x = np.indices(SHAPE)
+    made = from_array(np.where((z - 9) ** 2 + (y - 10) ** 2 + (x - 8) ** 2 < 36, 3, 0).astype(np.uint8))
+    put(made, Appearance(nearest=True))
+    colours = ((1.0, 0.9, 0.1, 0.1), (2.0, 0.1, 0.9, 0.1), (3.0, 0.1, 0.1, 0.9))
+    steps = TransferFunction(
+        colours, ((0.5, 0, 0.5, 0), (0.5, 0.1, 0.5, 0), (2.5, 0.9, 0.5, 0), (2.5, 0.4, 0.5, 0)), 1.0
+    )
+    volume = classified_as(made, steps)
+    shown = volume.exponent > EMPTY_LOG_EXTINCTION
+    wanted = np.log(-np.log(1.0 - 0.4) * volume.box.size)
+    np.testing.assert_allclose(volume.exponent[shown], wanted, atol=0.01)
+    assert shown.any() and (volume.owner[shown] == len(volume.ranges) - 1).all()
+
+
+@pytest.mark.parametrize("stretch", [(1.0, 1.0, 1.0), (0.5, 0.5, 4.0)])
+def test_rays_do_not_miss_a_thin_slice(stretch: tuple[float, float, float]) -> None:
+    """A slice of a fifth of a voxel, opaque, had stripes through which one saw."""
+    crop = np.array([[1.0, 1.0, 8.0], [14.0, 18.0, 8.2]])
+    opaque = TransferFunction([(0.0, 1.0, 1.0, 1.0)], [(-1.0, 1.0, 0.5, 0.0), (0.9, 1.0, 0.5, 0.0), (0.95, 0, 0.5, 0)])
+    made = image(Appearance(crop=crop, stretch=np.array(stretch)))
+    views, _ = make_views(made, opaque, n=6, size=32, mapper="bricks", rescale=False, shading=FLAT)
+    drawn, finer = views.images[..., 3], render_views(made, opaque, views.cameras, "bricks", FLAT, step=0.02)[..., 3]
+    assert finer.any() and np.abs(drawn.astype(int) - finer).mean() < 1.0
 
 
 @pytest.mark.parametrize("name", ["half blank", "cropped"])

@@ -13,9 +13,10 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
 from svv.bricks.opened import open_bricks
-from svv.bricks.source import ArraySource
+from svv.bricks.pyramid import halved
+from svv.bricks.source import ArraySource, Box
 from svv.core.colour.shading import Shading
-from svv.core.geometry.cameras import CameraRig
+from svv.core.geometry.cameras import CameraRig, sphere_cameras
 from svv.dvr.draw import casters, large
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.large import LargeVolume, memory_allowed, open_volume, straight
@@ -200,6 +201,46 @@ def test_volumes_are_drawn_by_bricks_unless_another_ray_caster_is_named(
     assert np.array_equal(again, test.images)
     theirs = render_views(image, tf(), list(test.cameras), "cpu", shading)
     assert np.abs(theirs[..., 3].astype(float) - test.images[..., 3]).mean() < 1.0
+
+
+class OwnLevels:
+    """A volume whose file has a coarser level, too, and no record of the range of its values."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        fine = ArraySource(values)
+        self.name, self.dtype = "own.zarr", values.dtype
+        self._parts = (fine, ArraySource(halved(values), 2.0 * np.eye(3), np.full(3, 0.5)))
+        self.levels = tuple(part.levels[0] for part in self._parts)
+
+    def read(self, level: int, start: Box, stop: Box) -> np.ndarray:
+        return self._parts[level].read(0, start, stop)
+
+
+@pytest.mark.parametrize("kind", ["u2", "f4"])
+def test_values_that_coarser_levels_average_away_look_as_they_should(kind: str) -> None:
+    """Bright specks had the opacity of the brightest voxel of the overview."""
+    values, rng = np.full((8, 8, 520), 100, kind), np.random.default_rng(0)
+    values[rng.integers(1, 7, 300), rng.integers(1, 7, 300), rng.integers(0, 520, 300)] = 60_000
+    volume = LargeVolume(OwnLevels(values), 1 << 28)
+    assert volume.range[1] < 40_000.0
+    points = [(1000.0, 0.0, 0.5, 0.0), (20_000.0, 0.05, 0.5, 0.0), (45_000.0, 1.0, 0.5, 0.0)]
+    specks = TransferFunction([(0.0, 0.1, 0.2, 0.9), (40_000.0, 0.1, 0.9, 0.2), (50_000.0, 0.9, 0.2, 0.1)], points, 1.0)
+    whole = from_array(values)
+    views, _ = make_views(whole, specks, n=3, size=400, mapper="bricks", rescale=False, step=0.5)
+    drawn = render_views(volume, specks, views.cameras, "bricks", step=0.5).astype(int)
+    assert np.abs(drawn - views.images).max() <= 1
+
+
+def test_values_that_are_no_numbers_are_refused_wherever_they_are() -> None:
+    """A file with levels of its own is not read as a whole before it is drawn."""
+    values = np.random.default_rng(0).random((8, 8, 520)).astype(np.float32)
+    camera = sphere_cameras(3, (260.0, 4.0, 4.0), 300.0, 0.5, 300)[0]
+    seen = TransferFunction([(0.0, 1.0, 0.0, 0.0)], [(0.0, 0.0, 0.5, 0.0), (1.0, 0.1, 0.5, 0.0)], 1.0)
+    for place in ("coarse", "fine"):
+        source = OwnLevels(values)
+        source._parts[place == "coarse"]._values[2, 2, 2] = np.nan
+        with pytest.raises(BadInput, match=r"own\.zarr contains values that are NaN or infinite"):
+            render_views(LargeVolume(source, 1 << 28, source.name), seen, [camera], "bricks")
 
 
 @pytest.mark.parametrize("far", [1e3, 1e5, 1e9, -1e5, -1e9])

@@ -203,6 +203,16 @@ def test_the_sample_distance_is_as_long_as_the_volume_allows() -> None:
     assert steps["faint"] >= 0.625
 
 
+def test_what_is_white_has_the_sample_distance_of_what_is_black(stirred: vtkImageData) -> None:
+    """Against white, no distance was too long for it, and thin white shells had holes."""
+    steps = [
+        known(make_views(stirred, narrow, n=3, size=8, shading=Shading(on=False))[0].meta.sample_distance, "")
+        for c in (0.0, 0.5, 1.0)
+        for narrow in [TransferFunction([(0.0, c, c, c)], [(0.4, 0, 0.5, 0), (0.43, 0.9, 0.5, 0), (0.46, 0, 0.5, 0)])]
+    ]
+    assert steps[0] == pytest.approx(steps[2]) and steps[1] >= steps[0]
+
+
 def test_a_blob_in_a_corner_of_a_large_volume_is_cropped_without_a_trace() -> None:
     small = blob()
     large = np.zeros((50, 60, 40), np.int16)
@@ -333,6 +343,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "n": ({"n": 2}, "At least 3"),
     "size": ({"size": 0}, "at least one pixel"),
     "test": ({"test": 182}, "0 to 181"),
+    "memory": ({"n": 10**9, "size": 800}, "choose fewer or smaller"),
     "fov": ({"fov": 200.0}, "angle of view"),
     "frame": ({"frame": "all"}, "visible"),
     "mapper": ({"mapper": "cuda"}, "auto, gpu, cpu or bricks"),

@@ -323,5 +323,5 @@ def test_a_sheared_grid_and_an_impossible_spacing_are_refused() -> None:
     image.SetDirectionMatrix(1, 0.5, 0, 0, 1, 0, 0, 0, 1)
     with pytest.raises(BadInput, match="perpendicular"):
         as_volume(image)
-    with pytest.raises(BadInput, match="spacing"):
+    with pytest.raises(BadInput, match="the spacing 1 x 0 x 1;"):
         as_volume(from_array(values(), (1, 0, 1)))

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("vtkmodules")
 
 from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
-from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
+from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction, vtkVolumeProperty
 
 from svv.pv.panel.function_edits import watch
 
@@ -18,6 +18,8 @@ class Told:
     """A filter that counts how often it was marked as modified."""
 
     shows_edits = True
+
+    table: vtkDiscretizableColorTransferFunction
 
     def __init__(self) -> None:
         self.count = 0
@@ -40,5 +42,20 @@ def test_a_filter_hears_of_edits_and_is_forgotten_when_it_is_gone() -> None:
     assert filter.count == 2
     del filter
     gc.collect()
-    table.Modified()
     assert not table.HasObserver("ModifiedEvent") and not opacity.HasObserver("ModifiedEvent")
+
+
+def test_an_edit_after_a_filter_has_gone_finds_no_observer_that_python_has_collected() -> None:
+    display = vtkVolumeProperty()
+    display.SetColor(vtkDiscretizableColorTransferFunction())
+    display.GetRGBTransferFunction().SetScalarOpacityFunction(vtkPiecewiseFunction())
+    filter = Told()
+    filter.table = display.GetRGBTransferFunction()
+    watch(filter, filter.table)
+    gc.collect()
+    display.GetRGBTransferFunction().AddRGBPoint(0.25, 1.0, 0.0, 0.0)
+    assert filter.count == 1
+    del filter
+    gc.collect()  # nothing in Python refers to the function any more; a crash here would end the test's process
+    display.GetRGBTransferFunction().AddRGBPoint(0.5, 1.0, 0.0, 0.0)
+    assert not display.GetRGBTransferFunction().HasObserver("ModifiedEvent")

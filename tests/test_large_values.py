@@ -116,6 +116,32 @@ def test_differences_are_exact() -> None:
     assert above(np.array([1.5], np.float32), 1.0).tolist() == [0.5]
 
 
+@pytest.mark.parametrize("origin", [0.7, -1.3, 2.0, 1e18])
+@pytest.mark.parametrize("kind", ["i8", "u8", "i4", "f8"])
+def test_differences_from_any_number_are_those_of_whole_numbers(kind: str, origin: float) -> None:
+    """Where a function begins between two labels, all of them were taken for others."""
+    np.testing.assert_allclose(above(np.arange(5).astype(kind), origin), np.arange(5) - origin)
+
+
+def test_differences_may_be_larger_than_half_of_all_whole_numbers() -> None:
+    np.testing.assert_allclose(above(np.array([0, 5, 2**64 - 1], np.uint64), 1.0), [-1.0, 4.0, 2.0**64], rtol=1e-15)
+    np.testing.assert_allclose(above(np.array([-(2**63), 2**63 - 1]), -(2.0**63)), [0.0, 2.0**64], rtol=1e-15)
+
+
+def test_labels_of_64_bits_are_drawn_as_those_of_8() -> None:
+    labels = np.random.default_rng(0).integers(0, 3, (12, 12, 12))
+    tf = TransferFunction(
+        [(0, 1, 0, 0), (1, 0, 1, 0), (2, 0, 0, 1)], [(0.7, 0, 0.5, 0), (1, 0.3, 0.5, 0), (1.9, 0, 0.5, 0)]
+    )
+    drawn = [
+        make_views(from_array(labels.astype(kind)), tf, n=3, size=24, mapper="bricks", rescale=False)[0].images.astype(
+            int
+        )
+        for kind in ("u1", "i8", "u8")
+    ]
+    assert drawn[0].any() and np.abs(drawn[1:] - drawn[0]).mean() < 0.5
+
+
 def test_bricks_keep_floats_that_differ_little_as_differences() -> None:
     kept = Numbers.of(np.dtype(np.float32), 101325.0, 101326.0)
     assert kept.converted(np.array([101325.5], np.float32)).tolist() == [0.5] and kept.mapped(101326.0) == 1.0

@@ -237,6 +237,21 @@ def test_alpha_of_255_everywhere_is_none(tmp_path: Path) -> None:
     assert read.meta.assumed is not None and "no alpha but 255 everywhere" in read.meta.assumed
 
 
+@pytest.mark.parametrize("brightness", [1.0, 0.5, 0.1, 0.0])
+def test_colours_multiplied_by_alpha_are_noticed_and_dark_ones_are_not(brightness: float, tmp_path: Path) -> None:
+    """Taken as they are, they make what is translucent too dark, which nothing said."""
+    alpha = np.rint(np.clip(300 - 8 * np.hypot(*(np.indices((80, 80)) - 40)), 0, 255))
+    colour = brightness * np.array([250.0, 180.0, 60.0])
+    straight = np.dstack([np.broadcast_to(np.rint(colour), (80, 80, 3)), alpha]).astype(np.uint8)
+    multiplied = np.dstack([np.rint(colour * alpha[..., None] / 255), alpha]).astype(np.uint8)
+    for folder, image in ((tmp_path / "straight", straight), (tmp_path / "multiplied", multiplied)):
+        foreign(folder, [image] * 3)
+        read = ViewSet.read(folder)
+        assert np.array_equal(read.images[0], image)
+        said = "multiplied by alpha" in (read.meta.assumed or "")
+        assert said == (folder.name == "multiplied" and brightness >= 0.5)
+
+
 def test_a_logo_in_a_corner_leaves_the_background_uniform(tmp_path: Path) -> None:
     images = [np.zeros((40, 40, 3), np.uint8) for _ in range(3)]
     for image in images:

@@ -17,7 +17,7 @@ from svv.bricks import filling, marching
 from svv.bricks.filling import BLOCKS, BRICK, VOXELS
 from svv.bricks.marching import EMPTY, UNKNOWN
 from svv.bricks.numbers import Numbers
-from svv.bricks.source import Box, Source
+from svv.bricks.source import Box, Source, check_finite
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 
@@ -123,7 +123,7 @@ class BrickCaster:
             Colours times opacity, and opacity. (height, width, 4)
 
         Raises:
-            BadInput: A part of the volume cannot be read.
+            BadInput: A part of the volume cannot be read, or contains values that are not finite.
         """
         frame, corner, pixel = self._frame(camera)
         count = camera.width * camera.height
@@ -205,7 +205,10 @@ class BrickCaster:
         index = np.array(np.unravel_index(brick, self._slots.shape)) * BRICK
         start = np.maximum(index - 1, 0)
         stop = np.minimum(index + BRICK + 2, self.level.shape)
-        box = self._numbers.converted(self.source.read(self.number, _box(start), _box(stop)))
+        values = self.source.read(self.number, _box(start), _box(stop))
+        if values.dtype.kind == "f":  # a file with levels of its own was not read before
+            check_finite(values, self.source.name)
+        box = self._numbers.converted(values)
         first = index - start
         if not filling.find_visible(box, first, self._ranges, self._seen[slot]):
             return False

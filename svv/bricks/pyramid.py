@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.mapped import MappedSource, mapped
 from svv.bricks.opened import data_files
-from svv.bricks.source import Box, Level, Source
-from svv.errors import BadInput, Progress
+from svv.bricks.source import Box, Level, Source, check_finite
+from svv.errors import Progress
 from svv.io.files.atomic import atomic_path, cannot_write, make_folder, sync_folder
 from svv.io.files.cache import Cache, bytes_in, cache_folder
 
@@ -148,9 +148,8 @@ def _build(source: Source, folder: Path, progress: Progress) -> None:
         start = index[0] * edge, index[1] * rows, 0
         stop = min(start[0] + edge, whole[0]), min(start[1] + rows, whole[1]), whole[2]
         box = source.read(0, start, stop)
+        check_finite(box, source.name)
         low, high = float(box.min()), float(box.max())
-        if not (np.isfinite(low) and np.isfinite(high)):
-            raise BadInput(f"{source.name} contains values that are NaN or infinite; replace them with numbers first.")
         for k, (file, level) in enumerate(zip(files, levels), 1):
             box = halved(box)
             first = start[0] >> k, start[1] >> k

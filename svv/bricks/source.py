@@ -110,6 +110,12 @@ def native(dtype: DTypeLike, name: str) -> np.dtype[np.generic]:
     return np.dtype({"b1": "u1", "f2": "f4", "f16": "f8"}.get(kind.str[1:], kind.str[1:]))
 
 
+def check_finite(values: NDArray[np.number], name: str) -> None:
+    """Raise BadInput if a value is NaN or infinite."""
+    if not (np.isfinite(values.min()) and np.isfinite(values.max())):  # both are NaN if any value is
+        raise BadInput(f"{name} contains values that are NaN or infinite; replace them with numbers first.")
+
+
 def scaled_type(stored: np.dtype[np.generic], gain: float, shift: float) -> np.dtype[np.generic]:
     """Return the type of gain * stored + shift: float32 if it separates all stored values, otherwise float64."""
     narrow = stored.itemsize <= 2 or stored == np.float32

@@ -281,7 +281,8 @@ REFUSALS = {
     "MapScalars": (0, "Map Scalars"),
     "MultiComponentsMapping": (1, "Multi Components Mapping"),
     "VolumetricScatteringBlending": (0.5, "Volumetric Scattering Blending"),
-    "VolumeRenderingMode": ("OSPRay Based", "OSPRay"),
+    "VolumeRenderingMode": ("Ray Cast Only", "Volume Rendering Mode Ray Cast Only"),
+    "ScalarOpacityUnitDistance": (0.0, "Unit Distance 0, at which all that is visible is opaque"),
 }
 
 

@@ -179,6 +179,7 @@ said("no scene", StyleRFEdit(Input=StyleRFStylize(Input=PlotOverLine(Input=wavel
 reader = StyleRFScene(FileName=folder + "/scene.svv")
 said("region", StyleRFEdit(Input=reader, Region7Opacity=0.5))
 said("no style", StyleRFStylize(Input=reader))
+said("table", StyleRFViews(Input=reader))
 said("network", StyleRFRender(Input=reader, Network="styled"))
 said("camera", StyleRFRender(Input=reader, Camera=[0, 0, 5, 0, 0, 0, 0, 1, 0, 400]))
 said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
@@ -198,12 +199,14 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
         "no scene": "is not a scene",
         "region": "no region 7",
         "no style": "at least one picture",
+        "table": "vtkTable, and StyleRF needs a volume: insert Table To Structured Grid",
         "network": "no network 'styled'",
         "camera": "angle of view",
         "no file": "no scene file",
     }
     assert {name: words in said[name] for name, words in expected.items()} == dict.fromkeys(expected, True), said
     assert "Traceback" not in result.stderr
+    assert result.stderr.count("StyleRFStylize: Choose at least one picture") == 1  # though it has two outputs
 
 
 def test_what_filters_kept_goes_with_them(trained: Path, pvpython) -> None:

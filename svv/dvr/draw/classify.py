@@ -186,7 +186,7 @@ def classified_grid(
         low, high = (round(float(stage.of_volume(known[i])), decimals) for i in (inside[0], inside[-1]))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
-    exponent, owner = averaged(values, known, sigma, starts)
+    exponent, owner = averaged(values, known, sigma, starts, stage.appearance.nearest)
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma, colour)
     low, high = stage.of_volume(kept.interval).tolist()
@@ -298,7 +298,7 @@ def _weights(counts: Array, sigma: Array) -> Array:
 
 
 def averaged(
-    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int]
+    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int], nearest: bool
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
     """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.
 
@@ -311,6 +311,7 @@ def averaged(
         known: Ascending values. (K,)
         sigma: Extinction of the known values, 1 / box unit. (K,)
         starts: Index of the first known value of each range.
+        nearest: Whether there are no values between those of neighbours, so that nothing is averaged.
 
     Returns:
         Natural logarithms of the extinction, and range numbers. (X, Y, Z) each.
@@ -333,7 +334,7 @@ def averaged(
             squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
         # So wide that differences of the integral are accurate.
         least = np.maximum(1e-4 * width, 1e-9 * np.abs(np.nan_to_num(layer) - first))
-        half = np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
+        half = least if nearest else np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
         start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
         own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN gets the last range
         passed = np.searchsorted(edges, start)

@@ -14,7 +14,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bricks.formats.axes import Choice
 from svv.bricks.opened import open_bricks
-from svv.bricks.source import ArraySource, Level, Source
+from svv.bricks.source import ArraySource, Level, Source, check_finite
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.appearance import Appearance
@@ -95,6 +95,7 @@ class LargeVolume:
         for z in range(0, level.shape[0], 32):
             stop = min(z + 32, level.shape[0])
             values[z:stop] = self.source.read(number, (z, 0, 0), (stop, *level.shape[1:]))
+        check_finite(values, self.name)
         image = from_array(values, name=self.name)
         set_geometry(image, level.axes, level.origin)
         return image
@@ -108,6 +109,13 @@ class LargeVolume:
             return self.source.range
         values = to_array(self.overview)
         return float(values.min()), float(values.max())
+
+    @property
+    def is_range_known(self) -> bool:
+        """Whether no value lies outside of :attr:`range`."""
+        from svv.bricks.pyramid import PyramidSource
+
+        return isinstance(self.source, PyramidSource) or self.overview.GetDimensions() == self.whole.shape[::-1]
 
     def level_for(self, camera: Camera, stage: Stage) -> int:
         """Return the coarsest level that is fine enough where the volume is nearest, see :data:`WANTED`."""
@@ -140,10 +148,10 @@ class BrickMapper:
 
         assert tf.unit_distance is not None
         self._volume, self._stage = volume, stage
-        low, high = tf.told_apart(*volume.range)
+        whole, ranges = seen_of(volume, tf)
+        low, high = tf.told_apart(*whole)
         values = np.linspace(low, high, ENTRIES)
         table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
-        ranges = np.array(tf.visible_ranges(*volume.range)).reshape(-1, 2)
         shown = Appearance.of(volume.overview)
         self._look = Look(
             low, high, table, ranges, tf.unit_distance, shading, shown.nearest, shown.blank, shown.crop,
@@ -168,6 +176,19 @@ class BrickMapper:
     def close(self) -> None:
         """Let go of the bricks."""
         self._caster = None
+
+
+def seen_of(volume: LargeVolume, tf: TransferFunction) -> tuple[tuple[float, float], NDArray[np.float64]]:
+    """Return the range of a volume's values, and the intervals of those that are visible. (R, 2)
+
+    If only the range of the overview is known, finer levels have values beyond it.
+    """
+    (low, high), (first, last) = volume.range, tf.range
+    if volume.is_range_known:
+        return (low, high), np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
+    low, high = min(low, first), max(high, last)
+    ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
+    return (low, high), np.where(ranges <= low, -np.inf, np.where(ranges >= high, np.inf, ranges))
 
 
 def straight(drawn: NDArray[np.float32]) -> Pixels:

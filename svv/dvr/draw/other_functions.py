@@ -45,5 +45,5 @@ def exponents_over(
             values = resampled(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
             hide(stage, box, cells, values)
         known, sigma = extinction(stage, box, *stage.staged((low, high)).tolist())
-        found.append(averaged(values, known, sigma, [0])[0])
+        found.append(averaged(values, known, sigma, [0], stage.appearance.nearest)[0])
     return stage.of_volume(values).astype(np.float32).T, found

@@ -26,6 +26,7 @@ from svv.dvr.functions.histogram import default_transfer_function
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import as_volume
 from svv.errors import BadInput, Progress, part, silent
+from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
 from svv.io.views.view_meta import ViewMeta, VolumeGrid
 from svv.io.views.viewset import ViewSet
@@ -256,8 +257,12 @@ def open_caster(
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
-    jumps = stage.appearance.nearest or stage.appearance.blank is not None
+    shown = stage.appearance
+    jumps = shown.nearest or shown.blank is not None
     finest = STEP[make_caster.name] * (0.5 if jumps else 1.0)
+    if shown.crop is not None:  # rays must not miss a thin slice
+        sides = np.diff(shown.crop, axis=0) * stage.image.GetSpacing() / shown.stretch
+        finest = min(finest, 0.5 * float(sides.min()) / stage.voxel)
     distance = max((step or finest) * stage.voxel, least)
     caster = make_caster(stage, shading, distance)
 
@@ -273,7 +278,7 @@ def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     """Return the sample distance in voxels that a volume needs with its transfer function.
 
     It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
-    of a voxel, or ``finest`` if none does. The sample distance of the caster is changed.
+    of a voxel, on black as well as on white, or ``finest`` if none does. The sample distance of the caster is changed.
     """
     radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
     cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)
@@ -281,13 +286,14 @@ def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     def draw(step: float) -> NDArray[np.float64]:
         caster.set_step(step * stage.voxel)
         pixels = np.stack([caster.render(camera) for camera in cameras]) / 255.0
-        return (pixels[..., :3] - 1.0) * pixels[..., 3:]  # on white, which is 0
+        colours, opacities = pixels[..., :3], pixels[..., 3:]
+        return np.stack([colours * opacities, (colours - 1.0) * opacities])  # on black, and on white, which is 0
 
     if not COARSER[caster.name]:
         return finest
     fine = draw(0.125)
     error = 10.0 ** (-0.1 * GOOD_ENOUGH)
-    good = (step for step in COARSER[caster.name] if np.square(draw(step) - fine).mean() <= error)
+    good = (s for s in COARSER[caster.name] if np.square(draw(s) - fine).mean(axis=(1, 2, 3, 4)).max() <= error)
     return next(good, finest)
 
 
@@ -296,6 +302,12 @@ def _check_options(asked: ViewOptions) -> None:
         raise BadInput(f"At least 3 views are needed, not {asked.n}.")
     if asked.size < 1:
         raise BadInput(f"The views' size must be at least one pixel, not {asked.size}.")
+    taken, there = 4 * asked.n * asked.size**2, memory_there()
+    if taken > there:
+        raise BadInput(
+            f"{asked.n} views of {asked.size} x {asked.size} pixels take {taken / 1e9:.3g} GB, and the memory is "
+            f"{there / 1e9:.3g} GB: choose fewer or smaller ones."
+        )
     if not 0 <= asked.test <= ORBIT:
         raise BadInput(f"Give 0 to {ORBIT} test views, not {asked.test}.")
     if not 0 < asked.fov < 180:

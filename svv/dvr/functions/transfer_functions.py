@@ -22,6 +22,7 @@ from svv.core.interval_text import interval_text
 from svv.core.json_values import parsed
 from svv.core.volumes.opacity_code import unit_distance
 from svv.dvr.functions import presets, scales
+from svv.dvr.functions.colour_paths import colours_at
 from svv.dvr.functions.scales import MOST_POINTS, Points, own_range
 from svv.errors import BadInput
 
@@ -221,8 +222,10 @@ class TransferFunction:
 
     def colour_at(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the colours (..., 3) of these values, as VTK interpolates them."""
-        function = self.to_vtk()[0]
         values = np.asarray(values, dtype=np.float64)
+        if self.space == "Lab/CIEDE2000":  # VTK takes too long for each
+            return colours_at(np.array(self.colours), values.ravel(), self.log_scale).reshape(*values.shape, 3)
+        function = self.to_vtk()[0]
         return np.array([function.GetColor(float(v)) for v in values.ravel()]).reshape(*values.shape, 3)
 
     def to_vtk(self) -> tuple[vtkColorTransferFunction, vtkPiecewiseFunction]:

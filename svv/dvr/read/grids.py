@@ -224,7 +224,8 @@ def _check_geometry(matrix: NDArray[np.float64], name: str) -> None:
     axes = matrix[:3, :3]
     spacing = np.linalg.norm(axes, axis=0)
     if not np.isfinite(matrix).all() or spacing.min() <= 0:
-        raise BadInput(f"{name} has the spacing {tuple(spacing)}; it must be positive along each axis.")
+        numbers = " x ".join(f"{step:g}" for step in spacing)
+        raise BadInput(f"{name} has the spacing {numbers}; it must be positive along each axis.")
     cosines = (axes / spacing).T @ (axes / spacing)
     if np.abs(cosines - np.eye(3)).max() > ORTHOGONAL_TOLERANCE:
         raise BadInput(f"{name} has axes that are not perpendicular (a sheared grid); resample it first.")

@@ -33,6 +33,10 @@ STRETCHED = 2.0
 BARE, LEAST_BARE = 3.0, 0.7
 """Distance to the nearest stroke from which a surface is bare: in medians of the painting's own, and in widths."""
 
+WAS_BARE = 0.7
+"""Distance from which a place of the painting was bare already, relative to that from which it is bare later: gaps that
+are nearly wide enough would otherwise be filled as soon as anything moves."""
+
 SAME = 0.5
 """Distance of a place from the surface in the painted step below which it was part of it, in widths."""
 
@@ -304,7 +308,7 @@ class _Bare:
         steep = np.linalg.norm(painted.slope(surface), axis=1)
         off = np.abs(painted.at(surface) - self.level) / np.maximum(steep, 1e-3)
         there = (off < SAME * width) & (np.linalg.norm(surface - was, axis=1) < SAME * width)
-        place = place[~(there & (self.tree.query(surface)[0] > self.far))]
+        place = place[~(there & (self.tree.query(surface)[0] > WAS_BARE * self.far))]
         return self._copied(place, self.painted if living is None else living, now[0], generator)
 
     def _copied(

@@ -26,6 +26,19 @@ Result = TypeVar("Result")
 CORNER_SPREAD = 16
 """Levels by which corner pixels may differ and still count as one background colour (JPEG noise)."""
 
+STRIDE = 4
+"""Every so many-th pixel along both axes is looked at to see whether colours are multiplied by alpha."""
+
+FAINT, CLEAR = (4, 64), (32, 254)
+"""Smallest and largest alpha of pixels that straight colours would be brighter than, and of those with a colour."""
+
+FEW, EXCEPTIONS, COLOURED = 50, 0.01, 0.3
+"""Number of faint pixels that tell enough, fraction of them that may be noise, and brightness of colours by alpha."""
+
+MULTIPLIED = (
+    "No translucent pixel is brighter than its alpha, as if colours were multiplied by alpha: if so, divide them by "
+    "it, or what is translucent becomes too dark."
+)
 RECTIFIED = "Lens distortion and pixels that are not square were removed from {count} of the {all} images."
 RESIZED = "The images differ in size, so all were reduced to {width} x {height} pixels."
 
@@ -159,7 +172,7 @@ def decode(file: Path) -> Images:
 
 
 def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], str | None]:
-    """Return RGBA images and, if they had no alpha, a sentence that says what was taken for it.
+    """Return RGBA images and a sentence that says what was taken for alpha if they had none, or is wrong with theirs.
 
     Alpha that is 255 in every pixel of every image, as viewers and renderers save opaque pictures, is none.
     """
@@ -169,7 +182,7 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
     lack = "no alpha but 255 everywhere" if opaque else "no alpha"
     channels = [image.shape[-1] for image in decoded]
     if min(channels) == 4:
-        return decoded, None
+        return decoded, MULTIPLIED if _is_multiplied(decoded) else None
     if max(channels) == 4:
         with_, without = files[channels.index(4)], files[channels.index(3)]
         raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need alpha.")
@@ -192,6 +205,18 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
     return images, (
         f"The images have {lack}: pixels of the background colour ({colour}) count as empty, all others as opaque."
     )
+
+
+def _is_multiplied(images: Sequence[Images]) -> bool:
+    """Return whether colours look multiplied by alpha: all of them are below it, and not because they are black."""
+    pixels = np.concatenate([image[::STRIDE, ::STRIDE].reshape(-1, 4) for image in images])
+    alpha, brightest = pixels[:, 3].astype(np.int16), pixels[:, :3].max(axis=1)
+    faint = (alpha >= FAINT[0]) & (alpha <= FAINT[1])
+    clear = (alpha >= CLEAR[0]) & (alpha <= CLEAR[1])
+    if np.count_nonzero(faint) < FEW or not clear.any():
+        return False
+    exceeds = np.mean(brightest[faint] > alpha[faint] + 1)
+    return bool(exceeds <= EXCEPTIONS and np.median(brightest[clear] / alpha[clear]) > COLOURED)
 
 
 def _corners(image: Images) -> Images:

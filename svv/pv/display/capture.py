@@ -7,21 +7,22 @@ is just starting, importing them would create an additional session.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
 from typing import Any
 
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
 from svv.pv.client import follow_property, linked_camera, mask_points, part_picking, placing
-from svv.pv.client.observers import observe
+from svv.pv.client.observers import Watched, WeakReference, observe, python_proxy, with_data
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
 from svv.pv.display.volume_display import as_volume, set_looks
 from svv.pv.live.sharpening import BESIDE, watch_learning
 from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
-from svv.pv.paraview_types import Display, Observer, Proxy, SMProxyManager, SMSessionProxyManager, View
+from svv.pv.paraview_types import Display, Observer, Proxy, SMProxy, SMProxyManager, SMSessionProxyManager, View
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -29,14 +30,11 @@ CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 """Filters with buttons that set their panel (:mod:`svv.pv.panel.undo`)."""
 
-OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
-    (KEEPING, "UpdateDataEvent", take_names),
-    (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
-    (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
-    (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
-    (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),
-)
-"""What makes buttons and properties of filters work: the filters, an event, and what is called then."""
+TAKE = ("TakeWhatIsShownNow", "TakeAsEdited")
+"""Buttons, of one meaning, after which what a display has changed is captured."""
+
+_captured: Watched[tuple[WeakReference[SMProxy], dict[str, object]]] = Watched()
+"""The display that each filter has captured last, and what it was like."""
 
 OF_VIEWS = (
     ("EndEvent", follow_property.view_drawn),
@@ -73,20 +71,26 @@ def volume_display(source: Proxy, view: View | None = None) -> Display:
     Raises:
         BadInput: No view shows it as a volume.
     """
-    source = getattr(source, "SMProxy", source)
-    from paraview import simple
-
-    first = view or simple.GetActiveView()
-    for candidate in [v for v in (first, *simple.GetRenderViews()) if v is not None]:
-        for display in candidate.Representations:
-            given = getattr(display, "Input", None)
-            kind = getattr(display, "Representation", "")
-            if given is not None and given.SMProxy == source and kind == "Volume":
-                return display
+    for display in _volume_displays(source, view):
+        return display
     raise BadInput(
         "No view shows the input as a volume: set its representation to Volume in the active view, which gives it a "
         "transfer function."
     )
+
+
+def _volume_displays(source: Proxy, view: View | None = None) -> Iterator[Display]:
+    """Yield the representations that show a source as a volume, once for each view, those of the active one first."""
+    source = getattr(source, "SMProxy", source)
+    from paraview import simple
+
+    first = view or simple.GetActiveView()
+    for candidate in [first, *(other for other in simple.GetRenderViews() if other != first)]:
+        for display in () if candidate is None else candidate.Representations:
+            given = getattr(display, "Input", None)
+            kind = getattr(display, "Representation", "")
+            if given is not None and given.SMProxy == source and kind == "Volume":
+                yield display
 
 
 def shown_as(display: Display) -> dict[str, object]:
@@ -141,14 +145,63 @@ def capture(filter: Proxy, view: View | None = None) -> None:
         BadInput: The input is not shown as a volume, or in a way that is not supported; the filter then refuses to draw
             it, for the same reason.
     """
-    display = volume_display(filter.Input, view)
+    _take(filter, volume_display(filter.Input, view), {})
+
+
+@with_data("string0")
+def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
+    """Capture what has changed in the display of a filter's input since the last time; an observer of its buttons.
+
+    What was changed in the panel alone stays. If the input is no longer shown as a volume, all does, and also if a
+    state was loaded that shows it in several views: it does not say from which one the filter has its panel.
+    """
+    if name not in TAKE:
+        return
+    filter, known = python_proxy(proxy), _captured.get(proxy)
+    displays = list(_volume_displays(filter.Input))
+    same = [display for display in displays if known is not None and known[0].Get() is display.SMProxy]
+    if same or known is not None or filter.TransferFunction is None or len(displays) == 1:
+        _capture_first(filter, same or displays, {} if known is None else known[1])
+
+
+def _capture_first(filter: Proxy, displays: Iterable[Display], before: Mapping[str, object]) -> None:
+    """Capture the first display, if any, as far as it differs from before.
+
+    Whatever goes wrong must not keep others from being set up.
+    """
+    try:
+        for display in islice(displays, 1):
+            _take(filter, display, before)
+    except BadInput:
+        pass  # the filter reports what is missing when it is applied
+    except Exception as error:
+        filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
+
+
+def _take(filter: Proxy, display: Display, before: Mapping[str, object]) -> None:
+    """Give a filter what of its display differs from before."""
     try:
         shown = shown_as(display)
     except BadInput as error:
         filter.Refusal = str(error)
         raise
-    for name, value in {**shown, "Refusal": ""}.items():
-        setattr(filter, name, value)
+    filter.Refusal = ""
+    now = {**shown, "TransferFunction": display.LookupTable.SMProxy.GetGlobalIDAsString()}
+    for name, value in shown.items():
+        if name not in before or before[name] != now[name]:
+            setattr(filter, name, value)
+    _captured.put(filter.SMProxy, (WeakReference(display.SMProxy), now))
+
+
+OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
+    (CAPTURED, "UpdatePropertyEvent", capture_changes),
+    (KEEPING, "UpdateDataEvent", take_names),
+    (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
+    (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
+    (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
+    (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),
+)
+"""What makes buttons and properties of filters work: the filters, an event, and what is called then."""
 
 
 def watch_new_filters() -> None:
@@ -177,7 +230,7 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
         # The event does not identify the proxy, but a new one has no transfer function yet.
         for filter in _proxies(session, name):
             if filter.TransferFunction is None and filter.Input is not None:
-                _capture_if_shown(filter)
+                _capture_first(filter, _volume_displays(filter.Input), {})
     for name in BUTTONS:
         for filter in _proxies(session, name):
             watch(filter)
@@ -199,16 +252,6 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
             continue
         if display.Input.SMProxy.GetXMLName() in IMAGES:
             as_it_is(display)
-
-
-def _capture_if_shown(filter: Proxy) -> None:
-    """Capture the display of a new filter's input; whatever goes wrong must not keep others from being set up."""
-    try:
-        capture(filter)
-    except BadInput:
-        pass  # the filter reports what is missing when it is applied
-    except Exception as error:
-        filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
 
 
 def _new_displays(session: SMSessionProxyManager, kind: str) -> Iterator[Display]:

@@ -18,7 +18,7 @@ class Row(NamedTuple):
     """What becomes of a property."""
 
     becomes: str
-    """One of ``REPRODUCED``, ``NO_EFFECT`` and ``REFUSED``."""
+    """One of ``REPRODUCED``, ``NO_EFFECT`` and ``REFUSED``; of the last, values that are not refused are reproduced."""
     why: str
     """If it is refused, a sentence for the user that names it and says what to do; otherwise how, or why not."""
     refuses: Callable[[object], bool] = bool
@@ -49,7 +49,12 @@ REPRESENTATION: Mapping[str, Row] = {
     "ColorArrayName": Row(REPRODUCED, "the panel's Scalars, with the association to points or cells"),
     "LookupTable": Row(REPRODUCED, "the panel's Transfer Function"),
     "ScalarOpacityFunction": Row(REPRODUCED, "the opacities of the Transfer Function"),
-    "ScalarOpacityUnitDistance": Row(REPRODUCED, "the panel's Opacity Unit Distance"),
+    "ScalarOpacityUnitDistance": Row(
+        REFUSED,
+        "The volume is shown with the Scalar Opacity Unit Distance {value:g}, at which all that is visible is opaque: "
+        "set it to a positive number in the display's properties.",
+        lambda value: isinstance(value, float | int) and not value > 0.0,
+    ),
     "InterpolationType": PANEL,
     "UseCropping": PANEL,
     "CroppingOrigin": PANEL,
@@ -66,9 +71,9 @@ REPRESENTATION: Mapping[str, Row] = {
     "SpecularPower": PANEL,
     "VolumeRenderingMode": Row(
         REFUSED,
-        "The volume is shown by OSPRay, whose pictures StyleRF cannot draw: set Volume Rendering Mode to Smart in the "
-        "display's properties.",
-        _other_than("Smart", "Ray Cast Only", "GPU Based"),
+        "The volume is shown with the Volume Rendering Mode {value}, and StyleRF draws as ParaView does on a graphics "
+        "card: set it to Smart in the display's properties.",
+        _other_than("Smart", "GPU Based"),  # Ray Cast Only ignores blanking and turned axes, OSPRay has its own light
     ),
     "BlendMode": Row(
         REFUSED,

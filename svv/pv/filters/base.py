@@ -76,6 +76,7 @@ class Filter(VTKPythonAlgorithmBase):
         super().__init__(nInputPorts=inputs, nOutputPorts=outputs, outputType=kind)
         self.values = self.defaults.copy()
         self._status = ""
+        self._failed_on: object = None
         self.unfinished = False
         """Whether the input is made from a scene that is still being learned."""
         self.shows_edits = False
@@ -139,6 +140,7 @@ class Filter(VTKPythonAlgorithmBase):
             for output in outputs if self.unfinished else ():
                 mark_unfinished(output)
             self._status = " ".join(filter(None, [said, self.values.get("Notice"), UNFINISHED * self.unfinished]))
+            self._failed_on = None
         except NotYetThere as reason:
             self._status = str(reason)
             self.before(outputs)
@@ -146,7 +148,7 @@ class Filter(VTKPythonAlgorithmBase):
             self.say("Stopped; the previous result is kept. Press Apply again to resume.", error=False)
             self.before(outputs)
         except Exception as error:
-            self.say(sentence_on(error))
+            self._say_once(sentence_on(error), inputs)
             self.before(outputs)
         self.UpdateProgress(1.0)
         return 1
@@ -242,6 +244,14 @@ class Filter(VTKPythonAlgorithmBase):
         self._status = sentence
         window = vtkOutputWindow.GetInstance()
         (window.DisplayErrorText if error else window.DisplayWarningText)(f"{type(self).__name__}: {sentence}\n")
+
+    def _say_once(self, sentence: str, inputs: list[Data]) -> None:
+        """Report why the work failed, but not again if VTK asks for another output of the same inputs and panel."""
+        now = sentence, self.GetMTime(), [data and data.GetMTime() for data in inputs]
+        self._status = sentence
+        if now != self._failed_on:
+            self.say(sentence)
+        self._failed_on = now
 
     def GetStatus(self) -> str:
         """Return what the filter did last, or why it failed."""

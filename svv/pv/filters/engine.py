@@ -59,7 +59,8 @@ def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
     if data is not None and resampled.is_mesh(data):
         return resampled.image_of(data, values)
     kind = "nothing" if data is None else f"a {data.GetClassName()}"
-    raise BadInput(f"The input is {kind}, and StyleRF needs a volume: insert the filter Resample To Image.")
+    grid = "Table To Structured Grid" if data is not None and data.IsA("vtkTable") else "a filter that makes a grid"
+    raise BadInput(f"The input is {kind}, and StyleRF needs a volume: insert {grid} before this filter.")
 
 
 def _is_volume(data: vtkDataObject | None) -> bool:

@@ -6,11 +6,10 @@ import weakref
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from vtkmodules.vtkCommonCore import vtkObject
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
+
+    from svv.pv.paraview_types import Observed, Observer
 
 
 class Modifiable(Protocol):
@@ -37,34 +36,31 @@ def watch(filter: Shows, table: object) -> None:
 
     if isinstance(table, vtkDiscretizableColorTransferFunction) and table.GetScalarOpacityFunction() is not None:
         opacity = table.GetScalarOpacityFunction()
-        tags: dict[vtkObject, int] = {}
-        told = _teller(filter, table, opacity, tags)
+        told = _teller(filter, table, opacity)
         for function in (table, opacity):
-            tags[function] = function.AddObserver("ModifiedEvent", told)
+            observe_for(filter, function, told)
 
 
-def _teller(
-    filter: Shows, table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction,
-    tags: dict[vtkObject, int],
-) -> Callable[..., None]:  # fmt: skip
-    """Return the observer, which removes itself, by its ``tags``, once the filter is gone.
+def observe_for(filter: Modifiable, function: Observed, do: Observer) -> None:
+    """Call an observer at every modification of a function, until a filter is gone.
 
-    Views touch a function whenever they draw, so its points are compared.
+    What ends that also keeps the function's Python object. Without it, Python would collect the observer together with
+    that object, while VTK has the function and calls the observer still: a crash.
     """
+    end = weakref.finalize(filter, function.RemoveObserver, function.AddObserver("ModifiedEvent", do))
+    end.atexit = False
+
+
+def _teller(filter: Shows, table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction) -> Observer:
+    """Return the observer. Views touch a function whenever they draw, so its points are compared."""
     reference, known = weakref.ref(filter), [_points(table, opacity)]
 
     def tell(*_: object) -> None:
-        this = reference()
-        if this is None:
-            while tags:
-                function, tag = tags.popitem()
-                function.RemoveObserver(tag)
-            return
-        now = _points(table, opacity)
+        this, now = reference(), _points(table, opacity)
         if now == known[0]:
             return
         known[0] = now
-        if this.shows_edits:
+        if this is not None and this.shows_edits:
             this.Modified()
 
     return tell
@@ -80,7 +76,7 @@ def _points(table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseF
     return found
 
 
-def marker(filter: Modifiable) -> Callable[..., None]:
+def marker(filter: Modifiable) -> Observer:
     """Return an observer that marks a filter as modified as long as it exists."""
     reference = weakref.ref(filter)
 

@@ -45,8 +45,8 @@ from svv.styles.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
 TAKE_HELP = (
-    "Take the volume as its transfer function and time step show it now, which editing and playing alone do not do, "
-    "and make again what a saved state cannot find."
+    "Take the volume as it is shown now: its display as far as that has changed, its transfer function and time step, "
+    "which editing and playing alone do not do; and make again what a saved state cannot find."
 )
 PALETTE = 8
 """The most regions that a palette can have."""

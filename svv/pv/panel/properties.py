@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 from xml.sax.saxutils import escape, quoteattr
 
-from svv.pv.panel.function_edits import marker, watch
+from svv.pv.panel.function_edits import marker, observe_for, watch
 from svv.pv.panel.tooltips import with_picture
 from svv.pv.panel_values import Values, by_name
 from svv.pv.paraview_types import Observed
@@ -299,7 +299,7 @@ def shape(name: str, help: str) -> Property:
             by_name(self.values)[name] = function
             self.Modified()
             if function is not None:
-                function.AddObserver("ModifiedEvent", marker(self))
+                observe_for(self, function, marker(self))
 
     return Property(name, xml, None, {f"Set{name}": setter})
 

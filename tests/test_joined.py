@@ -125,7 +125,9 @@ def test_a_light_that_was_moved_lights_all_that_have_one_and_what_changes_is_sai
     for name, scene in (("plain", plain), ("lit", lit), ("aside", aside)):
         scene.save(tmp_path / f"{name}.svv")
     for first, second, said in (("plain", "aside", False), ("lit", "aside", True), ("aside", "lit", True)):
-        assert not command("join", tmp_path / f"{first}.svv", tmp_path / f"{second}.svv", "--out", tmp_path / "both.svv")
+        assert not command(
+            "join", tmp_path / f"{first}.svv", tmp_path / f"{second}.svv", "--out", tmp_path / "both.svv"
+        )
         assert (f"{second}.svv gets the light of the others" in capsys.readouterr().err) == said
 
 

@@ -228,7 +228,9 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
     painting = part(progress, 0.02, 1.0)
     styled, report = stylize_scene(scene.on(device), styles.given, options, painting, preview=preview)
     both = zip(scene.regions, styled.regions, strict=True)
-    glazes = {str(k): new.stroke_opacity for k, (old, new) in enumerate(both) if new.stroke_opacity != old.stroke_opacity}
+    glazes = {
+        str(k): new.stroke_opacity for k, (old, new) in enumerate(both) if new.stroke_opacity != old.stroke_opacity
+    }
     notes = {**styled.made["stylized"], GLAZES: glazes, "notes": [*styles.notes, *report["notes"]]}
     return replace(styled, made={**styled.made, "stylized": notes})
 

@@ -112,13 +112,13 @@ def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float3
         return np.repeat(values[..., None], 3, 2)
     image = ImageOps.exif_transpose(image)
     if image.has_transparency_data:
-        grey = image.mode in ("1", "L", "LA")
-        image = image.convert("LA" if grey else "RGBA")
+        has_one_channel = image.mode in ("1", "L", "LA")
+        image = image.convert("LA" if has_one_channel else "RGBA")
         if image.getchannel("A").getextrema() == (0, 0):
             raise BadInput(f"The style picture {path} is completely transparent: choose one that shows something.")
         if max(image.size) > 2 * long_side:  # compositing needs a second copy, so shrink first
             image = image.resize(_size(image, 2 * long_side), Image.Resampling.BOX)
-        colours = _srgb(image.convert("L" if grey else "RGB"))
+        colours = _srgb(image.convert("L" if has_one_channel else "RGB"))
         colours.putalpha(image.getchannel("A"))
         image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), colours).convert("RGB")
     else:

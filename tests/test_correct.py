@@ -12,6 +12,7 @@ import torch
 from svv.core.colour.correction import Correction
 from svv.dvr.draw.views import make_views
 from svv.errors import BadInput, Cancelled
+from svv.fields.scene.parts import no_parts
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, ReconstructSettings
@@ -110,8 +111,12 @@ def test_merged_ranges_are_one_region_and_split_are_two(nested: Drawn) -> None:
     scene, train = nested
     assert len(scene.regions) == 3 and train.classified is not None
     reds = [k for k, region in enumerate(scene.regions) if region.colour[0] > 0.5]
-    merged, _ = correct_palette(scene, train, Correction(merge=(tuple(reds),)), SHORT)
-    assert len(merged.regions) == 2
+    split = scene.with_part(0, 0.5)
+    territory = no_parts(scene.occupancy.occupied.shape, scene.occupancy.cells).with_part(scene.occupancy.occupied > 0)
+    undone = replace(split, parts=territory).undone()
+    merged, _ = correct_palette(undone, train, Correction(merge=(tuple(reds),)), SHORT)
+    merged = Scene.from_bytes(merged.to_bytes())
+    assert len(merged.every_region) == 2
     red = int(np.argmax([region.colour[0] for region in merged.regions]))
     assert len(merged.regions[red].ranges) == 2
     assert merged.regions[red].values == pytest.approx((0.38, 1.5), abs=0.6)

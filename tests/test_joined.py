@@ -112,6 +112,25 @@ def test_the_palette_of_a_joined_scene_is_corrected_before_joining(both: tuple[S
         correct_palette(both[2], None, None)  # type: ignore[arg-type]
 
 
+def test_a_light_that_was_moved_lights_all_that_have_one_and_what_changes_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain, lit = cube_scene(), lit_cube_scene()
+    aside, camera = lit.with_light(60, 20), cube_camera()
+    alone = joined([plain, aside]).hidden(*range(len(plain.regions)))
+    np.testing.assert_allclose(alone.render(camera).rgba, aside.render(camera).rgba, atol=2e-3)
+    assert alone.with_light(60, 20) == alone and alone.edited(3, specular=0.5).regions[3].specular == 0.5
+    with pytest.raises(BadInput, match="cannot be moved"):
+        alone.edited(0, specular=0.5)
+    for name, scene in (("plain", plain), ("lit", lit), ("aside", aside)):
+        scene.save(tmp_path / f"{name}.svv")
+    for first, second, said in (("plain", "aside", False), ("lit", "aside", True), ("aside", "lit", True)):
+        assert not command(
+            "join", tmp_path / f"{first}.svv", tmp_path / f"{second}.svv", "--out", tmp_path / "both.svv"
+        )
+        assert (f"{second}.svv gets the light of the others" in capsys.readouterr().err) == said
+
+
 def test_the_command_joins_files(
     both: tuple[Scene, Scene, Scene],
     tmp_path: Path,

@@ -12,9 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
+from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.joined import joined, members, with_members
 from svv.fields.scene.kept_styles import without_kept
 from svv.fields.scene.scene import Scene
+from svv.fields.values.other_cells import on_cells
 from svv.io.scene_file import checkpoint_of, checkpoint_of_layer, remove_checkpoints
 from svv.train.paint.ink import Ink
 from svv.train.pipeline import stylize_scene
@@ -124,6 +126,34 @@ def test_a_split_forgets_an_undone_one_of_another_function(
     assert again.every_region == found.every_region and not again.history.future
     same(again, found)
     same(again.undone(), both)
+
+
+def undone_split() -> Scene:
+    """Two balls that were split, edited, painted twice and put back together."""
+    scene = balls(LEFT, RIGHT).split_at(in_world(RIGHT)).hidden(2)
+    paint = UnrestrictedField(scene.settings, scene.occupancy, direct=True).requires_grad_(False)
+    scene = scene.painted(paint, {0: "a", 2: "b"}, {}, "first")
+    return scene.painted(paint, {2: "b"}, {}, "second").undone().undone()
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_scene_with_an_undone_split_is_joined_and_read_again(number: int) -> None:
+    every = [balls(TOP), balls(TOP)]
+    every[number] = undone_split()
+    whole = joined(every)
+    again = Scene.from_bytes(whole.to_bytes())
+    assert again.every_region == whole.regions
+    same(again, whole)
+
+
+def test_a_scene_with_an_undone_split_is_read_again_with_other_opacities() -> None:
+    scene = undone_split()
+    assert scene.base.density is not None
+    changed = on_cells(scene, scene.occupancy, scene.base.density)
+    again = Scene.from_bytes(changed.to_bytes())
+    assert again.every_region == scene.regions and again.variants == ("first", "second")
+    assert again.history.past == scene.history.past and not again.history.future
+    same(again.with_variant("first"), scene.with_variant("first"))
 
 
 # --- paint ------------------------------------------------------------------------------------------------------------

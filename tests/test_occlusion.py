@@ -23,7 +23,7 @@ from svv.render.baking.baked import bake
 from svv.render.figures.swatches import swatch
 from svv.render.looks.file import from_json, to_json
 from svv.render.looks.look import Look
-from svv.render.web.page import write_html
+from svv.render.web.page import html_of, write_html
 from tests.cube import cube_camera, cube_paint, cube_scene, hash_cube_scene, lit_cube_scene
 
 WALLS = np.zeros((33, 33, 33), np.float32)
@@ -124,9 +124,10 @@ def test_what_cannot_be_is_refused(cube: Scene, tmp_path: Path) -> None:
         hash_cube_scene().with_occlusion(0.5)
     with pytest.raises(BadInput, match="in a hash grid: train it again"):
         joined([cube, hash_cube_scene()]).with_occlusion(0.5)
+    painted = cube.painted(cube_paint(cube, 1), {2: "oil"}, {})
     for scene, words in (
         (cube.with_occlusion(0.5).edited(1, matcap="jade"), "Region 1 has ambient occlusion and a MatCap, and no page"),
-        (cube.with_occlusion(0.5).with_stroke_opacity(0.5, 2), "Region 2 has ambient occlusion and opacity that"),
+        (painted.with_occlusion(0.5).with_stroke_opacity(0.5, 2), "Region 2 has ambient occlusion and opacity that"),
     ):
         with pytest.raises(BadInput, match=words):
             write_html(tmp_path / "a.html", scene, "a")
@@ -171,3 +172,7 @@ def test_the_command(cube: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert run("a.svv", "--occlusion", "0.6") == [0.6] * 3
     assert run("b.svv", "--region", "1", "--occlusion", "0") == [0.6, 0.0, 0.6]
     assert run("b.svv", "--undo") == [0.6] * 3
+
+
+def test_opacity_of_strokes_that_are_not_there_is_no_reason_to_refuse_a_page(cube: Scene) -> None:
+    assert html_of(cube.with_occlusion(0.5).with_stroke_opacity(0.4), "plain", "plain")

@@ -221,6 +221,20 @@ def test_painting_anew_starts_without_edits_and_variants_share_them(oil: Scene) 
     assert other.with_variant("styled").with_strokes(relief=0.5).with_variant("thick").regions[0].stroke_relief == 0.5
 
 
+@pytest.mark.parametrize("layered", [False, True])
+def test_undoing_an_edit_from_before_a_painting_leaves_the_painting_as_it_is(oil: Scene, layered: bool) -> None:
+    scene = together([bare(oil), loose_balls()]) if layered else oil
+    edited = scene.with_strokes(0, palette=RED).edited(0, opacity=0.5)
+    thick = StyleInput(gallery_picture("impasto", 200), "impasto")
+    other = stylize_scene(edited, [thick], SHORT, mapping={0: 0}, strength=0.5, stroke_size=SIZE)[0]
+    now = other.regions[0]
+    assert (now.strength, now.stroke_palette, now.opacity) == (0.5, (), 0.5)
+    before = other.undone()
+    assert before.regions[0] == replace(now, opacity=1.0)
+    assert before.undone().regions[0] == before.regions[0]
+    assert before.undone().redone().redone().regions == other.regions
+
+
 def test_opacity_follows_the_strokes_that_are_shown(oil: Scene) -> None:
     dark = oil.with_stroke_opacity(0.8)
     light = dark.with_strokes(palette=((1.0, 1.0, 1.0), (0.7, 0.7, 0.7)), relief=0.0)

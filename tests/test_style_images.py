@@ -12,6 +12,7 @@ import pytest
 from PIL import Image, ImageCms
 
 from svv.errors import BadInput
+from svv.io.pictures.mask_file import picture_size
 from svv.io.pictures.style_picture import LARGEST, read_style
 
 RED = (220, 30, 10)
@@ -69,6 +70,36 @@ def test_a_rotated_camera_is_held_upright(tmp_path: Path, profiled: bool) -> Non
     style = read_style(tmp_path / "a.jpg")
     assert style.shape == (60, 30, 3)
     assert style[5, 15, 0] > 0.7 and style[55, 15, 2] > 0.7
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "P", "transparent P"])
+def test_profiles_and_rotation_count_in_every_kind_of_png(tmp_path: Path, mode: str) -> None:
+    image = Image.new("RGB", (60, 30), (0, 0, 255))
+    image.paste((255, 0, 0), (0, 0, 30, 30))
+    other = image if mode == "RGB" else image.convert("RGBA") if mode == "RGBA" else image.quantize(4)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    swapped = srgb.replace(b"rXYZ", b"here").replace(b"bXYZ", b"rXYZ").replace(b"here", b"bXYZ")  # red is blue
+    extra = {"transparency": 3} if mode == "transparent P" else {}  # an index that no pixel has
+    other.save(tmp_path / "a.png", exif=exif, icc_profile=swapped, **extra)
+    style = read_style(tmp_path / "a.png")
+    assert style.shape == (60, 30, 3)
+    np.testing.assert_allclose(style[5, 15], (0, 0, 1), atol=0.02)
+    np.testing.assert_allclose(style[55, 15], (1, 0, 0), atol=0.02)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "L"])
+@pytest.mark.parametrize("compression", [None, "tiff_lzw"])
+def test_turned_tiff_files_are_upright_and_of_their_size(tmp_path: Path, mode: str, compression: str | None) -> None:
+    image = Image.new("RGB", (60, 30), "black")
+    image.paste("white", (0, 0, 30, 30))
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    image.convert(mode).save(tmp_path / "a.tif", exif=exif, compression=compression)
+    style = read_style(tmp_path / "a.tif")
+    assert style.shape == (60, 30, 3) and picture_size(tmp_path / "a.tif") == (30, 60)
+    assert style[:30].min() == 1.0 and style[30:].max() == 0.0
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png"])

@@ -21,6 +21,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.joined import joined
+from svv.fields.scene.parts import no_parts
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.lives import Lives
 from svv.fields.values.followed_scene import at_step, at_time
@@ -104,6 +105,14 @@ def test_paint_moves_with_the_matter(series: tuple[Path, Scene]) -> None:
         left, right = there.styled(torch.tensor(there.occupancy.box.to_box(sides), dtype=torch.float32)).tolist()
         assert left == pytest.approx([1.0, 0.0, 0.0], abs=0.1)
         assert right == pytest.approx([0.0, 1.0, 0.0], abs=0.1)
+
+
+def test_a_step_of_a_scene_with_an_undone_split_is_read_again(series: tuple[Path, Scene]) -> None:
+    scene, filled = series[1], series[1].occupancy
+    territory = no_parts(filled.occupied.shape, filled.cells).with_part(filled.occupied > 0)
+    step = at_step(replace(scene.with_part(0, 0.5), parts=territory).undone(), 2)
+    again = Scene.from_bytes(step.to_bytes())
+    assert again.every_region == scene.regions and not again.history.future
 
 
 def test_a_scene_keeps_its_values_instead_of_tables(followed: Scene, tmp_path: Path) -> None:

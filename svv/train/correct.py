@@ -126,8 +126,9 @@ def correct_palette(
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
         regions = regions_for(network, shares, shown)
         plain = replace(
-            scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None, others=(),
-            parts=None, values=None if values is None else scene.values, steps=None if values is None else scene.steps,
+            scene, palette_network=network, regions=regions, unsplit=(), history=History(), styled=None, painting=None,
+            others=(), parts=None, values=None if values is None else scene.values,
+            steps=None if values is None else scene.steps,
         )  # fmt: skip
         reason = "images use the samples that they used before"
         if not kept:

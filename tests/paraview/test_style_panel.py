@@ -183,3 +183,29 @@ said["styles"] = [sm.Fetch(paint).GetColumnByName("Style").GetValue(k) for k in 
 """)
     assert said["styles"] == ["ink:hatching", "ink:stippling", ""] and "Painted in" in said["status"], said
     assert said["shape"] == [64, 64, 3]
+
+
+def test_opacity_follows_glazes_unless_an_edit_says_how(inside, tmp_path: Path) -> None:
+    inside("""
+from dataclasses import replace
+from svv.train import pipeline
+painted = pipeline.stylize_scene
+
+def glazed(*given, **more):  # as if region 0 were translucent
+    scene, report = painted(*given, **more)
+    first, *rest = scene.regions
+    amount = 0.2 if first.stroke_opacity == 0.0 else first.stroke_opacity
+    return replace(scene, regions=(replace(first, stroke_opacity=amount), *rest)), report
+
+pipeline.stylize_scene = glazed
+reader = OpenDataFile(folder + "/cube.svv")
+for name, own in (("plain", {}), ("edited", {"StrokeOpacity": -0.3})):
+    edit = StyleRFEdit(Input=reader, Region1Opacity=0.5, **own)
+    paint = StyleRFStylize(Input=edit, Region0Style="ink:hatching", Region1Style="as it is", Preset="draft")
+    shown = StyleRFEdit(Input=paint, SaveFile=f"{folder}/{name}.svv")
+    shown.UpdatePipeline()
+    shown.SaveScene()
+""")
+    plain, edited = (Scene.load(tmp_path / f"{name}.svv") for name in ("plain", "edited"))
+    assert [scene.regions[0].stroke_opacity for scene in (plain, edited)] == [0.2, -0.3]
+    assert plain.undone().regions[0].stroke_opacity == 0.2 and plain.undone().regions[1].opacity == 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -27,9 +28,12 @@ def join(
     they show; hide and show them to see one function or another. Together, extinctions add, also where functions
     overlap. Train, correct, split and paint scenes before joining them.
     """
-    from svv.fields.scene.joined import joined
+    from svv.fields.scene.joined import joined, relit
 
-    whole = joined([load(path) for path in scenes])
+    loaded = [load(path) for path in scenes]
+    whole = joined(loaded)
+    for number in relit(loaded):
+        print(f"{scenes[number]} gets the light of the others: svv edit --light moves that of all.", file=sys.stderr)
     whole.save(out)
     counts = [sum(r.layer == k for r in whole.regions) for k in range(len(whole.layers) + 1)]
     print(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {' + '.join(map(str, counts))} regions")

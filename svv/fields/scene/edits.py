@@ -70,7 +70,7 @@ def edited(
             changes[what] = checked(text)
             said.append(f"{what.replace('_', ' ')} {said_of(changes[what])}")
     if given := checked_coefficients(reflects):
-        _check_light(scene)
+        _check_light([scene.every_layer[scene.regions[region].layer]])
         changes |= given
         said += [f"{what} {value:g}" for what, value in given.items()]
     return changed(scene, f"region {region}: {', '.join(said)}", {region: changes})
@@ -80,7 +80,7 @@ def with_light(
     scene: S, azimuth: float, elevation: float, direction: Sequence[float] | None, intensity: float | None
 ) -> S:
     """Return a scene with the light moved; see :meth:`svv.Scene.with_light`."""
-    _check_light(scene)
+    _check_light(scene.every_layer)
     if direction is not None and (azimuth or elevation):
         raise BadInput("Give the light either angles relative to the camera or a direction in the world, not both.")
     fixed: Any = None if direction is None else tuple(direction)  # Lamp checks that they are three
@@ -232,6 +232,18 @@ def with_edits_of(scene: S, other: Model) -> S:
     return replace(shown, parts=other.parts, layers=tuple(layers))
 
 
+def without_undone_splits(scene: S) -> S:
+    """Return the scene without the regions whose splits were undone; nothing that was undone can be redone then."""
+    if not scene.unsplit:
+        return scene
+    first, *others = (s.parts and s.parts.without_undone() for s in (scene, *scene.layers))
+    return replace(
+        scene, unsplit=(), history=replace(scene.history, future=()), parts=first,
+        layers=tuple(replace(layer, parts=parts) for layer, parts in zip(scene.layers, others, strict=True)),
+        others=tuple(replace(other, styles=other.styles[: len(scene.regions)]) for other in scene.others),
+    )  # fmt: skip
+
+
 def check_regions(scene: Model, *regions: int) -> None:
     """Raise BadInput unless regions are named, and there are all of them."""
     if not scene.regions:
@@ -268,11 +280,12 @@ def _at(scene: S, step: Step, history: History) -> S:
     )  # fmt: skip
 
 
-def _check_light(scene: Model) -> None:
-    """Raise BadInput for a scene whose light cannot be changed."""
-    if scene.settings.lighting == "none":
+def _check_light(layers: Sequence[Model]) -> None:
+    """Raise BadInput for layers of a scene of which none has a light that can be changed."""
+    lightings = {layer.settings.lighting for layer in layers}
+    if lightings == {"none"}:
         raise BadInput("This scene has no light to change: its views were drawn without shading.")
-    if scene.settings.lighting != "phong":
+    if "phong" not in lightings:
         raise BadInput(
             "The light of this scene cannot be moved, because a network learned it together with the surfaces: "
             "train it again with --lighting phong (in ParaView: Lighting of StyleRF Train) for a light that can."

@@ -74,6 +74,22 @@ class History:
         """Return the history with one more step; undone edits can no longer be redone."""
         return History((*self.past, step)[-MOST_UNDO_STEPS:])
 
+    def rebased(self, before: Sequence[Region], after: Sequence[Region]) -> History:
+        """Return the history with every edit that painting changed as it is ``after``: no step undoes a painting."""
+        changes = []
+        for old, new in zip(map(edits_of, before), map(edits_of, after), strict=True):
+            changed = {name for name in (*old, *new) if (name in old, old.get(name)) != (name in new, new.get(name))}
+            changes.append((changed, {name: value for name, value in new.items() if name in changed}))
+
+        def step(step: Step) -> Step:
+            edits = tuple(
+                {**{name: value for name, value in own.items() if name not in changed}, **new}
+                for own, (changed, new) in zip(step.edits, changes, strict=False)
+            )
+            return replace(step, edits=(*edits, *step.edits[len(edits) :]))
+
+        return History(tuple(map(step, self.past)), tuple(map(step, self.future)))
+
     def to_json(self) -> dict[str, object]:
         """Return plain values for the scene's header."""
         named = {"past": self.past, "future": self.future}

@@ -16,10 +16,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress
 from svv.fields.scene.edits import split_at as split_alone
-from svv.fields.scene.edits import with_part
+from svv.fields.scene.edits import with_part, without_undone_splits
 from svv.fields.scene.history import History
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
@@ -34,13 +35,13 @@ def joined(scenes: Sequence[S]) -> S:
 
     Args:
         scenes: Scenes of one place. Each keeps its edits, its parts and the painting that it shows; histories are
-            dropped, and all are lit by the light of the first.
+            dropped, and all are lit by the light of the first whose light can be moved (:func:`relit`).
 
     Raises:
         BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of
             different places or have other time steps.
     """
-    scenes = [member for scene in scenes for member in members(scene)]
+    scenes = [member for scene in scenes for member in members(without_undone_splits(scene))]
     if not 2 <= len(scenes) <= MOST:
         raise BadInput(f"Give 2 to {MOST} scenes to join, not {len(scenes)}.")
     first = scenes[0]
@@ -65,9 +66,23 @@ def joined(scenes: Sequence[S]) -> S:
         for region in scene.regions:
             parent = None if region.part_of is None else count + region.part_of
             regions.append(replace(region, layer=number, part_of=parent))
-    plain = [replace(scene, unsplit=(), history=History(), others=()) for scene in scenes]
-    first = replace(plain[0], camera_rig=_rig_around(scenes))
+    plain = [replace(scene, history=History(), others=()) for scene in scenes]
+    first = replace(plain[0], camera_rig=_rig_around(scenes), lamp=_lamp_of(scenes))
     return replace(first, regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
+
+
+def relit(scenes: Sequence[Model]) -> list[int]:
+    """Return the numbers of the scenes whose light :func:`joined` replaces by that of another."""
+    lamp = _lamp_of(scenes)
+    return [number for number, scene in enumerate(scenes) if _has_lamp(scene) and scene.lamp != lamp]
+
+
+def _lamp_of(scenes: Sequence[Model]) -> Lamp:
+    return next(scene.lamp for scene in (*filter(_has_lamp, scenes), scenes[0]))
+
+
+def _has_lamp(scene: Model) -> bool:
+    return any(layer.settings.lighting == "phong" for layer in scene.every_layer)
 
 
 def named(scene: S, name: str) -> S:
@@ -135,14 +150,14 @@ def with_members(scene: S, changed: Sequence[S]) -> S:
     """Return a joined scene with its members changed, which keep their regions; its light and its history stay."""
     own = [iter(member.every_region) for member in changed]
     every = tuple(replace(next(own[r.layer]), layer=r.layer, part_of=r.part_of) for r in scene.every_region)
-    count = len(scene.regions)
+    count, history = len(scene.regions), scene.history.rebased(scene.every_region, every)
     shared = changed[0].steps
     layers = tuple(
         replace(s, regions=(), unsplit=(), steps=None if s.steps is shared else s.steps, others=()) for s in changed[1:]
     )
     return replace(
         changed[0],
-        regions=every[:count], unsplit=every[count:], lamp=scene.lamp, history=scene.history, others=(), layers=layers,
+        regions=every[:count], unsplit=every[count:], lamp=scene.lamp, history=history, others=(), layers=layers,
     )  # fmt: skip
 
 

@@ -53,7 +53,8 @@ def painted(
     shown = _showing(scene, Variant(name, network, every, made), rest)
     means, anew = mean_lights(scene), _painted_anew(scene, network)
     lit = (replace(r, mean_light=means[root]) for r, root in zip(shown.regions, scene.roots, strict=True))
-    return replace(shown, regions=tuple(as_laid(r) if k in anew else r for k, r in enumerate(lit)))
+    laid = tuple(as_laid(r) if k in anew else r for k, r in enumerate(lit))
+    return replace(shown, regions=laid, history=scene.history.rebased(shown.regions, laid))
 
 
 def _painted_anew(scene: Model, network: UnrestrictedField) -> set[int]:

@@ -21,6 +21,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import PRUNED, Occupancy, largest_in, least_extinction
+from svv.fields.scene.edits import without_undone_splits
 from svv.fields.scene.joined import members, with_members
 from svv.fields.scene.model import Model, S
 from svv.fields.strokes.flocks import Alive
@@ -54,6 +55,7 @@ def at_step(scene: S, step: int, anew: bool = False) -> S:
         count = 0 if steps is None else len(steps)
         told = f"it has the steps 0 to {count - 1}" if count > 1 else "it has no time steps; svv follow adds them"
         raise BadInput(f"The scene has no time step {step}: {told}.")
+    scene = without_undone_splits(scene)
     if scene.layers:
         alone = steps.only(step)
         found = [(member, at_step(member, step, anew)) for member in members(scene)]
@@ -100,6 +102,7 @@ def at_volume(
     Raises:
         BadInput: The scene is not one of these, or the volume comes without its values.
     """
+    scene = without_undone_splits(scene)
     function, _ = check_follows(scene)
     if volume.values is None:
         raise BadInput("The volume comes without its values: classify it again.")

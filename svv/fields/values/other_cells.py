@@ -20,6 +20,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.edits import without_undone_splits
 from svv.fields.scene.model import S
 from svv.fields.values.carried_paint import at_rest
 from svv.fields.values.followed_scene import check_paint_follows, owners
@@ -37,6 +38,7 @@ def on_cells(scene: S, occupancy: Occupancy, density: SparseLattice) -> S:
     Raises:
         BadInput: The scene is not one of these, or has paint that cannot be laid on other cells.
     """
+    scene = without_undone_splits(scene)
     palette = scene.palette_network
     if palette is None or scene.base.density is None:
         raise BadInput(

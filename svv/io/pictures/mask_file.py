@@ -162,7 +162,9 @@ def picture_size(path: str | Path) -> tuple[int, int]:
         BadInput: The file is not a picture that can be read.
     """
     try:
-        with Image.open(path) as image:
+        with Path(path).open("rb") as file, Image.open(file) as image:
+            if image.format == "TIFF":  # new versions of Pillow turn it while loading, and some its size before
+                image.load()
             turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
             return (image.height, image.width) if turned else image.size
     except Exception as error:  # damaged files make Pillow raise all kinds of errors

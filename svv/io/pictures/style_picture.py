@@ -53,7 +53,8 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
         None,
     )  # our own limit, checked below, gives a clear message
     try:
-        with Image.open(path) as image:
+        # From a path, Pillow 12 and 13 garble turned TIFF files of some modes, which they map into memory.
+        with path.open("rb") as file, Image.open(file) as image:
             check_pixels(path, *image.size)
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
             if (deep := deep_tiff(path)) is not None:
@@ -109,14 +110,19 @@ def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float3
         grey = Image.fromarray(scaled(values).astype(np.float32), "F")
         values = np.asarray(grey.resize(_size(grey, long_side), Image.Resampling.BOX, reducing_gap=2))
         return np.repeat(values[..., None], 3, 2)
+    image = ImageOps.exif_transpose(image)
     if image.has_transparency_data:
-        image = image.convert("RGBA")
+        has_one_channel = image.mode in ("1", "L", "LA")
+        image = image.convert("LA" if has_one_channel else "RGBA")
         if image.getchannel("A").getextrema() == (0, 0):
             raise BadInput(f"The style picture {path} is completely transparent: choose one that shows something.")
         if max(image.size) > 2 * long_side:  # compositing needs a second copy, so shrink first
             image = image.resize(_size(image, 2 * long_side), Image.Resampling.BOX)
-        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
-    image = ImageOps.exif_transpose(_srgb(image))
+        colours = _srgb(image.convert("L" if has_one_channel else "RGB"))
+        colours.putalpha(image.getchannel("A"))
+        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), colours).convert("RGB")
+    else:
+        image = _srgb(image)
     image = image.resize(_size(image, long_side), Image.Resampling.LANCZOS, reducing_gap=3)
     return np.asarray(image, np.float32) / np.float32(255)
 
@@ -129,13 +135,13 @@ def _size(image: Image.Image, long_side: int) -> tuple[int, int]:
 
 def _srgb(image: Image.Image) -> Image.Image:
     profile = image.info.get("icc_profile")
+    if image.mode in ("P", "PA"):
+        image = image.convert("RGB")  # profiles are of the palette's colours
     if profile and image.mode in ("RGB", "CMYK", "L"):
         try:
             source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-            exif = image.getexif()
             converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
             assert converted is not None  # only an in-place conversion returns None
-            converted.getexif().update(exif)
             return converted
         except (
             ImageCms.PyCMSError,

@@ -149,7 +149,7 @@ class StyleRFJoin(SceneOutput):
         return super().FillInputPortInformation(port, info)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.fields.scene.joined import joined, members, named
+        from svv.fields.scene.joined import joined, members, named, relit
         from svv.pv.filters.editing import told
 
         given = [self.GetInputDataObject(0, number) for number in range(self.GetNumberOfInputConnections(0))]
@@ -160,4 +160,5 @@ class StyleRFJoin(SceneOutput):
         scene = self.kept("joined", tuple(map(key_of_scene, given)), lambda: joined(scenes))
         self.give(scene, outputs[0])
         counts = " + ".join(str(len(member.regions)) for member in members(scene))
-        return f"{counts} regions. {told(scene)}"
+        dark = "".join(f" Input {number + 1} gets the light of the others." for number in relit(scenes))
+        return f"{counts} regions.{dark} {told(scene)}"

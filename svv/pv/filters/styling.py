@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.train.paint.ink import Style, StyleInput
 
+GLAZES = "glazes"
+"""Key of a painting's record: how far the opacity of each region follows its strokes, where painting says so."""
+
 
 @dataclass(frozen=True)
 class Painting:
@@ -81,7 +84,9 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
         if shown and shown not in paintings:
             raise BadInput(f"There is no painting '{shown}': a joined scene shows one that this filter has painted.")
         chosen = paintings.get(shown or name)
-        return scene if chosen is None or chosen.base != base else _layers_painted(scene, chosen.scene)
+        if chosen is None or chosen.base != base:
+            return scene
+        return _glazed(_layers_painted(scene, chosen.scene), chosen.scene)
     for given, painting in paintings.items():
         if painting.base != base:
             continue
@@ -91,7 +96,21 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
         scene = scene.painted(network, styles, variant.made, variant.name)
         own[given] = variant.name
     variant_shown = shown or own.get(name)
-    return scene if variant_shown is None else scene.with_variant(variant_shown)
+    if variant_shown is None:
+        return scene
+    scene = scene.with_variant(variant_shown)
+    return _glazed(scene, scene)
+
+
+def _glazed(scene: Scene, painting: Scene) -> Scene:
+    """Return a painted scene whose opacity follows strokes that are glazes, where no edit says how it follows them."""
+    glazes = painting.made.get("stylized", {}).get(GLAZES, {})
+    regions = [
+        replace(r, stroke_opacity=glazes[str(k)]) if str(k) in glazes and r.stroke_opacity == 0.0 else r
+        for k, r in enumerate(scene.regions)
+    ]
+    history = scene.history.rebased(scene.regions, regions)
+    return replace(scene, regions=tuple(regions), history=history)
 
 
 def _layers_painted(scene: Scene, painting: Scene) -> Scene:
@@ -208,7 +227,11 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
     options = options_in(PaintOptions, values, mapping=styles.mapping, go_on=go_on, variant=variant)
     painting = part(progress, 0.02, 1.0)
     styled, report = stylize_scene(scene.on(device), styles.given, options, painting, preview=preview)
-    notes = {**styled.made["stylized"], "notes": [*styles.notes, *report["notes"]]}
+    both = zip(scene.regions, styled.regions, strict=True)
+    glazes = {
+        str(k): new.stroke_opacity for k, (old, new) in enumerate(both) if new.stroke_opacity != old.stroke_opacity
+    }
+    notes = {**styled.made["stylized"], GLAZES: glazes, "notes": [*styles.notes, *report["notes"]]}
     return replace(styled, made={**styled.made, "stylized": notes})
 
 

@@ -118,8 +118,9 @@ def html_of(
 
 def _check_occlusion(scene: Scene) -> None:
     """Raise BadInput if a page, whose colours hold the ambient occlusion, would look otherwise than the scene."""
+    painted = "styled" in scene.networks  # opacity follows strokes only where there are some
     for number, region in enumerate(scene.regions):
-        if region.occlusion > 0.0 and (region.matcap is not None or region.stroke_opacity != 0.0):
+        if region.occlusion > 0.0 and (region.matcap is not None or (painted and region.stroke_opacity != 0.0)):
             what, take = (
                 ("a MatCap", f"--matcap {number}=none")
                 if region.matcap is not None

@@ -74,7 +74,8 @@ class Order:
             replace(r, stroke_opacity=glazes[k]) if k in glazes and r.stroke_opacity == 0.0 else r
             for k, r in enumerate(self.regions)
         )
-        return replace(scene, regions=regions).painted(colours, self.named, {}, self.name)
+        history = scene.history.rebased(scene.regions, regions)
+        return replace(scene, regions=regions, history=history).painted(colours, self.named, {}, self.name)
 
 
 def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Order:

@@ -193,7 +193,7 @@ class Camera:
 
 def _check_angle_and_span(fov_x: float, span_x: float | None, whom: str) -> None:
     if not 0.0 < fov_x < np.pi:
-        raise BadInput(f"The fov_x of {whom} must lie between 0 and pi radians, not {fov_x}.")
+        raise BadInput(f"The fov_x of {whom} must lie between 0 and pi radians (180 degrees), not {fov_x}.")
     if span_x is not None and not 0.0 < span_x < np.inf:
         raise BadInput(
             f"The span_x of {whom}, the width of its image in world units, must be a positive number, not {span_x}."

@@ -131,17 +131,16 @@ class Dvr:
     """Direct volume rendering of the volume, with the settings of its views."""
 
     def __init__(self, volume: Path, views: Path) -> None:
-        from vtkmodules.vtkCommonDataModel import vtkImageData
-
         from svv.dvr.draw.frame import set_stage
+        from svv.dvr.draw.large import Opened
         from svv.dvr.draw.views import open_caster
         from svv.dvr.functions.transfer_functions import TransferFunction
 
         meta = read_meta(views)
-        image = VolumeSource(volume).image()
-        assert isinstance(image, vtkImageData)  # of the usual size
-        stage = set_stage(image, TransferFunction.from_dict(known(meta.tf, "tf")))
-        self._caster, _ = open_caster(stage, known(meta.mapper, "mapper"), known(meta.shading, "shading"))
+        mapper, function = known(meta.mapper, "mapper"), TransferFunction.from_dict(known(meta.tf, "tf"))
+        opened = Opened.of(VolumeSource(volume).image(), mapper, None)
+        stage, shading = set_stage(opened.image, function), known(meta.shading, "shading")
+        self._caster, _ = open_caster(stage, mapper, shading, only=opened.caster(function))
         self.name = self._caster.name
 
     def draw(self, camera: Camera) -> NDArray[np.uint8]:

@@ -306,14 +306,14 @@ def memory(how: Context) -> None:
 def two_cards(how: Context) -> None:
     """Train on the second GPU, if there is one, and compare its picture with the first one's."""
     if how.device != "cuda" or torch.cuda.device_count() < 2:
-        how.say("two cards", "two cards", f"{torch.cuda.device_count()} here")
+        how.say("two_cards", "two cards", f"{torch.cuda.device_count()} here")
         return
     scene, camera = how.scene(), how.read("test").cameras[0]
     first = scene.render(camera).rgba
     with torch.cuda.device(1):
         second = scene.on(gpu.current_gpu()).render(camera).rgba
         _, report = train_scene(how.read("train"), how.preset("fast", 60, 30), device="cuda", seed=SEED)
-    how.say("two cards", "two cards", {**_apart([np.abs(first - second)]), "gpu": report["gpu"]})
+    how.say("two_cards", "two cards", {**_apart([np.abs(first - second)]), "gpu": report["gpu"]})
 
 
 def _compiled() -> int:

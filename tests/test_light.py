@@ -314,7 +314,8 @@ def test_networks_take_the_headlight_for_the_direction_of_view(views: ViewSet) -
         torch.testing.assert_close(across, scene.shade(samples, rays, network)[0])
         point = scene.shade(samples, replace(rays, axes=None), network)[0]
         assert float((point - across).abs().max()) > 0.01
-    assert headlight_of(replace(views, meta=replace(views.meta, mapper="gpu"))) == "point"
+    of = {"gpu": "point", "cpu": "axis", "bricks": "axis"}
+    assert {name: headlight_of(replace(views, meta=replace(views.meta, mapper=name))) for name in of} == of
 
 
 def test_few_views_of_a_volume_choose_their_light(views: ViewSet) -> None:

@@ -75,10 +75,10 @@ def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
 def headlight_of(views: ViewSet) -> str:
     """Return the direction of the views' headlight; see :attr:`svv.fields.radiance.networks.FieldSettings.headlight`.
 
-    VTK's CPU ray caster treats a headlight as parallel to the camera's axis, which is why views record the ray caster.
-    VTK's GPU ray caster, and other renderers, treat it as a point at the camera.
+    VTK's CPU ray caster and ours treat a headlight as parallel to the camera's axis, which is why views record the ray
+    caster. VTK's GPU ray caster, and other renderers, treat it as a point at the camera.
     """
-    return "axis" if views.meta.mapper == "cpu" else "point"
+    return "axis" if views.meta.mapper in ("cpu", "bricks") else "point"
 
 
 def light_for(views: ViewSet, settings: FieldSettings) -> str:

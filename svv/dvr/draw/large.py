@@ -322,8 +322,8 @@ def quickest(
 
     Both draw the same picture (a mean difference of 0.1 to 0.4 of 255 levels), ours in .5 to .8 of the time. VTK keeps
     what ours would draw otherwise, whole numbers with more levels than the table of colours has entries, and what does
-    not fit into memory twice. Ours also draws, wherever there is a GPU, values that lie so far apart (fill values) that
-    the tables of VTK, from the smallest to the largest value, would not resolve the function.
+    not fit into memory twice. Ours draws even where there is a GPU if values lie so far apart (fill values) that VTK's
+    tables, which run from the smallest to the largest value, would not resolve the function.
 
     Args:
         volume: The volume.

@@ -153,9 +153,15 @@ class RayPool:
         return self._sources[by_contrast]
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""
-        generator, pool = np.random.default_rng(self._seed), self._pixels.index
-        chosen = pool if len(pool) <= most else generator.choice(pool, most, replace=False)
+        """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly.
+
+        Of more pixels, one is drawn from each of ``most`` equal parts of their list (stratified sampling): each pixel
+        is as likely as any other, and nothing has to be shuffled or remembered.
+        """
+        generator, chosen = np.random.default_rng(self._seed), self._pixels.index
+        if len(chosen) > most:
+            places = (np.arange(most) + generator.random(most)) * (len(chosen) / most)
+            chosen = chosen[np.minimum(places.astype(np.int64), len(chosen) - 1)]
         rgba = self._levels[chosen].astype(np.float32) / np.float32(255.0)
         rgba = rgba[rgba[:, 3] > 0]
         return rgba[:, :3], rgba[:, 3]

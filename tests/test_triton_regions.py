@@ -1,0 +1,29 @@
+"""Regions along rays by Triton's kernels."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from svv.kernels import dispatch
+from svv.fields.radiance.region_checks import region_checks
+from svv.train.palette.along_rays import Solver
+from tests.interpreted import GPU, triton_kernels
+from tests.test_along_rays import lit_and_wrong
+
+DEVICE = torch.device("cuda" if GPU else "cpu")
+CHECKS = region_checks(300)
+
+
+@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_kernels_of_regions_are_those_of_plain_torch(name: str, seed: int) -> None:
+    CHECKS[name](triton_kernels, DEVICE, seed)
+
+
+@pytest.mark.parametrize("count", [3, 8])
+def test_memberships_are_those_of_the_cpu(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    seen, places, region = lit_and_wrong(0, count)
+    expected = Solver(seen, places).solve(region, count, 0.02)
+    monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
+    torch.testing.assert_close(Solver(seen, places).solve(region, count, 0.02), expected, atol=2e-4, rtol=0.0)

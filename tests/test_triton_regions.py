@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from svv.kernels import dispatch
 from svv.fields.radiance.region_checks import region_checks
+from svv.kernels import dispatch
+from svv.train.palette import along_rays
 from svv.train.palette.along_rays import Solver
 from tests.interpreted import GPU, triton_kernels
 from tests.test_along_rays import lit_and_wrong
@@ -24,6 +25,7 @@ def test_kernels_of_regions_are_those_of_plain_torch(name: str, seed: int) -> No
 @pytest.mark.parametrize("count", [3, 8])
 def test_memberships_are_those_of_the_cpu(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     seen, places, region = lit_and_wrong(0, count)
+    monkeypatch.setattr(along_rays, "STEPS", 2)
     expected = Solver(seen, places).solve(region, count, 0.02)
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
     torch.testing.assert_close(Solver(seen, places).solve(region, count, 0.02), expected, atol=2e-4, rtol=0.0)

@@ -58,7 +58,7 @@ def to_memberships(values: Tensor) -> Tensor:
 
 
 def blurred(values: Tensor, deviation: float) -> Tensor:
-    return torch.stack([_blurred(grid, deviation, None, beyond=False) for grid in values])
+    return _blurred(values, deviation, None, beyond=False)
 
 
 def normals(field: Tensor, places: Tensor, deviations: Sequence[float]) -> Tensor:
@@ -79,10 +79,13 @@ def normals(field: Tensor, places: Tensor, deviations: Sequence[float]) -> Tenso
     return torch.where(some[:, None], unit, 0.0).float()
 
 
-def _blurred(grid: Tensor, deviation: float, along: int | None, beyond: bool) -> Tensor:
-    """Return a grid blurred along each axis, by products with matrices that hold the filters in their rows."""
-    for axis, (weights, sign) in enumerate(zip(*surfaces.filters(deviation, along), strict=True)):
-        size = grid.shape[axis]
+def _blurred(grids: Tensor, deviation: float, along: int | None, beyond: bool) -> Tensor:
+    """Return grids (..., X, Y, Z) blurred along each axis, by products with matrices that hold filters in their rows.
+
+    See :func:`svv.core.geometry.surfaces.blurred`.
+    """
+    for axis, weights, sign in zip((-3, -2, -1), *surfaces.filters(deviation, along), strict=True):
+        size = grids.shape[axis]
         matrix, row = np.zeros((size, size), np.float32), np.arange(size)
         sides = [(0, weights[0])]
         sides += [(side * k, w if side > 0 else sign * w) for k, w in enumerate(weights) if k for side in (1, -1)]
@@ -90,8 +93,8 @@ def _blurred(grid: Tensor, deviation: float, along: int | None, beyond: bool) ->
             near = (row + distance).clip(0, size - 1)
             kept = beyond | (near == row + distance)
             np.add.at(matrix, (row[kept], near[kept]), weight)
-        grid = torch.tensordot(on_device(matrix, grid.device), grid, ([1], [axis])).movedim(0, axis)
-    return grid
+        grids = torch.tensordot(on_device(matrix, grids.device), grids, ([1], [axis])).movedim(0, axis)
+    return grids
 
 
 def _of_each(first: Tensor, total: int) -> Tensor:

@@ -129,7 +129,7 @@ class _Points:
         cells = _cells_for(scene)
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
-        self._at = moved(self._places, self._device)
+        self._at, self._shape = moved(self._places, self._device), field.shape
         self._kernels = kernels_for(self._at).REGIONS
         empty = self.labels(np.zeros(len(self._places), np.int64))
         normals = self._kernels.normals(moved(field, self._device), self._at, (NORMAL_BLUR, NORMAL_BLUR))
@@ -318,7 +318,7 @@ class _Points:
 
     def _blurred(self, values: Tensor) -> Tensor:
         """Sum values of vertices (V, C) over their neighbours, float64. (V, C)"""
-        grid = torch.zeros(values.shape[1], *self._lattice.shapes[0].tolist(), device=self._device)
+        grid = torch.zeros(values.shape[1], *self._shape, device=self._device)
         at = slice(None), *self._at.unbind(1)
         grid[at] = values.T.float()
         return self._kernels.blurred(grid, BLUR)[at].T.double()

@@ -46,8 +46,8 @@ def seen_from_all_sides(seed: int, noise: float = 0.0, rays: int = 1500) -> tupl
     pixel = (weight[:, :, None] * COLOURS[region[vertex]]).sum(axis=1)
     pixel += noise * generator.normal(size=(rays, 1)) * pixel  # of brightness, as of a normal that nobody knows
     kept = inside & (weight > 0)
-    own = (torch.from_numpy(values) for values in (vertex[kept], ray[kept], weight[kept].astype(np.float32)))
-    seen = Seen(len(places), *own, torch.ones(int(kept.sum())), torch.from_numpy(pixel).float())
+    own, which, light = (torch.from_numpy(values[kept]) for values in (vertex, ray, weight))
+    seen = Seen(len(places), own, which, light.float(), torch.ones(len(own)), torch.from_numpy(pixel).float())
     return seen, torch.from_numpy(places), region
 
 
@@ -119,9 +119,7 @@ def test_samples_of_one_vertex_are_joined(seed: int, samples: int) -> None:
     def light(ray: np.ndarray, vertex: np.ndarray, weight: np.ndarray, colour: np.ndarray) -> np.ndarray:
         return np.stack([np.bincount(3 * ray + vertex, weight * c, 15) for c in (*colour.T, 1.0)])
 
-    joint = tuple(
-        found.numpy() for found in joined(*(torch.from_numpy(own) for own in (ray, vertex, weight, colour)))
-    )
+    joint = tuple(found.numpy() for found in joined(*(torch.from_numpy(own) for own in (ray, vertex, weight, colour))))
     np.testing.assert_allclose(light(*joint), light(ray, vertex, weight, colour), rtol=1e-5)
     assert len(joint[0]) <= samples and not ((np.diff(joint[0]) == 0) & (np.diff(joint[1]) == 0)).any()
 

@@ -87,9 +87,10 @@ def lost_ray(seen: RaySamples, *rest: Any) -> Tensor:
     return reference.REGIONS.normal_equations(replace(seen, pixel=seen.pixel.clone().index_fill_(0, ONE, 0.0)), *rest)
 
 
-def without_neighbours(*arguments: Any) -> None:
-    *rest, (_, momentum), ahead, member, following = arguments
-    reference.REGIONS.descend(*rest, (0.0, momentum), ahead, member, following)
+def without_neighbours(
+    near: Any, error: Tensor, light: Tensor, step: Tensor, pace: tuple[float, float], *rest: Any
+) -> None:  # fmt: skip
+    reference.REGIONS.descend(near, error, light, step, (0.0, pace[1]), *rest)
 
 
 def turned(*arguments: Any) -> Tensor:

@@ -12,15 +12,17 @@ TYPES = {
     "*fp32": "x g_out scales table out gradient first second rotations positions lenses origins directions tail "
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
     "begin end passed shift where place around points strokes noise look tint covered below left harmonics tables lit "
-    "plain raw colours pixel cosine along member error root ahead following diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
-    "depth images sums weight shown rate pull penalties g_values g_weights g_raw g_light light each g_density",
+    "plain raw colours diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
+    "depth images sums weight shown rate pull penalties g_values g_weights g_raw g_light light each g_density "
+    "pixel cosine along member error root ahead following",
     "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends dropped",
     "*fp64": "apart shares",
     "*i32": "seed age ray number entries of seeds vertices vertex neighbours",
     "*i16": "seen",
     "*u8": "used distance known nearest near levels",
     "fp32": "beta1 beta2 epsilon cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
-    "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam kept least smoothness momentum",
+    "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam "
+    "kept least smoothness momentum",
     "i32": "samples rows finer width height rays channels nx ny nz first_ray inputs outputs size stride length "
     "side before until regions total most columns",
 }

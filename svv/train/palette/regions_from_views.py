@@ -130,9 +130,8 @@ class _Points:
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
         self._at, self._shape = moved(self._places, self._device), field.shape
-        self._kernels = kernels_for(self._at).REGIONS
         empty = self.labels(np.zeros(len(self._places), np.int64))
-        normals = self._kernels.normals(moved(field, self._device), self._at, (NORMAL_BLUR, NORMAL_BLUR))
+        normals = kernels_for(self._at).REGIONS.normals(moved(field, self._device), self._at, (NORMAL_BLUR,) * 2)
         pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
         parts: list[list[Tensor]] = []
         for number in range(RAYS // AT_A_TIME):
@@ -181,7 +180,7 @@ class _Points:
     def two_hues(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
         """Return which vertices (V,) of a region have its second hue, and "hue"; None if it has only one."""
         mine = region == number
-        light = self._blurred(self._light * self._there(mine)[:, None]).cpu().numpy()[mine]
+        light = self._blurred(self._light * moved(mine, self._device)[:, None]).cpu().numpy()[mine]
         hue, saturation, bright = hsb_array(light.clip(min=0.0)).T
         ours = hsb_array(light.sum(axis=0).clip(min=0.0))
         if ours[1] < PaletteSettings().grey_saturation:
@@ -235,10 +234,10 @@ class _Points:
         Each ray shows a point in a colour of its own, whose hue tells a region as well. The confidence is the
         intersection over union of both, in terms of light. Regions of nearly one hue are not told apart by single rays.
         """
-        unit = _unit(colours)
-        own, count = self._own(region), len(colours)
+        unit, own, count = _unit(colours), self._own(region), len(colours)
         light = [summed(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
-        return agreement(torch.stack(light, dim=1).cpu().numpy(), np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE)
+        alike = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE
+        return agreement(torch.stack(light, dim=1).cpu().numpy(), alike)
 
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
@@ -252,7 +251,7 @@ class _Points:
 
     def colours(self, region: NDArray[np.int64], hues: Array) -> Array:
         """Return the colour of each region in full light, RGB in [0, 1]; ``hues`` (P, 3) for those not seen. (P, 3)"""
-        count, own, there = len(hues), self._own(region), self._there(region)
+        count, own, there = len(hues), self._own(region), moved(region, self._device)
         ambient, diffuse = self._seen.light(there, count)
         # Where noise hides normals, the cosine is c = p c' + (1 - p) / 2 on average: that of a normal at random is 1/2.
         # In C (A + (1 - A) c), least squares then find ambient = C (A + (1 - A) (1 - p) / 2), diffuse = C (1 - A) p,
@@ -266,7 +265,7 @@ class _Points:
             if len(mine):
                 one = found[number] / max(float(np.square(found[number]).sum()), 1e-12)
                 bright = ambient[number] @ one + diffuse[number] @ one * self.cosine[mine].double()
-                bright += (missing @ self._there(one))[self.ray[mine]]
+                bright += (missing @ moved(one, self._device))[self.ray[mine]]
                 lit = weighted_quantile(bright.cpu().numpy(), self.weight[mine].cpu().numpy(), BEST_LIT)
                 found[number] *= max(1.0, lit)
         # Of a colour that is too bright, the hue is right.
@@ -288,15 +287,15 @@ class _Points:
 
     def _brightness(self, mine: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the brightness in full light of some vertices (V,), taken as one region, and its weight; (M,) each."""
-        ambient, diffuse = self._seen.light(self._there(mine.astype(np.int64)), 2)
+        ambient, diffuse = self._seen.light(moved(mine.astype(np.int64), self._device), 2)
         colour = ambient[1] + diffuse[1]
         full = max(float(colour.max()), 1e-6)
         reflects = (ambient[1].max() + diffuse[1].max() * self.cosine) / full
         # A brightness of 1 is a colour whose largest channel is 1.
-        scaled = self._there(colour * full / max(float(np.square(colour).sum()), 1e-12))
+        scaled = moved(colour * full / max(float(np.square(colour).sum()), 1e-12), self._device)
         bright = self.colour.double() @ scaled
         sums = self._sum(self.weight * reflects, bright, reflects)
-        above, below = self._blurred(sums * self._there(mine)[:, None]).cpu().numpy()[mine].T
+        above, below = self._blurred(sums * moved(mine, self._device)[:, None]).cpu().numpy()[mine].T
         return above / np.maximum(below, 1e-12), below
 
     @cached_property
@@ -308,20 +307,16 @@ class _Points:
         """Sum the products of a weight and each of C values of samples (S,) by vertex, float64. (V, C)"""
         return torch.stack([summed(self.vertex, weight * value, len(self._places)) for value in values], dim=1)
 
-    def _there(self, array: NDArray[np.generic]) -> Tensor:
-        """Return an array on the device."""
-        return moved(array, self._device)
-
     def _own(self, region: NDArray[np.int64]) -> Tensor:
         """Return the regions of samples, given those of vertices. (V,) -> (S,)"""
-        return self._there(region)[self.vertex]
+        return moved(region, self._device)[self.vertex]
 
     def _blurred(self, values: Tensor) -> Tensor:
         """Sum values of vertices (V, C) over their neighbours, float64. (V, C)"""
         grid = torch.zeros(values.shape[1], *self._shape, device=self._device)
-        at = slice(None), *self._at.unbind(1)
-        grid[at] = values.T.float()
-        return self._kernels.blurred(grid, BLUR)[at].T.double()
+        x, y, z = self._at.unbind(1)
+        grid[:, x, y, z] = values.T.float()
+        return self._seen.kernels.blurred(grid, BLUR)[:, x, y, z].T.double()
 
 
 def _cells_for(scene: Scene) -> int:

@@ -63,7 +63,7 @@ def _moved(views: ViewSet, device: torch.device) -> ViewsThere | None:
     room = MOST_OF_GPU * torch.cuda.get_device_properties(device).total_memory
     if images.nbytes > room or images.size // 4 > np.iinfo(np.int32).max:
         return None
-    levels = torch.from_numpy(images).to(device)
+    levels = torch.from_numpy(np.ascontiguousarray(images)).to(device)
     index, counts = sorted_by_contrast(levels)
     return None if images.nbytes + 4 * len(index) > room else ViewsThere(levels, index, counts)
 

@@ -104,8 +104,8 @@ class _Masks:
         n, h, w = masks.shape
         side = max(1, max(h, w) // MASK_SIZE)
         if isinstance(masks, Tensor):
-            visible = max_pool2d((masks > 0).float(), side, ceil_mode=True)
-            return cls(pad(visible.int().cumsum(1).cumsum(2), (1, 0, 1, 0)).int(), side)
+            shrunk = [max_pool2d((some > 0).float(), side, ceil_mode=True).int() for some in masks.split(8)]
+            return cls(pad(torch.cat(shrunk).cumsum(1).cumsum(2), (1, 0, 1, 0)).int(), side)
         tables = np.zeros((n, -(-h // side) + 1, -(-w // side) + 1), np.int32)
         summed(masks.view(np.uint8), side, tables)
         return cls(tables, side)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import sphere_cameras
 from svv.io.views.viewset import ViewSet
+from svv.kernels.dispatch import CPU
+from svv.train.run import views_there
+from svv.train.run.batches import RayPool
 from svv.train.run.pixels import MARGIN, Pixels, contrast, pixels_of
 
 SIZE = 40
@@ -77,6 +82,18 @@ def test_the_pixels_are_what_is_visible_and_its_surroundings_once_each() -> None
     np.testing.assert_array_equal(np.sort(Pixels(views).index), expected)
 
 
+@given(arrays.arrays(np.uint8, (3, 14, 14, 4), elements=st.sampled_from([0, 0, 0, 1, 127, 128, 254, 255])))
+def test_torch_finds_the_same_pixels_in_the_same_order(images: np.ndarray) -> None:
+    """What is near nothing is left out of both; a GPU takes a few views at a time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(views_there, "AT_A_TIME", 2 * 14 * 14)
+        index, counts = views_there.sorted_by_contrast(torch.from_numpy(images))
+    expected = Pixels(ViewSet(tuple(sphere_cameras(3, (0.0, 0.0, 0.0), 4.0, 0.5, 14)), images, tuple("abc")))
+    np.testing.assert_array_equal(index, expected.index)
+    np.testing.assert_array_equal(counts, expected.counts)
+    assert index.dtype == torch.int32
+
+
 @pytest.mark.parametrize("by_contrast", [0.0, 0.75, 1.0])
 def test_a_weighted_mean_is_the_mean(by_contrast: float) -> None:
     """Of any figure of the pixels; here, of random ones that are larger where the contrast is."""
@@ -122,3 +139,19 @@ def test_they_are_found_once_for_a_view_set() -> None:
     views = discs()
     assert pixels_of(views) is pixels_of(views)
     assert pixels_of(discs()) is not pixels_of(views)
+
+
+def test_visible_colours_are_drawn_evenly_and_hardly_one_twice() -> None:
+    """Each of 4,800 pixels, told apart by their colours, is as likely as any other, wherever it is in the list."""
+    images = np.full((3, SIZE, SIZE, 4), 255, np.uint8)
+    images[..., :3] = np.stack(np.mgrid[:3, :SIZE, :SIZE], axis=-1)
+    views, box, draws, most = views_of(images), Box.of_bounds((-1.0,) * 3, (1.0,) * 3), 200, 300
+    times = np.zeros(images[..., 0].size, np.int64)
+    for seed in range(draws):
+        place = np.rint(255.0 * RayPool(views, box, seed, CPU).visible_colours(most)[0]).astype(np.int64)
+        drawn = np.ravel_multi_index(tuple(place.T), images.shape[:3])
+        assert len(drawn) == most and len(set(drawn)) >= 0.95 * most
+        times += np.bincount(drawn, minlength=len(times))
+    mean = draws * most / len(times)
+    assert abs(times - mean).max() < 5.0 * np.sqrt(mean)
+    assert len(RayPool(views, box, 0, CPU).visible_colours(len(times))[0]) == len(times)

@@ -144,7 +144,7 @@ def test_they_are_found_once_for_a_view_set() -> None:
 def test_visible_colours_are_drawn_evenly_and_hardly_one_twice() -> None:
     """Each of 4,800 pixels, told apart by their colours, is as likely as any other, wherever it is in the list."""
     images = np.full((3, SIZE, SIZE, 4), 255, np.uint8)
-    images[..., :3] = np.stack(np.mgrid[:3, :SIZE, :SIZE], axis=-1)
+    images[..., :3] = np.moveaxis(np.indices((3, SIZE, SIZE)), 0, -1)
     views, box, draws, most = views_of(images), Box.of_bounds((-1.0,) * 3, (1.0,) * 3), 200, 300
     times = np.zeros(images[..., 0].size, np.int64)
     for seed in range(draws):

@@ -22,10 +22,10 @@ def test_kernels_of_regions_are_those_of_plain_torch(name: str, seed: int) -> No
     CHECKS[name](triton_kernels, DEVICE, seed)
 
 
-@pytest.mark.parametrize("count", [3, 8])
-def test_memberships_are_those_of_the_cpu(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    seen, places, region = lit_and_wrong(0, count)
+def test_memberships_are_those_of_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, places, region = lit_and_wrong(0, 5)
+    monkeypatch.setattr(along_rays, "TURNS", 1)
     monkeypatch.setattr(along_rays, "STEPS", 2)
-    expected = Solver(seen, places).solve(region, count, 0.02)
+    expected = Solver(seen, places).solve(region, 5, 0.02)
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
-    torch.testing.assert_close(Solver(seen, places).solve(region, count, 0.02), expected, atol=2e-4, rtol=0.0)
+    torch.testing.assert_close(Solver(seen, places).solve(region, 5, 0.02), expected, atol=2e-4, rtol=0.0)

@@ -82,13 +82,13 @@ def normals(field: Tensor, places: Tensor, deviations: Sequence[float]) -> Tenso
     return torch.where(some[:, None], unit, 0.0).float()
 
 
-def _blurred(grids: Tensor, deviation: float, along: int | None, beyond: bool) -> Tensor:
-    """Return grids (..., X, Y, Z) blurred along each axis, by products with matrices that hold filters in their rows.
+def _blurred(grid: Tensor, deviation: float, along: int | None, beyond: bool) -> Tensor:
+    """Return a grid blurred along each axis, by products with matrices that hold the filters in their rows.
 
     See :func:`svv.core.geometry.surfaces.blurred`.
     """
-    for axis, weights, sign in zip((-3, -2, -1), *surfaces.filters(deviation, along), strict=True):
-        size = grids.shape[axis]
+    for axis, weights, sign in zip(range(3), *surfaces.filters(deviation, along), strict=True):
+        size = grid.shape[axis]
         matrix, row = np.zeros((size, size), np.float32), np.arange(size)
         sides = [(0, weights[0])]
         sides += [(side * k, w if side > 0 else sign * w) for k, w in enumerate(weights) if k for side in (1, -1)]
@@ -96,8 +96,8 @@ def _blurred(grids: Tensor, deviation: float, along: int | None, beyond: bool) -
             near = (row + distance).clip(0, size - 1)
             kept = beyond | (near == row + distance)
             np.add.at(matrix, (row[kept], near[kept]), weight)
-        grids = torch.tensordot(on_device(matrix, grids.device), grids, ([1], [axis])).movedim(0, axis)
-    return grids
+        grid = torch.tensordot(on_device(matrix, grid.device), grid, ([1], [axis])).movedim(0, axis)
+    return grid
 
 
 def _of_each(first: Tensor, total: int) -> Tensor:

@@ -79,9 +79,9 @@ class RegionKernels(Protocol):
         """
 
     def blurred(self, values: Tensor, deviation: float) -> Tensor:
-        """Return grids blurred with a Gaussian (:func:`svv.core.geometry.surfaces.blurred`), nothing beyond them.
+        """Return a grid (X, Y, Z) blurred with a Gaussian, nothing beyond it; ``deviation``: in voxels.
 
-        ``values`` (C, X, Y, Z); ``deviation``: in voxels.
+        See :func:`svv.core.geometry.surfaces.blurred`.
         """
 
     def normals(self, field: Tensor, places: Tensor, deviations: Sequence[float]) -> Tensor:

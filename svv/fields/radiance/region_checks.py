@@ -45,8 +45,8 @@ class Inputs:
         columns = regions + regions % 2
         self.ahead, self.member = numbers(own, columns), torch.eye(columns, device=device)[self.region]
         self.step = 0.1 + 0.2 * numbers(own)
-        self.grids = numbers(2, 9, 12, 10)
-        self.places = torch.cartesian_prod(*(torch.arange(side) for side in self.grids.shape[1:])).to(device)
+        self.grid = numbers(9, 12, 10)
+        self.places = torch.cartesian_prod(*(torch.arange(side) for side in self.grid.shape)).to(device)
 
 
 def _normal_equations(own: RegionKernels, at: Inputs) -> list[Tensor]:
@@ -65,11 +65,11 @@ def _descent(own: RegionKernels, at: Inputs) -> list[Tensor]:
 
 
 def _blurred(own: RegionKernels, at: Inputs) -> list[Tensor]:
-    return [own.blurred(at.grids, 0.6)]
+    return [own.blurred(at.grid, 0.6)]
 
 
 def _normals(own: RegionKernels, at: Inputs) -> list[Tensor]:
-    normal = own.normals(at.grids[0], at.places, (1.0, 1.0))
+    normal = own.normals(at.grid, at.places, (1.0, 1.0))
     return [normal[:, :, None] * normal[:, None]]  # of either sign
 
 

@@ -45,8 +45,7 @@ def descend(
 
 def blurred(values: Tensor, deviation: float) -> Tensor:
     """See :meth:`svv.kernels.region_types.RegionKernels.blurred`."""
-    found = [surfaces.blurred(grid, deviation, beyond=False) for grid in values.numpy()]
-    return torch.from_numpy(np.stack(found))
+    return torch.from_numpy(surfaces.blurred(values.numpy(), deviation, beyond=False))
 
 
 def normals(field: Tensor, places: Tensor, deviations: Sequence[float]) -> Tensor:

@@ -313,10 +313,12 @@ class _Points:
 
     def _blurred(self, values: Tensor) -> Tensor:
         """Sum values of vertices (V, C) over their neighbours, float64. (V, C)"""
-        grid = torch.zeros(values.shape[1], *self._shape, device=self._device)
-        x, y, z = self._at.unbind(1)
-        grid[:, x, y, z] = values.T.float()
-        return self._seen.kernels.blurred(grid, BLUR)[:, x, y, z].T.double()
+        at, found = self._at.unbind(1), torch.empty_like(values)
+        for channel, column in enumerate(values.unbind(1)):  # one at a time: a grid may have 64 MB
+            grid = torch.zeros(self._shape, device=self._device)
+            grid[at] = column.float()
+            found[:, channel] = self._seen.kernels.blurred(grid, BLUR)[at]
+        return found
 
 
 def _cells_for(scene: Scene) -> int:

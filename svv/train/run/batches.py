@@ -138,9 +138,9 @@ class RayPool:
         """
         there, generator = self._there, np.random.default_rng(self._seed)
         pool = pixels_of(self._views).index if there is None else there.index
-        chosen = np.arange(len(pool))
+        chosen = np.arange(min(len(pool), most))
         if len(pool) > most:
-            places = (chosen[:most] + generator.random(most)) * (len(pool) / most)
+            places = (chosen + generator.random(most)) * (len(pool) / most)
             chosen = np.minimum(places.astype(np.int64), len(pool) - 1)
         if there is None:
             levels = self._levels[pool[chosen]]

@@ -103,7 +103,7 @@ class Training:
         """The volume's values, if the scene is to be a function of them.
 
         Raises:
-            BadInput: The views do not come with them.
+            BadInput: The views do not come with them, or there are none between those of neighbours.
         """
         if not self.chosen.values:
             return None
@@ -112,6 +112,7 @@ class Training:
                 "The encoding 'values' needs the values of the volume, which these views do not come with: draw views "
                 "of the volume with `svv views`, or choose the encoding 'lattice'."
             )
+        self._volume.values.check_between()
         return self._volume.values
 
     def run(self) -> Scene:

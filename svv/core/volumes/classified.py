@@ -86,6 +86,9 @@ class ValueGrid:
     colours: NDArray[np.float32] | None = None
     """Colours of the transfer function at evenly spaced values from 0 to 1, RGB in [0, 1]; None if not known. (K, 3)"""
 
+    nearest: bool = False
+    """Whether a point has the value of the nearest voxel, as labels are shown; otherwise there are values between."""
+
     def __post_init__(self) -> None:
         check_edges(self.edges)
         shown = self.colours
@@ -119,7 +122,15 @@ class ValueGrid:
         if self.colours is not None:
             at, known = (np.linspace(*ends, len(self.colours)) for ends in (interval, self.interval))
             colours = np.stack([np.interp(at, known, one) for one in self.colours.T], axis=1).astype(np.float32)
-        return ValueGrid(self.cells, codes, interval, visible, integral, self.edges, colours)
+        return ValueGrid(self.cells, codes, interval, visible, integral, self.edges, colours, self.nearest)
+
+    def check_between(self) -> None:
+        """Raise BadInput if there are no values between those of neighbours, which a function of values has."""
+        if self.nearest:
+            raise BadInput(
+                "The encoding 'values' interpolates between the values of voxels, and this volume is shown without "
+                "interpolation: choose the encoding 'lattice', or linear interpolation."
+            )
 
     def values(self) -> NDArray[np.float32]:
         """Return the values, 0 outside of the volume. (X + 1, Y + 1, Z + 1)"""

@@ -192,7 +192,13 @@ def classified_grid(
     low, high = stage.of_volume(kept.interval).tolist()
     high = max(high, float(np.nextafter(low, np.inf)))  # of a volume of one large value
     shown = stage.tf.colour_at(np.linspace(*kept.interval, COLOURS)).astype(np.float32)
-    kept = replace(kept, interval=(low, high), edges=voxel_edges(stage, box, kept.cells), colours=shown)
+    kept = replace(
+        kept,
+        interval=(low, high),
+        edges=voxel_edges(stage, box, kept.cells),
+        colours=shown,
+        nearest=stage.appearance.nearest,
+    )
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from torch import nn
 
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
-from svv.core.json_values import object_in, text_in
+from svv.core.json_values import number_in, object_in, text_in
 from svv.errors import BadInput
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
@@ -59,6 +59,7 @@ def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str,
             {
                 "name": v.name,
                 "styles": v.styles,
+                "glazes": v.glazes,
                 "made": put_apart(v.made, tensors),
                 "resolutions": v.network.resolutions,
                 "direct": v.network.direct,
@@ -209,7 +210,9 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
     if not (marching.step > 0.0 and images.get("stride", 1.0) > 0.0):
         raise ValueError("the distance of samples is not above 0")
     variants = [
-        Variant(text_in(v["name"], "name"), network, _styles_in(v["styles"]), _made_in(v["made"], tensors))
+        Variant(
+            text_in(v["name"], "name"), network, _styles_in(v["styles"]), _made_in(v["made"], tensors), _glazes_in(v)
+        )
         for v, network in zip(told, others, strict=True)
     ]
     painting = None if header.get("painting") is None else text_in(header["painting"], "painting")
@@ -321,6 +324,11 @@ def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
 
 def _styles_in(value: Sequence[object]) -> tuple[str | None, ...]:
     return tuple(None if style is None else text_in(style, "style") for style in value)
+
+
+def _glazes_in(variant: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return a variant's glazes; files from before they were kept have none."""
+    return tuple(number_in(glaze, "glaze") for glaze in variant.get("glazes", ()))
 
 
 def info_of(scene: Model) -> dict[str, Any]:

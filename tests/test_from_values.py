@@ -280,6 +280,14 @@ def test_labels_without_values_between_are_refused(tmp_path: Path) -> None:
         train_scene(ViewSet.read(tmp_path, "train"), SHORT)
 
 
+@pytest.mark.parametrize("encoding", ["lattice", "values"])
+def test_empty_views_of_a_volume_are_refused(both: tuple[ViewSet, ViewSet], encoding: str) -> None:
+    """It ended in an IndexError."""
+    empty = replace(both[0], images=both[0].images * np.array([1, 1, 1, 0], np.uint8))
+    with pytest.raises(BadInput, match="The views show nothing"):
+        train_scene(empty, "draft", encoding=encoding)
+
+
 def test_what_cannot_follow_says_why(followed: Scene, both: tuple[ViewSet, ViewSet]) -> None:
     volume = both[0].classified
     assert volume is not None

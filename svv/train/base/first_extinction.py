@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from svv.core.volumes.classified import ClassifiedVolume, ValueGrid
-from svv.errors import Progress
+from svv.errors import BadInput, Progress
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings
 from svv.fields.radiance.occupancy import Occupancy, carve, largest_in, least_extinction
@@ -77,7 +77,7 @@ def first_occupancy(
     """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
 
     Raises:
-        BadInput: No point is visible in all views.
+        BadInput: No point is visible in all views, or the views show nothing.
     """
     progress(0.0, "where to look")
     known = known_volume(views, settings, field)
@@ -85,6 +85,11 @@ def first_occupancy(
         occupancy = carve(views.images[..., 3], views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
+        if not views.images[..., 3].any():
+            raise BadInput(
+                "The views show nothing, although their volume has something to show: draw larger views, or choose "
+                "higher opacities."
+            )
         least = least_extinction(settings.prune_least * known.cells, float(np.exp(np.float64(known.exponent.max()))))
         occupied = known.occupied(settings.cells, least)
         occupancy = Occupancy(known.box, settings.cells, occupied)

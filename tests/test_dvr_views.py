@@ -107,8 +107,7 @@ def test_alpha_does_not_depend_on_the_sample_distance_or_type(opacity: float, un
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e-3, 1e6, 1e13, 1e23])
-@pytest.mark.parametrize("unit", [None, 2.0])
-@pytest.mark.parametrize("mapper", ["cpu", "bricks"])
+@pytest.mark.parametrize(("unit", "mapper"), [(None, "cpu"), (2.0, "cpu"), (None, "bricks"), (2.0, "bricks")])
 def test_spacing_of_any_size_gives_the_same_views(scale: float, unit: float | None, mapper: str) -> None:
     """By bricks, a galaxy in centimetres was empty, and from 1e11 on lacked rays along an axis."""
     cameras = sphere_cameras(3, (8, 12, 9), 60, 0.6, 48)

@@ -106,14 +106,15 @@ def test_alpha_does_not_depend_on_the_sample_distance_or_type(opacity: float, un
         assert abs(float(pixel[3]) - expected) <= (1.5 if expected < 255 * (1 - 255 / 32767) else 2.0)
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e6])
-@pytest.mark.parametrize("unit", [None, 2.0])
-def test_spacing_of_any_size_gives_the_same_views(scale: float, unit: float | None) -> None:
+@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e-3, 1e6, 1e13, 1e23])
+@pytest.mark.parametrize(("unit", "mapper"), [(None, "cpu"), (2.0, "cpu"), (None, "bricks"), (2.0, "bricks")])
+def test_spacing_of_any_size_gives_the_same_views(scale: float, unit: float | None, mapper: str) -> None:
+    """By bricks, a galaxy in centimetres was empty, and from 1e11 on lacked rays along an axis."""
     cameras = sphere_cameras(3, (8, 12, 9), 60, 0.6, 48)
     small = [Camera(look_at(c.position * scale, np.array((8, 12, 9)) * scale), 0.6, 48, 48) for c in cameras]
-    plain = render_views(from_array(blob()), ramp(unit), cameras, "cpu")
+    plain = render_views(from_array(blob()), ramp(unit), cameras, mapper)
     tf = ramp(unit * scale if unit else None)
-    scaled = render_views(from_array(blob(), (scale,) * 3), tf, small, "cpu")
+    scaled = render_views(from_array(blob(), (scale,) * 3), tf, small, mapper)
     assert plain[..., 3].max() > 200
     assert np.abs(plain.astype(int) - scaled).max() <= 1
 

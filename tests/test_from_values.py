@@ -19,6 +19,7 @@ from svv.core.geometry.box import Box
 from svv.core.rays.encodings import spherical_harmonics
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
 from svv.core.volumes.classified import ValueGrid
+from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.draw.classify import classified_as
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction
@@ -270,6 +271,23 @@ def test_paint_stays_where_it_is(followed: Scene) -> None:
     assert left[2] == 0.0
 
 
+def test_labels_without_values_between_are_refused(tmp_path: Path) -> None:
+    """The look-ups interpolated between labels: 29 dB instead of 39, without a word."""
+    labels = from_array(ball(24), (2 / 23,) * 3, (-1.0,) * 3)
+    put(labels, Appearance(nearest=True))
+    make_views(labels, TWO, n=8, size=16, mapper="cpu")[0].write(tmp_path, "train")
+    with pytest.raises(BadInput, match=r"'values' interpolates .* choose the encoding 'lattice'"):
+        train_scene(ViewSet.read(tmp_path, "train"), SHORT)
+
+
+@pytest.mark.parametrize("encoding", ["lattice", "values"])
+def test_empty_views_of_a_volume_are_refused(both: tuple[ViewSet, ViewSet], encoding: str) -> None:
+    """It ended in an IndexError."""
+    empty = replace(both[0], images=both[0].images * np.array([1, 1, 1, 0], np.uint8))
+    with pytest.raises(BadInput, match="The views show nothing"):
+        train_scene(empty, "draft", encoding=encoding)
+
+
 def test_what_cannot_follow_says_why(followed: Scene, both: tuple[ViewSet, ViewSet]) -> None:
     volume = both[0].classified
     assert volume is not None
@@ -277,6 +295,10 @@ def test_what_cannot_follow_says_why(followed: Scene, both: tuple[ViewSet, ViewS
         at_volume(replace(followed, values=None), volume)
     with pytest.raises(BadInput, match="without its values"):
         at_volume(followed, replace(volume, values=None))
+    labels = from_array(ball(24), (2 / 23,) * 3, (-1.0,) * 3)
+    put(labels, Appearance(nearest=True))
+    with pytest.raises(BadInput, match="choose the encoding 'lattice'"):
+        at_volume(followed, classified_as(labels, TWO))
     with pytest.raises(BadInput, match="the data runs from"):
         classified_as(from_array(np.full((8, 8, 8), 0.05), (1.0,) * 3, (0.0,) * 3), tf_of(followed))
 

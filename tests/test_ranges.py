@@ -11,8 +11,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.volumes.classified import ClassifiedVolume, ValueRange
-from svv.dvr.draw.classify import MOST_RANGES, classified
+from svv.core.volumes.classified import MOST_RANGES, ClassifiedVolume, ValueRange
+from svv.dvr.draw.classify import classified
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction
@@ -21,6 +21,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.rendering import march
 from svv.io.views.viewset import ViewSet
 from svv.train.config import PRESETS, Preset, ReconstructSettings
+from svv.train.palette.doubts import joined_ranges
 from svv.train.palette.ranges import Owners, region_overlaps, shares_of
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import RayPool
@@ -98,6 +99,29 @@ def test_too_many_ranges_are_joined_where_they_are_alike() -> None:
     assert len(found) == MOST_RANGES
     magenta = [r for r in found if r.colour == pytest.approx((1, 0, 1))]
     assert [(r.low, r.high) for r in magenta] == [pytest.approx((0.41, 0.65), abs=5e-3)]
+
+
+def test_ranges_of_other_colours_that_had_to_be_joined_are_told() -> None:
+    """Of ten colours, two and two became one region, and nobody was told."""
+    hues = [
+        (1, 0, 0),
+        (0, 1, 0),
+        (0, 0, 1),
+        (1, 1, 0),
+        (1, 0, 1),
+        (0, 1, 1),
+        (1, 1, 1),
+        (0, 0, 0),
+        (1, 0, 0),
+        (0, 1, 0),
+    ]
+    parts = [(0.08 + 0.09 * i, 0.06, 0.5, c) for i, c in enumerate(hues)]
+    assert volume_of(bumps(*parts[:8])).mixed_ranges() == []
+    volume = volume_of(bumps(*parts))
+    mixed = volume.mixed_ranges()
+    assert mixed and all(one.high - one.low > 0.1 for one in mixed) and len(mixed) <= 2
+    said = joined_ranges(mixed, [[(one.low, one.high)] for one in volume.ranges])
+    assert len(said) == len(mixed) and said[0].startswith(f"Region {volume.ranges.index(mixed[0])} shows the values")
 
 
 @given(st.lists(st.floats(0.05, 0.95), min_size=1, max_size=12), st.integers(0, 2**31))

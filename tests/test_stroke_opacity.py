@@ -12,12 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from svv.core.geometry.cameras import sphere_cameras
+from svv.core.strokes.strokes import Brush, straight_stroke
 from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.radiance.rendering import RayCaster, composite, march
 from svv.fields.scene.images import marching_as_edited
 from svv.fields.scene.scene import Scene
+from svv.fields.strokes.kept_strokes import Brushed
 from svv.fields.strokes.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, fade_of, paleness, strokes_of
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint, cube_scene
@@ -210,6 +212,37 @@ def test_files_hold_it_and_it_is_undone(painted: Scene, tmp_path: Path) -> None:
     header["regions"] = [{k: v for k, v in r.items() if k != "stroke_opacity"} for r in header["regions"]]
     scene_file.write_scene_file(tmp_path / "old.svv", header, arrays)
     assert Scene.load(tmp_path / "old.svv").regions == painted.regions
+
+
+def washed(scene: Scene, glazes: dict[int, float], name: str) -> Scene:
+    """The cube painted by strokes that are glazes where a number says how far opacity is to follow them."""
+    network = strong_paint(scene)
+    works = {k: (straight_stroke((0.2, 0.5, 0.5), (0.8, 0.5, 0.5), 0.05), Brush(0.0, 0.0, 0.0)) for k in range(3)}
+    network.brushed = Brushed(works, None, np.full((3, 3), 0.5, np.float32), glazes)
+    painted = scene.painted(network, EVERY, {}, name)
+    network.brushed = None  # which files have only beside a lattice
+    return painted
+
+
+def test_what_painting_gave_is_no_edit(tmp_path: Path) -> None:
+    """Reset took the opacity of glazes, and a region that was painted again kept it with any other hand."""
+    first = washed(cube_scene(), {0: 0.3, 2: 0.5}, "washed")
+    amounts = lambda scene: [r.stroke_opacity for r in scene.regions]  # noqa: E731
+    edited = first.with_stroke_opacity(-0.2, 0).with_stroke_opacity(0.1, 2)
+    assert amounts(first) == [0.3, 0.0, 0.5] and amounts(edited) == [-0.2, 0.0, 0.1]
+    assert edited.reset().regions == first.regions == edited.undone().undone().regions
+    assert amounts(edited.reset(2)) == [-0.2, 0.0, 0.5]
+    both = washed(edited, {1: 0.4}, "oil")
+    assert amounts(both) == [-0.2, 0.4, 0.1] and amounts(both.reset()) == [0.0, 0.4, 0.0]
+    both.save(tmp_path / "both.svv")
+    for scene in (both, Scene.load(tmp_path / "both.svv")):
+        assert amounts(scene.with_variant("washed")) == amounts(edited)
+        assert amounts(scene.reset().with_variant("washed")) == [0.3, 0.0, 0.5]
+        assert amounts(scene.reset().with_variant("washed").with_variant("oil")) == [0.0, 0.4, 0.0]
+        assert amounts(scene.reset().without_variant("oil").without_variant("washed")) == [0.0, 0.0, 0.0]
+    assert amounts(first.with_stroke_opacity(0.0, 2)) == [0.3, 0.0, 0.0]
+    plain = first.painted(strong_paint(first), EVERY, {}, "pieces")
+    assert amounts(plain) == [0.0, 0.0, 0.0], "paint without strokes"
 
 
 @pytest.mark.parametrize(

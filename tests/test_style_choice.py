@@ -85,3 +85,30 @@ def test_masks_are_checked() -> None:
     ):
         with pytest.raises(BadInput, match=words):
             checked_masks(masked(*masks))
+
+
+PICTURE = np.random.default_rng(0).random((24, 32, 3), np.float32)
+
+
+def test_bytes_of_a_picture_count_from_0_to_1() -> None:
+    """As they were, they painted everything white."""
+    found = StyleInput((255 * PICTURE).astype(np.uint8)).style
+    assert isinstance(found, np.ndarray) and found.dtype == np.float32
+    np.testing.assert_allclose(found, PICTURE, atol=1 / 255)
+    assert StyleInput(PICTURE).style is PICTURE
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        ("a.png", r"svv\.read_style\('a.png'\)"), (PICTURE[..., 0], r"\(24, 32\)"), (PICTURE[:0], r"\(0, 32, 3\)"),
+        (PICTURE.repeat(2, axis=2), "not float32"), (PICTURE > 0.5, "not bool"), (None, "array of numbers"),
+        (255 * PICTURE, "scale its values"), (PICTURE - 1, "scale its values"),
+        (np.where(PICTURE > 0.9, np.nan, PICTURE), "scale its values"),
+        ((255 * PICTURE).astype(int), "scale its values"),
+    ],
+)  # fmt: skip
+def test_what_is_no_picture_is_refused(picture: object, words: str) -> None:
+    """Values of NaN gave images of NaN, others ended in an error of torch's or painted everything black or white."""
+    with pytest.raises(BadInput, match=words):
+        StyleInput(picture)  # type: ignore[arg-type]

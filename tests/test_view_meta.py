@@ -114,6 +114,14 @@ def test_the_first_versions_views_are_read() -> None:
     assert (meta.tf, meta.mapper, meta.seconds, meta.assumed) == (WHOLE["tf"], "cpu", 11.25, None)
 
 
+@pytest.mark.parametrize("name", ["ambient", "diffuse", "specular", "specular_power"])
+@pytest.mark.parametrize("value", [-0.5, float("nan"), float("inf")])
+def test_shading_that_cannot_be_is_refused(name: str, value: float) -> None:
+    """Views were drawn with it: black where less light than none fell, and everywhere if it was no number."""
+    with pytest.raises(BadInput, match=rf"The {name.replace('_', ' ')} of .* at least 0, not"):
+        Shading(**{name: value})
+
+
 def test_unknown_keys_survive_a_folder_and_a_change(tmp_path: Path) -> None:
     """Those of a newer version, in objects that are known as well."""
     newer = {**WHOLE, "rig": {**WHOLE["rig"], "roll": 0.1}, "denoised": {"by": 3}, "key": "a-b"}  # type: ignore[dict-item]

@@ -125,7 +125,9 @@ class BrickCaster:
         Raises:
             BadInput: A part of the volume cannot be read, or contains values that are not finite.
         """
-        frame, corner, pixel = self._frame(camera)
+        # In a unit of the world, a ray may pass next to nothing of a voxel: a galaxy is 1e23 cm wide.
+        unit = float(np.linalg.norm(self.level.axes, axis=0).max())
+        frame, corner, pixel = self._frame(camera, unit)
         count = camera.width * camera.height
         state = np.zeros((count, 4), np.float32)
         state[:, 3] = 1.0
@@ -136,16 +138,16 @@ class BrickCaster:
         gain = (len(self.look.table) - 1) / span if span > 0.0 else 0.0  # 0: of a volume of one value
         bounds, lengths = self._bounds(), np.zeros(3)
         if self.look.stretch is not None:
-            lengths = self.level.spacing / self.look.stretch
+            lengths = self.level.spacing / unit / self.look.stretch
         table, shades = self.look.for_step(step), self.look.shades(-camera.camera_to_world[:3, 2])
 
         alphas, glossy = np.ascontiguousarray(table[:, 3]), bool((shades[:, 1] != 0.0).any())
 
         def work(rays: NDArray[np.int32], wanted: NDArray[np.int32]) -> None:
             marching.march(
-                rays, camera.width, frame, corner, pixel, lengths, bounds, step, self._slots, self._stamps, self._now,
-                self._seen, self._values, self._codes, table, alphas, np.float32(low), np.float32(gain), shades,
-                glossy, self.look.blank is not None, self.look.nearest, state, samples, wanted,
+                rays, camera.width, frame, corner, pixel, lengths, bounds, step / unit, self._slots, self._stamps,
+                self._now, self._seen, self._values, self._codes, table, alphas, np.float32(low), np.float32(gain),
+                shades, glossy, self.look.blank is not None, self.look.nearest, state, samples, wanted,
             )  # fmt: skip
 
         with ThreadPoolExecutor(self.threads) as pool:
@@ -169,10 +171,13 @@ class BrickCaster:
             return np.array([np.zeros(3), last])
         return np.array([np.maximum(self.look.crop[0], 0.0), np.minimum(self.look.crop[1], last)])
 
-    def _frame(self, camera: Camera) -> tuple[Array, Array, float]:
-        """Return the camera in voxels, the centre of its first pixel, and the side of a pixel at a distance of 1."""
-        turn = self._inverse @ camera.camera_to_world[:3, :3]
-        pixel = camera.pixel_at(1.0)
+    def _frame(self, camera: Camera, unit: float) -> tuple[Array, Array, float]:
+        """Return the camera in voxels, the centre of its first pixel, and the side of a pixel at a distance of 1.
+
+        Lengths are in units of ``unit``, a length in the world.
+        """
+        turn = unit * self._inverse @ camera.camera_to_world[:3, :3]
+        pixel = camera.pixel_at(unit) / unit
         rows = [
             self._inverse @ (camera.position - self.level.origin),
             -turn[:, 2],

@@ -206,12 +206,12 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         rays: Numbers of the pixels. (R,)
         width: Width of the image in pixels.
         frame: The camera's position; and its view direction, step to the next column and step to the next row, each in
-            voxels for a distance of 1 in the world along the axis. (4, 3)
+            voxels for a distance of 1 along the axis, in a unit of about a voxel. (4, 3)
         corner: Centre of the first pixel relative to the camera's axis, in pixels: column and row. (2,)
         pixel: Side of a pixel at a distance of 1; 0 for parallel rays, for which the steps in ``frame`` are a pixel's.
         lengths: Size of a voxel by which a ray's length is measured; 0: as in the world. (3,)
         bounds: Positions between which anything is visible. (2, 3)
-        step: Sample distance, world units, or those of ``lengths``.
+        step: Sample distance, in that unit, or that of ``lengths``.
         slots: Slot of each brick, or UNKNOWN or EMPTY. (bz, by, bx)
         stamps: Time at which a slot was last used. (slots,)
         now: The present time.

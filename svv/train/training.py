@@ -30,7 +30,7 @@ from svv.train.base.reconstruct import Reconstruction, reconstruct
 from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.base.sampling import with_fewest_samples
 from svv.train.config import Preset
-from svv.train.palette.doubts import doubts, hues_within
+from svv.train.palette.doubts import doubts, hues_within, joined_ranges
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
 from svv.train.palette.ranges import KnownRegions, Labelled, regions_for, regions_of
 from svv.train.palette.recolour import palette_of, recolour
@@ -103,7 +103,7 @@ class Training:
         """The volume's values, if the scene is to be a function of them.
 
         Raises:
-            BadInput: The views do not come with them.
+            BadInput: The views do not come with them, or there are none between those of neighbours.
         """
         if not self.chosen.values:
             return None
@@ -112,6 +112,7 @@ class Training:
                 "The encoding 'values' needs the values of the volume, which these views do not come with: draw views "
                 "of the volume with `svv views`, or choose the encoding 'lattice'."
             )
+        self._volume.values.check_between()
         return self._volume.values
 
     def run(self) -> Scene:
@@ -216,6 +217,7 @@ class Training:
         views, seed, known, palette = self.views, self.seed, None, None
         if self._volume is not None:
             known = regions_of(self._volume, views, scene, seed)
+            self.warnings += joined_ranges(self._volume.mixed_ranges(), known.ranges)
         else:
             palette = palette_of(views, scene.occupancy, seed, device=scene.device)
             if self.chosen.fitted and isinstance(scene.base.encoding, SparseLattice):

@@ -193,9 +193,9 @@ painted = pipeline.stylize_scene
 
 def glazed(*given, **more):  # as if region 0 were translucent
     scene, report = painted(*given, **more)
-    first, *rest = scene.regions
-    amount = 0.2 if first.stroke_opacity == 0.0 else first.stroke_opacity
-    return replace(scene, regions=(replace(first, stroke_opacity=amount), *rest)), report
+    kept = scene.made["stylized"]
+    scene = scene.painted(scene.styled, {0: scene.regions[0].style}, kept, scene.variant, {0: 0.2})
+    return scene, report
 
 pipeline.stylize_scene = glazed
 reader = OpenDataFile(folder + "/cube.svv")
@@ -209,3 +209,4 @@ for name, own in (("plain", {}), ("edited", {"StrokeOpacity": -0.3})):
     plain, edited = (Scene.load(tmp_path / f"{name}.svv") for name in ("plain", "edited"))
     assert [scene.regions[0].stroke_opacity for scene in (plain, edited)] == [0.2, -0.3]
     assert plain.undone().regions[0].stroke_opacity == 0.2 and plain.undone().regions[1].opacity == 1.0
+    assert edited.reset().regions[0].stroke_opacity == 0.2

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 
 from svv.core.json_values import needed, number_in, object_in, switch_in
+from svv.errors import BadInput
 
 
 @dataclass(frozen=True)
@@ -12,6 +14,9 @@ class Shading:
     """Phong shading with one white light at the camera (a headlight).
 
     The coefficients are the defaults of ParaView's volume representation. (VTK's own are 0.1, 0.7, 0.2, 10.)
+
+    Raises:
+        BadInput: A coefficient is negative or not finite.
     """
 
     on: bool = True
@@ -23,7 +28,14 @@ class Shading:
     specular: float = 0.0
     """Share that is reflected as a white highlight, >= 0. Highlights are wider on the CPU than on the GPU."""
     specular_power: float = 100.0
-    """Sharpness of the highlight, > 0."""
+    """Sharpness of the highlight, >= 0."""
+
+    def __post_init__(self) -> None:
+        for name in ("ambient", "diffuse", "specular", "specular_power"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                called = name.replace("_", " ")
+                raise BadInput(f"The {called} of a volume's shading must be a number of at least 0, not {value:g}.")
 
     @property
     def seen(self) -> bool:

@@ -22,6 +22,13 @@ LARGEST = 65472
 COARSE = 64
 """Distance of the codes that volumes are classified to: 1024 values, as many as files keep; more make no difference."""
 
+MOST_RANGES = 8
+"""Maximum number of ranges into which a transfer function is divided."""
+
+COLOUR_SPREAD = 0.2
+"""Largest root mean square RGB distance of the colours in one range to their mean; the palette's offsets can express
+that much."""
+
 
 Edges = tuple[tuple[float, float, float], ...]
 """The three edges of a voxel of the volume, as steps on a grid over it. (3, 3)"""
@@ -86,6 +93,9 @@ class ValueGrid:
     colours: NDArray[np.float32] | None = None
     """Colours of the transfer function at evenly spaced values from 0 to 1, RGB in [0, 1]; None if not known. (K, 3)"""
 
+    nearest: bool = False
+    """Whether a point has the value of the nearest voxel, as labels are shown; otherwise there are values between."""
+
     def __post_init__(self) -> None:
         check_edges(self.edges)
         shown = self.colours
@@ -119,7 +129,15 @@ class ValueGrid:
         if self.colours is not None:
             at, known = (np.linspace(*ends, len(self.colours)) for ends in (interval, self.interval))
             colours = np.stack([np.interp(at, known, one) for one in self.colours.T], axis=1).astype(np.float32)
-        return ValueGrid(self.cells, codes, interval, visible, integral, self.edges, colours)
+        return ValueGrid(self.cells, codes, interval, visible, integral, self.edges, colours, self.nearest)
+
+    def check_between(self) -> None:
+        """Raise BadInput if there are no values between those of neighbours, which a function of values has."""
+        if self.nearest:
+            raise BadInput(
+                "The encoding 'values' interpolates between the values of voxels, and this volume is shown without "
+                "interpolation: choose the encoding 'lattice', or linear interpolation."
+            )
 
     def values(self) -> NDArray[np.float32]:
         """Return the values, 0 outside of the volume. (X + 1, Y + 1, Z + 1)"""
@@ -175,6 +193,24 @@ class ClassifiedVolume:
             raise BadInput(
                 f"The exponents of an extinction must lie between {EMPTY_LOG_EXTINCTION} and {OPAQUE_LOG_EXTINCTION}."
             )
+
+    def mixed_ranges(self) -> list[ValueRange]:
+        """Return the ranges of colours that differ more than ``COLOUR_SPREAD``, because there are ``MOST_RANGES``."""
+        grid = self.values
+        if len(self.ranges) < MOST_RANGES or grid is None or grid.colours is None or grid.integral is None:
+            return []
+        parts = np.linspace(*grid.interval, len(grid.integral))
+        middles, weight = 0.5 * (parts[1:] + parts[:-1]), np.diff(grid.integral)
+        known = np.linspace(*grid.interval, len(grid.colours))
+        colour = np.stack([np.interp(middles, known, one) for one in grid.colours.T], axis=1)
+        found = []
+        for one in self.ranges:
+            own = (middles >= one.low) & (middles <= one.high) & (weight > 0)
+            if own.any():
+                away = np.square(colour[own] - np.average(colour[own], axis=0, weights=weight[own])).sum(axis=1)
+                if np.average(away, weights=weight[own]) > COLOUR_SPREAD**2:
+                    found.append(one)
+        return found
 
     def at_vertices(self, vertices: NDArray[np.integer], resolution: int) -> NDArray[np.float32]:
         """Return the exponents at ``vertices / resolution``: (V, 3) integers -> (V,).

@@ -22,6 +22,7 @@ from vtkmodules.vtkImagingCore import vtkImageReslice
 
 from svv.core.geometry.box import Box
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
+from svv.core.volumes import classified as limits
 from svv.core.volumes.classified import COARSE, LARGEST, ClassifiedVolume, Edges, ValueGrid, ValueRange, grid_shape
 from svv.dvr.draw.frame import STEP, Stage, set_stage
 from svv.dvr.functions.transfer_functions import TransferFunction
@@ -38,13 +39,6 @@ CELLS_A_VOXEL = 2
 
 AVERAGING_WIDTH = 1.0
 """Width of the averaging in cells, found by comparing transmittances along rays with the ray caster's alpha."""
-
-COLOUR_SPREAD = 0.2
-"""Largest root mean square RGB distance of the colours in one range to their mean; the palette's offsets can express
-that much."""
-
-MOST_RANGES = 8
-"""Maximum number of ranges into which a transfer function is divided."""
 
 BESIDE = 0.1
 """Width of the known values on both sides of the visible ones, as a fraction of the width of these."""
@@ -192,7 +186,13 @@ def classified_grid(
     low, high = stage.of_volume(kept.interval).tolist()
     high = max(high, float(np.nextafter(low, np.inf)))  # of a volume of one large value
     shown = stage.tf.colour_at(np.linspace(*kept.interval, COLOURS)).astype(np.float32)
-    kept = replace(kept, interval=(low, high), edges=voxel_edges(stage, box, kept.cells), colours=shown)
+    kept = replace(
+        kept,
+        interval=(low, high),
+        edges=voxel_edges(stage, box, kept.cells),
+        colours=shown,
+        nearest=stage.appearance.nearest,
+    )
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
 
 
@@ -261,17 +261,17 @@ def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[in
         w, c = weight[part], colour[part]
         return float(w @ np.square(c - np.average(c, axis=0, weights=w)).sum(axis=1))
 
-    while len(parts) < MOST_RANGES:
+    while len(parts) < limits.MOST_RANGES:
         spread = [scatter(part) / weight[part].sum() for part in parts]
         widest = int(np.argmax(spread))
-        if spread[widest] <= COLOUR_SPREAD**2:
+        if spread[widest] <= limits.COLOUR_SPREAD**2:
             break
         w, c = weight[parts[widest]], colour[parts[widest]]
         before, behind = np.cumsum(w)[:-1], np.cumsum(w[::-1])[-2::-1]
         moment = np.cumsum(w[:, None] * (c - np.average(c, axis=0, weights=w)), axis=0)[:-1]
         less = np.square(moment).sum(axis=1) * (1.0 / before + 1.0 / behind)
         parts[widest : widest + 1] = np.split(parts[widest], [1 + int(np.argmax(less))])
-    while len(parts) > MOST_RANGES:
+    while len(parts) > limits.MOST_RANGES:
         more = [scatter(np.concatenate(both)) - scatter(both[0]) - scatter(both[1]) for both in pairwise(parts)]
         join = int(np.argmin(more))
         parts[join : join + 2] = [np.concatenate(parts[join : join + 2])]

@@ -224,7 +224,7 @@ def as_one_step(scene: S, before: Model) -> S:
 def with_edits_of(scene: S, other: Model) -> S:
     """Return the scene with another's edits; see :meth:`svv.Scene.with_edits_of`."""
     regions = (
-        replace(restyled(theirs, own.style), strength=own.strength, mean_light=own.mean_light)
+        replace(restyled(theirs, own.style, own.glaze), strength=own.strength, mean_light=own.mean_light)
         for own, theirs in zip(scene.regions, other.regions, strict=True)
     )
     shown = replace(scene, regions=tuple(regions), unsplit=other.unsplit, lamp=other.lamp, history=other.history)

@@ -10,7 +10,7 @@ from svv.core.colour.light import Lamp
 from svv.fields.scene.checked import values_of
 from svv.fields.scene.region import Region, paint_light_of
 
-IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light", "part_of", "layer")
+IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light", "glaze", "part_of", "layer")
 """Fields of a region that are not edits: they come from training, painting and splitting."""
 
 MOST_UNDO_STEPS = 50
@@ -39,15 +39,18 @@ def named_alone(region: Region) -> Edits:
     return {} if region.name is None else {"name": region.name}
 
 
-def restyled(region: Region, style: str | None) -> Region:
-    """Return a region with another style and the same edits; light on paint takes the style's default unless edited."""
-    return with_edits(replace(region, style=style), edits_of(region))
+def restyled(region: Region, style: str | None, glaze: float) -> Region:
+    """Return a region with another style and the same edits.
+
+    Light on paint takes the style's default unless edited, and opacity follows the strokes as ``glaze`` says.
+    """
+    return with_edits(replace(region, style=style, glaze=glaze), edits_of(region))
 
 
 def _plain(region: Region) -> Edits:
     """Return the edit fields of a region that has not been edited."""
     plain = {f.name: f.default for f in fields(region) if f.name not in IDENTITY}
-    return {**plain, "paint_light": paint_light_of(region.style)}
+    return {**plain, "paint_light": paint_light_of(region.style), "stroke_opacity": region.glaze}
 
 
 @dataclass(frozen=True)

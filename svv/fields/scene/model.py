@@ -61,6 +61,8 @@ class Variant:
     """Name of each region's style; None for a region that is not painted. Parts that were split off later have none."""
     made: dict[str, Any]
     """Record of how it was painted."""
+    glazes: tuple[float, ...] = ()
+    """How far opacity follows each region's strokes where nobody edits that; 0 for regions beyond."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,8 @@ class Model:
         every = list(self.others)
         if self.styled is not None and self.variant is not None:
             styles = tuple(region.style for region in self.every_region)
-            every.append(Variant(self.variant, self.styled, styles, self.made.get("stylized", {})))
+            glazes = tuple(region.glaze for region in self.every_region)
+            every.append(Variant(self.variant, self.styled, styles, self.made.get("stylized", {}), glazes))
         return tuple(sorted(every, key=lambda variant: variant.name))
 
     @property

@@ -74,6 +74,8 @@ class Region:
     """Mean shade and mean specular light of the region, measured when the scene was painted."""
     stroke_opacity: float = 0.0
     """How far opacity follows the strokes, in [-1, 1]: above 0 dark strokes are more opaque, below 0 light ones."""
+    glaze: float = 0.0
+    """``stroke_opacity`` as painting gave it, above 0 for glazes on what is translucent."""
 
     stroke_relief: float = 1.0
     """Factor on the relief of its strokes, in [0, 4]: 0 shows flat paint."""

@@ -277,20 +277,21 @@ class Scene(Model):
         return variants.without_variant(self, name)
 
     def painted(
-        self, network: UnrestrictedField, styles: Mapping[int, str], made: dict[str, Any], name: str | None = None
-    ) -> Self:
+        self, network: UnrestrictedField, styles: Mapping[int, str], made: dict[str, Any], name: str | None = None,
+        glazes: Mapping[int, float] | None = None,
+    ) -> Self:  # fmt: skip
         """Return the scene with a new variant, which is shown; it replaces an existing one of the same name.
 
-        The regions get the mean light from which the light on paint is measured
-        (:mod:`svv.fields.radiance.paint_light`).
+        The regions get the mean light that the light on paint starts from (:mod:`svv.fields.radiance.paint_light`).
 
         Args:
             network: The network of its diffuse colours.
             styles: Style name of each region that it paints; the other regions keep their palette colours.
             made: Record of how it was painted.
             name: Its name, by default :data:`UNNAMED`.
+            glazes: How far opacity follows regions' strokes unless edited; by default as laid.
         """
-        return variants.painted(self, network, styles, made, name)
+        return variants.painted(self, network, styles, made, name, glazes)
 
     def free_name(self, name: str | None) -> str:
         """Return the name for a new variant; by default :data:`UNNAMED`, which may be overwritten.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from torch import nn
 
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
-from svv.core.json_values import object_in, text_in
+from svv.core.json_values import number_in, object_in, text_in
 from svv.errors import BadInput
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
@@ -59,6 +59,7 @@ def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str,
             {
                 "name": v.name,
                 "styles": v.styles,
+                "glazes": v.glazes,
                 "made": put_apart(v.made, tensors),
                 "resolutions": v.network.resolutions,
                 "direct": v.network.direct,
@@ -208,10 +209,7 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
     images = values_of(Model, header.get("images", {}))
     if not (marching.step > 0.0 and images.get("stride", 1.0) > 0.0):
         raise ValueError("the distance of samples is not above 0")
-    variants = [
-        Variant(text_in(v["name"], "name"), network, _styles_in(v["styles"]), _made_in(v["made"], tensors))
-        for v, network in zip(told, others, strict=True)
-    ]
+    variants = [_variant_in(v, network, tensors) for v, network in zip(told, others, strict=True)]
     painting = None if header.get("painting") is None else text_in(header["painting"], "painting")
     if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
@@ -319,8 +317,11 @@ def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
     return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
 
 
-def _styles_in(value: Sequence[object]) -> tuple[str | None, ...]:
-    return tuple(None if style is None else text_in(style, "style") for style in value)
+def _variant_in(told: Mapping[str, Any], network: UnrestrictedField, tensors: Arrays) -> Variant:
+    """Return a variant from a file's header; files from before glazes were kept have none."""
+    styles = tuple(None if style is None else text_in(style, "style") for style in told["styles"])
+    glazes = tuple(number_in(glaze, "glaze") for glaze in told.get("glazes", ()))
+    return Variant(text_in(told["name"], "name"), network, styles, _made_in(told["made"], tensors), glazes)
 
 
 def info_of(scene: Model) -> dict[str, Any]:

@@ -44,14 +44,22 @@ def without_variant(scene: S, name: str) -> S:
 
 
 def painted(
-    scene: S, network: UnrestrictedField, styles: Mapping[int, str], made: dict[str, Any], name: str | None = None
+    scene: S,
+    network: UnrestrictedField,
+    styles: Mapping[int, str],
+    made: dict[str, Any],
+    name: str | None = None,
+    glazes: Mapping[int, float] | None = None,
 ) -> S:
     """Return the scene with a new variant, which is shown; see :meth:`svv.Scene.painted`."""
     name = name or UNNAMED
     rest = tuple(other for other in scene.every_variant if other.name != name)
     every = tuple(styles.get(region) for region in range(len(scene.regions)))
-    shown = _showing(scene, Variant(name, network, every, made), rest)
-    means, anew = mean_lights(scene), _painted_anew(scene, network)
+    anew = _painted_anew(scene, network)
+    given = _glazes_laid(scene, network, anew) if glazes is None else glazes
+    follows = tuple(given.get(region, 0.0) for region in range(len(scene.regions)))
+    shown = _showing(scene, Variant(name, network, every, made, follows), rest)
+    means = mean_lights(scene)
     lit = (replace(r, mean_light=means[root]) for r, root in zip(shown.regions, scene.roots, strict=True))
     laid = tuple(as_laid(r) if k in anew else r for k, r in enumerate(lit))
     return replace(shown, regions=laid, history=scene.history.rebased(shown.regions, laid))
@@ -62,6 +70,15 @@ def _painted_anew(scene: Model, network: UnrestrictedField) -> set[int]:
     before, after = ({} if n is None or n.brushed is None else n.brushed.regions for n in (scene.styled, network))
     other = {k for k, (strokes, _) in after.items() if k not in before or before[k][0] is not strokes}
     return {k for k, root in enumerate(scene.roots) if root in other}
+
+
+def _glazes_laid(scene: Model, network: UnrestrictedField, anew: set[int]) -> dict[int, float]:
+    """Return how far opacity is to follow strokes that were just laid, and those kept from the painting before."""
+    laid = network.brushed
+    if laid is None:
+        return {}
+    kept = {k: r.glaze for k, r in enumerate(scene.regions) if k not in anew and scene.roots[k] in laid.regions}
+    return kept | {k: laid.glazes[root] for k, root in enumerate(scene.roots) if root in laid.glazes}
 
 
 def free_name(scene: Model, name: str | None) -> str:
@@ -83,20 +100,21 @@ def _check(scene: Model, name: str) -> None:
 
 def _showing(scene: S, chosen: Variant, rest: tuple[Variant, ...]) -> S:
     return replace(
-        _styled(scene, chosen.styles),
+        _styled(scene, chosen.styles, chosen.glazes),
         styled=chosen.network, painting=chosen.name, others=rest, made={**scene.made, "stylized": chosen.made},
     )  # fmt: skip
 
 
-def _styled(scene: S, styles: Sequence[str | None] | None) -> S:
-    """Return the scene with these styles of its regions; parts split off since then have those of the whole."""
+def _styled(scene: S, styles: Sequence[str | None] | None, glazes: Sequence[float] = ()) -> S:
+    """Return the scene with these styles and glazes of its regions; parts split off since have those of the whole."""
     regions: list[Region] = []
     for number, region in enumerate(scene.every_region):
         if styles is None:
-            regions.append(replace(restyled(region, None), mean_light=None))
+            regions.append(replace(restyled(region, None, 0.0), mean_light=None))
         elif number < len(styles) or region.part_of is None:
-            regions.append(restyled(region, styles[number]))
+            regions.append(restyled(region, styles[number], glazes[number] if number < len(glazes) else 0.0))
         else:
-            regions.append(restyled(region, regions[region.part_of].style))
+            whole = regions[region.part_of]
+            regions.append(restyled(region, whole.style, whole.glaze))
     count = len(scene.regions)
     return replace(scene, regions=tuple(regions[:count]), unsplit=tuple(regions[count:]))

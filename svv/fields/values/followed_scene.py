@@ -100,12 +100,13 @@ def at_volume(
         alive: The strokes that live in this volume (:meth:`svv.fields.strokes.flocks.Flocks.at`); by default all.
 
     Raises:
-        BadInput: The scene is not one of these, or the volume comes without its values.
+        BadInput: The scene is not one of these, or the volume comes without its values or without ones between.
     """
     scene = without_undone_splits(scene)
     function, _ = check_follows(scene)
     if volume.values is None:
         raise BadInput("The volume comes without its values: classify it again.")
+    volume.values.check_between()
     grid = volume.values.over(function.interval, function.visible)
     box = volume.box
     steps = TimeSteps.of(grid, box, time)

@@ -228,7 +228,7 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
     if own is not None:
         numbers = np.array([*own.interval, *own.visible])
         values = {"value_cells": np.array(own.cells), "codes": own.codes, "counted": numbers, "integral": own.integral,
-                  "edges": np.array(own.edges)}  # fmt: skip
+                  "edges": np.array(own.edges), "nearest": np.array(own.nearest)}  # fmt: skip
         values |= {} if own.colours is None else {"colours": own.colours}
     np.savez_compressed(
         file, low=low, size=size, extent=extent, cells=np.array(volume.cells), exponent=volume.exponent,
@@ -238,8 +238,8 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
 
 def _read_classified(file: Path) -> ClassifiedVolume:
     names = ("low", "size", "extent", "cells", "exponent", "owner", "ranges")
-    # Files from before the values were kept have none of these, and older ones neither edges of voxels nor colours.
-    of_values = ("codes", "counted", "value_cells", "integral", "edges", "colours")
+    # Files from before the values were kept have none of these, and older ones no edges of voxels, colours or nearest.
+    of_values = ("codes", "counted", "value_cells", "integral", "edges", "colours", "nearest")
     large = ("exponent", "owner", "codes")
     try:
         with file.open("rb") as opened:
@@ -251,7 +251,8 @@ def _read_classified(file: Path) -> ClassifiedVolume:
             cells_of_values, own = int(arrays["value_cells"]), arrays["codes"]
             edges = tuple(map(tuple, arrays["edges"].tolist())) if "edges" in arrays else ALIKE
             counted, shown = ((start, stop), (least, most)), arrays.get("colours")
-            grid = ValueGrid(cells_of_values, own, *counted, arrays["integral"], edges, shown)
+            jumps = bool(arrays.get("nearest", False))
+            grid = ValueGrid(cells_of_values, own, *counted, arrays["integral"], edges, shown, jumps)
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
         ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())
         return ClassifiedVolume(box, int(cells), exponent, owner, ranges, grid)

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.train.paint.ink import Style, StyleInput
 
-GLAZES = "glazes"
-"""Key of a painting's record: how far the opacity of each region follows its strokes, where painting says so."""
-
 
 @dataclass(frozen=True)
 class Painting:
@@ -86,31 +83,19 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
         chosen = paintings.get(shown or name)
         if chosen is None or chosen.base != base:
             return scene
-        return _glazed(_layers_painted(scene, chosen.scene), chosen.scene)
+        return _layers_painted(scene, chosen.scene)
     for given, painting in paintings.items():
         if painting.base != base:
             continue
         (variant,) = (v for v in painting.scene.every_variant if v.name == painting.scene.variant)
         styles = {region: style for region, style in enumerate(variant.styles) if style is not None}
         network = on_cells_of(scene, variant.network, painting.scene)
-        scene = scene.painted(network, styles, variant.made, variant.name)
+        scene = scene.painted(network, styles, variant.made, variant.name, dict(enumerate(variant.glazes)))
         own[given] = variant.name
     variant_shown = shown or own.get(name)
     if variant_shown is None:
         return scene
-    scene = scene.with_variant(variant_shown)
-    return _glazed(scene, scene)
-
-
-def _glazed(scene: Scene, painting: Scene) -> Scene:
-    """Return a painted scene whose opacity follows strokes that are glazes, where no edit says how it follows them."""
-    glazes = painting.made.get("stylized", {}).get(GLAZES, {})
-    regions = [
-        replace(r, stroke_opacity=glazes[str(k)]) if str(k) in glazes and r.stroke_opacity == 0.0 else r
-        for k, r in enumerate(scene.regions)
-    ]
-    history = scene.history.rebased(scene.regions, regions)
-    return replace(scene, regions=tuple(regions), history=history)
+    return scene.with_variant(variant_shown)
 
 
 def _layers_painted(scene: Scene, painting: Scene) -> Scene:
@@ -121,7 +106,8 @@ def _layers_painted(scene: Scene, painting: Scene) -> Scene:
     for own, its in zip(members(scene), members(painting), strict=True):
         if its.styled is not None:
             styles = {region: r.style for region, r in enumerate(its.regions) if r.style is not None}
-            own = own.painted(its.styled, styles, its.made.get("stylized", {}), its.variant)
+            glazes = {region: r.glaze for region, r in enumerate(its.regions)}
+            own = own.painted(its.styled, styles, its.made.get("stylized", {}), its.variant, glazes)
         changed.append(own)
     return with_members(scene, changed)
 
@@ -227,11 +213,7 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
     options = options_in(PaintOptions, values, mapping=styles.mapping, go_on=go_on, variant=variant)
     painting = part(progress, 0.02, 1.0)
     styled, report = stylize_scene(scene.on(device), styles.given, options, painting, preview=preview)
-    both = zip(scene.regions, styled.regions, strict=True)
-    glazes = {
-        str(k): new.stroke_opacity for k, (old, new) in enumerate(both) if new.stroke_opacity != old.stroke_opacity
-    }
-    notes = {**styled.made["stylized"], GLAZES: glazes, "notes": [*styles.notes, *report["notes"]]}
+    notes = {**styled.made["stylized"], "notes": [*styles.notes, *report["notes"]]}
     return replace(styled, made={**styled.made, "stylized": notes})
 
 

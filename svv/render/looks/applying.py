@@ -9,7 +9,7 @@ from typing import Any
 
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.errors import Progress, part, silent
-from svv.fields.scene.history import edits_of, with_edits
+from svv.fields.scene.history import with_edits
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
 from svv.options.making import PaintOptions
@@ -77,8 +77,6 @@ def _looking_like(region: Region, theirs: LookRegion, phong: bool) -> Region:
         edits = {name: value for name, value in edits.items() if name not in COEFFICIENTS}
     if theirs.style is None and region.style is not None:
         edits["strength"] = 0.0  # the palette's colours, as in the look
-    if "stroke_opacity" not in edits and theirs.style is not None:
-        edits |= {k: v for k, v in edits_of(region).items() if k == "stroke_opacity"}  # that of its glazes
     return with_edits(region, edits)
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from svv.core.volumes.classified import ClassifiedVolume, ValueGrid
-from svv.errors import Progress
+from svv.errors import BadInput, Progress
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings
 from svv.fields.radiance.occupancy import Occupancy, carve, largest_in, least_extinction
@@ -80,7 +80,7 @@ def first_occupancy(
     A ``device`` that holds the views carves it.
 
     Raises:
-        BadInput: No point is visible in all views.
+        BadInput: No point is visible in all views, or the views show nothing.
     """
     progress(0.0, "where to look")
     known = known_volume(views, settings, field)
@@ -90,6 +90,11 @@ def first_occupancy(
         occupancy = carve(alpha, views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
+        if not views.images[..., 3].any():
+            raise BadInput(
+                "The views show nothing, although their volume has something to show: draw larger views, or choose "
+                "higher opacities."
+            )
         least = least_extinction(settings.prune_least * known.cells, float(np.exp(np.float64(known.exponent.max()))))
         occupied = known.occupied(settings.cells, least)
         occupancy = Occupancy(known.box, settings.cells, occupied)

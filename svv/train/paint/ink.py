@@ -69,6 +69,9 @@ BLACKEST = 0.72
 PACKED = 0.70
 """Squared distance of dots placed at random until no room is left, as a fraction of the area per dot."""
 
+TOLERANCE = 1e-3
+"""How far the values of a picture may lie outside of [0, 1], as those of one that was resampled do."""
+
 TRIES = 10
 """Number of candidate dots at each point of the surface."""
 
@@ -109,6 +112,9 @@ Style = NDArray[np.floating] | Ink
 class StyleInput:
     """A style with its name and mask, for :func:`svv.train.pipeline.stylize_scene`.
 
+    Raises:
+        BadInput: The style is neither an ink nor an RGB picture in [0, 1] or of bytes, or the picture is too small.
+
     >>> picture = np.random.default_rng(0).random((64, 64, 3), np.float32)
     >>> svv.StyleInput(picture, "noise").name
     'noise'
@@ -121,6 +127,27 @@ class StyleInput:
     mask: NDArray[np.bool_] | None = None
     """Part of the picture to learn from, (h, w); None for all of it. To use several masks, give the picture several
     times."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.style, Ink):
+            object.__setattr__(self, "style", _checked(self.style))
+
+
+def _checked(picture: object) -> Floats:
+    """Return a picture whose bytes, if it has some, count from 0 to 1; raises BadInput if it is none. (H, W, 3)"""
+    if isinstance(picture, str | Path):
+        raise BadInput(
+            f"A style is a picture or an ink, not a name: read the picture with svv.read_style('{picture}')."
+        )
+    values = np.asarray(picture)
+    if values.ndim != 3 or values.shape[2] != 3 or min(values.shape) < 1 or values.dtype.kind not in "uif":
+        raise BadInput(f"A style picture is an array of numbers (height, width, 3), not {values.dtype} {values.shape}.")
+    values = values / np.float32(255.0) if values.dtype == np.uint8 else values
+    if not (np.isfinite(values).all() and -TOLERANCE <= values.min() and values.max() <= 1.0 + TOLERANCE):
+        raise BadInput(
+            "A style picture is sRGB in [0, 1] or of bytes: read it with svv.read_style, or scale its values."
+        )
+    return np.asarray(values, np.float32)
 
 
 def ink_named(source: object) -> Ink | None:

@@ -65,17 +65,9 @@ class Order:
         return "ink" if region in self.inks else "strokes" if region in self.hands else "pieces"
 
     def painted(self, scene: Scene, colours: UnrestrictedField) -> Scene:
-        """Return the scene with these colours as the variant.
-
-        Where strokes are glazes, opacity follows them, unless it already does in a way that somebody chose.
-        """
-        glazes = {} if colours.brushed is None else colours.brushed.glazes
-        regions = tuple(
-            replace(r, stroke_opacity=glazes[k]) if k in glazes and r.stroke_opacity == 0.0 else r
-            for k, r in enumerate(self.regions)
-        )
-        history = scene.history.rebased(scene.regions, regions)
-        return replace(scene, regions=regions, history=history).painted(colours, self.named, {}, self.name)
+        """Return the scene with these colours as the variant."""
+        history = scene.history.rebased(scene.regions, self.regions)
+        return replace(scene, regions=self.regions, history=history).painted(colours, self.named, {}, self.name)
 
 
 def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Order:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.colour.colour import to_hex
+from svv.core.interval_text import interval_text
+from svv.core.volumes.classified import MOST_RANGES, ValueRange
 
 SURE = 0.7
 """Confidence below which a region is said to be doubtful."""
@@ -29,4 +31,16 @@ def hues_within(mixed: Sequence[tuple[int, NDArray[np.floating]]]) -> list[str]:
         f"Region {number} holds more than one hue, and there are as many regions as there can be. Merge two others "
         f"(svv palette --merge), then split it with svv palette --add '{to_hex(light / light.max())}'."
         for number, light in mixed
+    ]
+
+
+def joined_ranges(mixed: Sequence[ValueRange], regions: Sequence[Sequence[tuple[float, float]]]) -> list[str]:
+    """Return a sentence for each range of several colours, given the ranges of each region in scalar values."""
+    return [
+        f"Region {number} shows the values from {interval_text(one.low, one.high)} in several colours, because a "
+        f"transfer function has at most {MOST_RANGES} regions: give svv views several with --tf, each for a part of "
+        "the values, which become one scene."
+        for one in mixed
+        for number, own in enumerate(regions)
+        if (one.low, one.high) in own
     ]

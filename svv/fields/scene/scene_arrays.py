@@ -14,7 +14,7 @@ from torch import nn
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.core.json_values import object_in, text_in
-from svv.errors import BadInput
+from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
@@ -157,6 +157,8 @@ def restored(kind: type[S], header: dict[str, Any], tensors: Arrays, name: str) 
     try:
         return scene_of(kind, header, tensors)
     except Exception as error:  # a damaged file may say anything, and so fail anywhere
+        if is_lack_of_memory(error):
+            raise
         raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
 

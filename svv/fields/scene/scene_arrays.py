@@ -36,7 +36,8 @@ Arrays = dict[str, NDArray[np.generic]]
 
 def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
     """Return header and arrays of the file; see :meth:`svv.fields.scene.scene.Scene.to_arrays`."""
-    given = TABLES if scene.steps is not None and scene.values is not None and not whole else ()
+    # Packed, tables that follow from the values would come back less exact than they are made again.
+    given = TABLES if scene.steps is not None and scene.values is not None and packed else ()
     box, tensors = scene.occupancy.box, Arrays()
     header: dict[str, Any] = {
         "box": {"low": box.low, "size": box.size, "extent": box.extent},

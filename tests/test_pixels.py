@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from svv.core.geometry.cameras import sphere_cameras
 from svv.io.views.viewset import ViewSet
+from svv.train.run import views_there
 from svv.train.run.pixels import MARGIN, Pixels, contrast, pixels_of
 
 SIZE = 40
@@ -75,6 +77,18 @@ def test_the_pixels_are_what_is_visible_and_its_surroundings_once_each() -> None
     near = [visible[:, i : i + SIZE, j : j + SIZE] for i in range(MARGIN) for j in range(MARGIN)]
     expected = np.flatnonzero(np.any(near, axis=0))
     np.testing.assert_array_equal(np.sort(Pixels(views).index), expected)
+
+
+@given(arrays.arrays(np.uint8, (3, 14, 14, 4), elements=st.sampled_from([0, 0, 0, 1, 127, 128, 254, 255])))
+def test_torch_finds_the_same_pixels_in_the_same_order(images: np.ndarray) -> None:
+    """What is near nothing is left out of both; a GPU takes a few views at a time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(views_there, "AT_A_TIME", 2 * 14 * 14)
+        index, counts = views_there.sorted_by_contrast(torch.from_numpy(images))
+    expected = Pixels(ViewSet(tuple(sphere_cameras(3, (0.0, 0.0, 0.0), 4.0, 0.5, 14)), images, tuple("abc")))
+    np.testing.assert_array_equal(index, expected.index)
+    np.testing.assert_array_equal(counts, expected.counts)
+    assert index.dtype == torch.int32
 
 
 @pytest.mark.parametrize("by_contrast", [0.0, 0.75, 1.0])

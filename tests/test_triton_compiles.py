@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 TYPES = {
     "*fp32": "x g_out scales table out gradient first second rotations positions lenses origins directions tail "
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
@@ -39,6 +41,12 @@ OWN_TYPES = {
     "material": {**COUNT, "shift": "fp32"},
     "light": {"shift": "fp32"},
     "depths": {"shift": "fp32"},
+    "carved": {
+        **dict.fromkeys(("rotations", "positions", "lenses", "sizes"), "*fp64"),
+        **dict.fromkeys(("number", "count"), "i32"),
+        "tables": "*i32",
+        "occupied": "*u8",
+    },
     "image_composite": {"size": "fp32"},
     "projected_back": {**COUNT, "number": "i32"},
     "mix": COUNT,
@@ -102,6 +110,7 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("ground", {"TINTED": False, "BLOCK": 32}),
     ("ground", {"TINTED": True, "BLOCK": 32}),
     ("cover", {"FLAT": True, "BLOCK": 128}),
+    ("carved", {"FAR": 1 << 30, "BLOCK": 128}),
     ("depths", {"BLOCK": 32}),
     ("projected_back", {"BLOCK": 128}),
     ("mix", {"OUTPUTS": 2, "BLOCK": 128}),
@@ -116,20 +125,20 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
 SHARED = 65536
 """Bytes of shared memory that a program of the networks may use: what every GPU from Ampere on has."""
 DESKTOP, BLACKWELL, HOPPER, AMPERE = 120, 100, 90, 80
+EVERYWHERE = BLACKWELL, HOPPER, AMPERE
 TARGETS = {
-    **dict.fromkeys(("network", "network_backward"), (DESKTOP, HOPPER, AMPERE)),
-    **dict.fromkeys(("march", "learn"), (BLACKWELL, HOPPER, AMPERE)),
+    **dict.fromkeys(("network", "network_backward"), (DESKTOP, *EVERYWHERE)),
+    **dict.fromkeys(("march", "learn"), EVERYWHERE),
 }
-"""GPUs for which the largest kernels are compiled; the others only for Hopper. Networks do not run on Blackwell's GPUs
-for data centres (:func:`svv.kernels.triton.networks.fits`)."""
+"""GPUs for which the largest kernels are compiled; the others only for Hopper, or, slowly, everywhere."""
 
 
 def _found(places: tuple[Any, ...], name: str) -> Any:
     return next(getattr(place, name) for place in places if hasattr(place, name))
 
 
-def compile_all() -> None:
-    """Compile every kernel; raises what Triton raises."""
+def compile_all(others: tuple[int, ...]) -> None:
+    """Compile every kernel, those without targets of their own for ``others``; raises what Triton raises."""
     import triton
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
@@ -156,24 +165,29 @@ def compile_all() -> None:
         types = {**TYPE_OF, **OWN_TYPES.get(name, {}), **({"samples": "*i64"} if name in COUNTED_THERE else {})}
         signature = {k: "constexpr" if k in constants else types[k] for k in kernel.arg_names}
         source = ASTSource(kernel, signature, constants)
-        options = {"num_warps": 1 if constants["BLOCK"] == 32 else 4} | ({"num_stages": 1} if name in blocks else {})
-        for capability in TARGETS.get(name, (HOPPER,)):
+        for capability in TARGETS.get(name, others):
+            options = {"num_warps": 1 if constants["BLOCK"] == 32 else 4}
+            if name in blocks:
+                warps = networks.warps_for(divmod(capability, 10)) if name == "network_backward" else networks.WARPS
+                options = {"num_warps": warps, "num_stages": 1}
             done = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
             products = sum(done.asm["ptx"].count(name) for name in ("tcgen05.mma", "wgmma.mma_async", "mma.sync"))
             print(name, len(done.asm["cubin"]), done.metadata.shared, products)
 
 
-def test_every_kernel_compiles(tmp_path: Path) -> None:
+@pytest.mark.parametrize("others", [(HOPPER,), pytest.param(EVERYWHERE, marks=pytest.mark.slow)])
+def test_every_kernel_compiles(others: tuple[int, ...], tmp_path: Path) -> None:
     root = Path(__file__).resolve().parents[1]
     environment = {k: v for k, v in os.environ.items() if k != "TRITON_INTERPRET"}
     environment |= {"TRITON_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(root)}
-    done = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True)
+    command = [sys.executable, __file__, *map(str, others)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
     made = [line.split() for line in done.stdout.splitlines()]
     networks = [line for line in made if line[0].startswith("network")]
-    assert [name for name, *_ in made] == [n for n, _ in [*KERNELS, *NETWORKS] for _ in TARGETS.get(n, (HOPPER,))]
+    assert [name for name, *_ in made] == [n for n, _ in [*KERNELS, *NETWORKS] for _ in TARGETS.get(n, others)]
     assert all(int(shared) <= SHARED and int(products) > 0 for _, _, shared, products in networks)
 
 
 if __name__ == "__main__":
-    compile_all()
+    compile_all(tuple(map(int, sys.argv[1:])))

@@ -16,7 +16,7 @@ from svv.fields.radiance.training_checks import training_checks
 from svv.io.views.viewset import ViewSet
 from svv.train.run import batches
 from svv.train.run.batches import RayPool
-from svv.train.run.pixels import pixels_of
+from svv.train.run.views_there import ViewsThere, sorted_by_contrast
 from tests.interpreted import GPU, triton_kernels
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
@@ -38,10 +38,11 @@ def test_a_card_draws_pixels_as_the_cpu_does_on_average(monkeypatch: pytest.Monk
     images[:, :, :10, 3] = 0
     images[:, :, 16:] = (90, 60, 30, 255)
     views = ViewSet(tuple(sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 24)), images, tuple("abc"))
-    index, levels = torch.from_numpy(pixels_of(views).index), torch.from_numpy(images.reshape(-1, 4))
+    own = ViewsThere(torch.from_numpy(images), *sorted_by_contrast(torch.from_numpy(images)))
+    index, levels = own.index, own.levels.view(-1, 4)
     box, rays = Box.of_bounds((-0.5,) * 3, (0.5,) * 3), 60_000
     on_cpu = RayPool(views, box, 4, torch.device("cpu"))
-    monkeypatch.setattr(batches, "pixels_on", lambda views, device: (index, levels))
+    monkeypatch.setattr(batches, "views_on", lambda views, device: own)
     pool = RayPool(views, box, 4, torch.device("cpu"))
     whole, part, other = (
         pool.batch(2, rays, by_contrast=0.5), pool.batch(2, rays, slice(100, 300), 0.5), pool.batch(3, rays),
@@ -51,9 +52,12 @@ def test_a_card_draws_pixels_as_the_cpu_does_on_average(monkeypatch: pytest.Monk
     torch.testing.assert_close(whole.shown[:, :3], levels_there[:, :3] * levels_there[:, 3:])
     assert torch.equal(part.pixels, whole.pixels[100:300]) and torch.equal(part.weight, whole.weight[100:300])
     assert part.first == 100 and not torch.equal(other.pixels, whole.pixels)
-    own = levels[index.long()].float() / 255.0
+    shown = levels[index.long()].float() / 255.0
     for drawn in (whole, on_cpu.batch(2, rays, by_contrast=0.5)):
         mean = (drawn.weight[:, None] * drawn.shown).sum(dim=0)
-        torch.testing.assert_close(mean[3], own[:, 3].mean(), atol=0.01, rtol=0.0)
+        torch.testing.assert_close(mean[3], shown[:, 3].mean(), atol=0.01, rtol=0.0)
         assert float(drawn.weight.sum()) == pytest.approx(1.0, abs=0.01)
     assert len(whole.pixels.unique()) > 0.95 * len(index)
+    for most in (100_000, 50):
+        for mine, theirs in zip(pool.visible_colours(most), on_cpu.visible_colours(most), strict=True):
+            np.testing.assert_array_equal(mine, theirs)

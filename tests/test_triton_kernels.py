@@ -217,7 +217,7 @@ def views_of_a_ball() -> ViewSet:
 def reconstruction(kernels: Kernels | ModuleType, rays: int, monkeypatch: pytest.MonkeyPatch) -> Reconstruction:
     """Stage 1 of a ball, with refinement and pruning in four steps."""
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: kernels)
-    monkeypatch.setattr(batches, "pixels_on", lambda views, device: None)  # the CPU draws the same pixels for all
+    monkeypatch.setattr(batches, "views_on", lambda views, device: None)  # the CPU draws the same pixels for all
     field = FieldSettings(resolutions=(2, 4), features=2, width=16)
     occupancy = Occupancy.full(Box.of_bounds((-0.35,) * 3, (0.35,) * 3), 4)
     how = ReconstructSettings(rays=rays, samples=512, prune_every=1, prune_least=1e-4, iterations=4)

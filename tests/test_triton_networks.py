@@ -150,11 +150,15 @@ def test_gpus_without_tensor_cores_for_triton_run_plain_torch(monkeypatch: pytes
     assert torch.equal(triton_kernels.network(x, weights, True), relu_layers(x, weights))
     monkeypatch.undo()
     assert not torch.equal(triton_kernels.network(x, weights, True), relu_layers(x, weights))
-    for capability, runs in (((7, 5), False), ((8, 0), True), ((9, 0), True), ((10, 3), False), ((12, 0), True)):
+    for capability, runs in (((7, 5), False), ((8, 0), True), ((9, 0), True), ((10, 3), True), ((12, 0), True)):
         monkeypatch.setattr(torch.cuda, "get_device_capability", lambda device, own=capability: own)
         triton_networks._can_run.cache_clear()
+        triton_networks._warps.cache_clear()
         assert triton_networks._can_run(torch.device("cuda", 7)) == runs
+        # Blackwell's GPUs for data centres use the tensor cores that the backward pass compiles for with more warps.
+        assert triton_networks._warps(torch.device("cuda", 7)) == (16 if capability[0] == 10 else 4)
     triton_networks._can_run.cache_clear()
+    triton_networks._warps.cache_clear()
 
 
 def test_layers_are_named_as_in_plain_torch() -> None:

@@ -140,7 +140,7 @@ class Unchanged:
     def pytest_sessionfinish(self) -> None:
         """Keep the state of the modules all of whose tests have passed."""
         for module in passed_whole(self.expected, self.passed) if self.whole else ():
-            if self.config.cache:
+            if getattr(self.config, "cache", None):  # there is none with -p no:cacheprovider
                 self.config.cache.set(key(module), state(module))
 
 

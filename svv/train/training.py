@@ -170,7 +170,9 @@ class Training:
         """Return the shape of the networks and where training starts."""
         views, chosen = self.views, self.chosen
         with self._timed("hull"):
-            occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(self.progress, 0.0, 0.02))
+            occupancy, reason = first_occupancy(
+                views, chosen.reconstruct, chosen.field, part(self.progress, 0.0, 0.02), self.device
+            )
         self.notes += [f"learned from {self.learned_from}: {reason}", *self.warnings]
         field, values = replace(chosen.field, headlight=headlight_of(views)), self._values
         if values is not None:
@@ -215,7 +217,7 @@ class Training:
         if self._volume is not None:
             known = regions_of(self._volume, views, scene, seed)
         else:
-            palette = palette_of(views, scene.occupancy, seed)
+            palette = palette_of(views, scene.occupancy, seed, device=scene.device)
             if self.chosen.fitted and isinstance(scene.base.encoding, SparseLattice):
                 left = self._left()
                 known = regions_in(scene, views, palette, seed, None if left is None else left * REGIONS_PART)

@@ -20,7 +20,7 @@ from svv_bench.gpu.context import SEED, Context
 def first_stage(how: Context) -> Reconstruction:
     """Return stage 1 of the preset ``fast`` before its first step."""
     views, chosen = how.read("train"), how.preset()
-    occupancy, _ = first_occupancy(views, chosen.reconstruct, chosen.field, silent)
+    occupancy, _ = first_occupancy(views, chosen.reconstruct, chosen.field, silent, how.torch_device)
     field, _ = fitted_field(chosen.field, views.cameras, occupancy.box)
     beginning, _ = begin(views, occupancy, field, chosen.reconstruct, SEED, silent, device=how.torch_device)
     return Reconstruction(views, beginning, field, chosen.reconstruct, SEED, how.torch_device)
@@ -35,7 +35,7 @@ def stage_steps(how: Context) -> Iterator[tuple[str, Callable[[], object], int]]
     yield "stage-1-refined", lambda: work.step(next(number), 0.6), 40
     work.prune(grow=False)
     base, occupancy = work.finish()
-    palette = palette_of(views, occupancy, SEED)
+    palette = palette_of(views, occupancy, SEED, device=work.device)
     colours = torch.as_tensor(palette.colours, dtype=torch.float32)
     network = PaletteField(work.field_settings, occupancy, base.geometry_width, colours)
     network.encoding.randomize(0.01, torch.Generator().manual_seed(SEED))

@@ -16,6 +16,7 @@ import torch
 from svv.fields.radiance.image_checks import image_checks
 from svv.fields.radiance.kernel_checks import Check, checks
 from svv.fields.radiance.recorded_check import check_recorded
+from svv.fields.radiance.tomography_checks import tomography_checks
 from svv.fields.radiance.training_checks import training_checks
 from svv.fields.strokes.stroke_checks import BRUSHES, check_strokes
 from svv.kernels.dispatch import kernels_of
@@ -55,6 +56,8 @@ def checks_of(kernels: Kernels, samples: int) -> dict[str, Check]:
         found |= image_checks(samples)
     if kernels.TRAINING is not None:
         found |= training_checks(samples)
+    if kernels.TOMOGRAPHY is not None:
+        found |= tomography_checks(samples)
     if kernels.STROKES is not None:
         counts = tuple(np.random.default_rng(0).integers(0, 9, min(max(40, samples // 8), 1 << 13)).tolist())
         found |= {f"strokes, {name}": partial(check_strokes, brush=name, counts=counts) for name in BRUSHES}

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn.functional import max_pool2d, pad
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, CameraRig
@@ -17,7 +18,7 @@ from svv.core.rays.cells import widened
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
 from svv.errors import BadInput
 from svv.fields.radiance.hull_kernels import summed, visual_hull
-from svv.kernels.dispatch import kernels_of
+from svv.kernels.dispatch import kernels_for, kernels_of
 
 MASK_SIZE = 256
 """Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve no better."""
@@ -93,15 +94,18 @@ class Occupancy:
 class _Masks:
     """What is visible in views, in squares of pixels: summed-area tables, int32. (N, H + 1, W + 1)"""
 
-    tables: NDArray[np.int32]
+    tables: NDArray[np.int32] | Tensor
     side: int
     """Pixels along a side of a square."""
 
     @classmethod
-    def of(cls, masks: NDArray[np.bool_] | NDArray[np.uint8]) -> _Masks:
+    def of(cls, masks: NDArray[np.bool_] | NDArray[np.uint8] | Tensor) -> _Masks:
         """Shrink masks to at most about MASK_SIZE pixels per side; a pixel is set if any of its parts is."""
         n, h, w = masks.shape
         side = max(1, max(h, w) // MASK_SIZE)
+        if isinstance(masks, Tensor):
+            shrunk = [max_pool2d((some > 0).float(), side, ceil_mode=True).int() for some in masks.split(8)]
+            return cls(pad(torch.cat(shrunk).cumsum(1).cumsum(2), (1, 0, 1, 0)).int(), side)
         tables = np.zeros((n, -(-h // side) + 1, -(-w // side) + 1), np.int32)
         summed(masks.view(np.uint8), side, tables)
         return cls(tables, side)
@@ -115,13 +119,14 @@ class _Masks:
         )
 
 
-def carve(masks: NDArray[np.bool_] | NDArray[np.uint8], cameras: Sequence[Camera], cells: int) -> Occupancy:
+def carve(masks: NDArray[np.bool_] | NDArray[np.uint8] | Tensor, cameras: Sequence[Camera], cells: int) -> Occupancy:
     """Return the visual hull of the views' masks and the box around it.
 
     A view says nothing about points outside its frame, so subjects may extend beyond the frames of some or all views.
 
     Args:
-        masks: Pixels in which something is visible, or the alpha of the views. (N, H, W)
+        masks: Pixels in which something is visible, or the alpha of the views; what a GPU holds, it carves, if it has
+            kernels for that. (N, H, W)
         cameras: One per mask.
         cells: Cells along the longest side of the box.
 
@@ -209,6 +214,12 @@ def _hull(masks: _Masks, cameras: Sequence[Camera], box: Box, cells: int) -> NDA
         lens[:] = focal / side, column / side, row / side, c.is_orthographic
     rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])
     positions = box.to_box(np.stack([c.camera_to_world[:3, 3] for c in cameras]))
-    occupied = np.zeros(_shape(box, cells), np.uint8)
-    visual_hull(masks.tables, rotations, positions, lenses, float(cells), np.sqrt(0.75) / cells, occupied)
+    reach, shape, tables = float(np.sqrt(0.75) / cells), _shape(box, cells), masks.tables
+    if isinstance(tables, Tensor):
+        there = kernels_for(tables).TOMOGRAPHY
+        assert there is not None
+        turned, placed, seen = (torch.from_numpy(a).to(tables.device) for a in (rotations, positions, lenses))
+        return there.visual_hull(tables, (turned, placed, seen), float(cells), reach, shape.tolist()).cpu().numpy()
+    occupied = np.zeros(shape, np.uint8)
+    visual_hull(tables, rotations, positions, lenses, float(cells), reach, occupied)
     return occupied

@@ -36,10 +36,12 @@ WIDEST_LAYER = 64
 AMPERE = (8, 0)
 """Lowest compute capability with which Triton uses tensor cores and a program has the 64 KiB that it needs."""
 
+DATA_CENTRE_BLACKWELL = (10, 0), (12, 0)
+"""Compute capabilities from the first to below the second have tensor cores with a memory of their own, for which
+Triton 3.7 does not compile the backward pass. It uses them for programs of 4 or 8 warps alone."""
 
-NOT_COMPILED = (10, 0), (12, 0)
-"""Compute capabilities from the first to below the second, Blackwell's GPUs for data centres, have tensor cores for
-which Triton 3.7 does not compile the backward pass. Networks run there in plain torch."""
+WARPS, MORE_WARPS = 4, 16
+"""Warps of a program; the second number is for the backward pass where the first does not compile."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,7 @@ def backward(
     if len(x):
         network_backward[programs,](
             x, g_out, weights[0], weights[-2], weights[-1], x if g_x is None else g_x, parts, samples, *shape,
-            *_wide(shape), len(weights) == 3, inward, BACKWARD.block, num_stages=1,
+            *_wide(shape), len(weights) == 3, inward, BACKWARD.block, num_stages=1, num_warps=_warps(x.device),
         )  # fmt: skip
     gradients = parts.sum(dim=0).split([w.numel() for w in weights])
     return g_x, [g.view_as(w) for g, w in zip(gradients, weights, strict=True)]
@@ -232,10 +234,24 @@ class _Network(torch.autograd.Function):
 
 @cache
 def _can_run(device: torch.device) -> bool:
-    if device.type == "cpu":  # the interpreter
-        return True
-    capability = torch.cuda.get_device_capability(device)
-    return capability >= AMPERE and not NOT_COMPILED[0] <= capability < NOT_COMPILED[1]
+    """Return whether a device has tensor cores that Triton uses; its interpreter, on the CPU, needs none."""
+    return device.type == "cpu" or torch.cuda.get_device_capability(device) >= AMPERE
+
+
+@cache
+def _warps(device: torch.device) -> int:
+    """Return how many warps a program of the backward pass has."""
+    return WARPS if device.type == "cpu" else warps_for(torch.cuda.get_device_capability(device))
+
+
+def warps_for(capability: tuple[int, int]) -> int:
+    """Return how many warps a program of the backward pass has on GPUs of a compute capability.
+
+    >>> warps_for((9, 0)), warps_for((10, 0)), warps_for((12, 0))
+    (4, 16, 4)
+    """
+    least, end = DATA_CENTRE_BLACKWELL
+    return MORE_WARPS if least <= capability < end else WARPS
 
 
 def _programs(x: Tensor, launch: Launch) -> int:

@@ -1,7 +1,7 @@
-"""Projection and back-projection of an extinction, in Triton: one thread per ray or vertex.
+"""The visual hull, and projection and back-projection of an extinction, in Triton: one thread per cell, ray or vertex.
 
-:mod:`svv.train.base.tomography_kernels` describes what each function computes. ``BLOCK`` is the number of rays or
-vertices of one program.
+:mod:`svv.fields.radiance.hull_kernels` and :mod:`svv.train.base.tomography_kernels` describe what each function
+computes. ``BLOCK`` is the number of cells, rays or vertices of one program.
 """
 
 from __future__ import annotations
@@ -18,6 +18,56 @@ from svv.kernels.types import Lattice
 
 RAY_BLOCK = 32
 VERTEX_BLOCK = 128
+CELL_BLOCK = 128
+
+FARTHEST = 1 << 30
+"""Pixels from the middle of a mask at which a cell counts as infinitely far away."""
+
+
+@triton.jit(do_not_specialize=["tables", "count", "height", "width", "number", "ny", "nz", "occupied"])
+def carved(  # type: ignore[no-untyped-def]
+    tables, rotations, positions, lenses, sizes, number, height, width, ny, nz, count, occupied, FAR: tl.constexpr,
+    BLOCK: tl.constexpr,
+):  # fmt: skip
+    """Write which of ``count`` cells are left by all views that contain them whole, if one does.
+
+    ``sizes`` (2,) float64: cells per box unit, and their reach; ``height``, ``width``: of the tables.
+    """
+    i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    cells, reach = tl.load(sizes), tl.load(sizes + 1)
+    x = ((i // (ny * nz)).to(tl.float64) + 0.5) / cells
+    y = ((i // nz % ny).to(tl.float64) + 0.5) / cells
+    z = ((i % nz).to(tl.float64) + 0.5) / cells
+    left, seen, table, n = i < count, i < 0, tables, 0
+    while (n < number) & (tl.max(left.to(tl.int32), axis=0) > 0):
+        m, lens = rotations + 9 * n, lenses + 4 * n
+        focal, parallel = tl.load(lens), tl.load(lens + 3) > 0.0
+        dx, dy, dz = (
+            x - tl.load(positions + 3 * n),
+            y - tl.load(positions + 3 * n + 1),
+            z - tl.load(positions + 3 * n + 2),
+        )
+        away = -(tl.load(m + 6) * dx + tl.load(m + 7) * dy + tl.load(m + 8) * dz)
+        ahead = away > 2.0 * reach
+        d = tl.where(ahead, tl.where(parallel, 1.0, away), 1.0)
+        u = (tl.load(m) * dx + tl.load(m + 1) * dy + tl.load(m + 2) * dz) / d
+        v = (tl.load(m + 3) * dx + tl.load(m + 4) * dy + tl.load(m + 5) * dz) / d
+        r = reach * focal / d * tl.where(parallel, 1.0, tl.sqrt(1.0 + u * u + v * v)) + 0.5
+        column = tl.minimum(tl.maximum(u * focal + tl.load(lens + 1), -FAR), FAR)
+        row = tl.minimum(tl.maximum(tl.load(lens + 2) - v * focal, -FAR), FAR)
+        r = tl.minimum(r, FAR)
+        x0, x1 = tl.floor(column - r), tl.ceil(column + r)
+        y0, y1 = tl.floor(row - r), tl.ceil(row + r)
+        whole = left & ahead & (x0 >= 0.0) & (y0 >= 0.0) & (x1 < width) & (y1 < height)
+        low, high = table + y0.to(tl.int32) * width, table + y1.to(tl.int32) * width
+        visible = tl.load(high + x1.to(tl.int32), mask=whole, other=1)
+        visible -= tl.load(low + x1.to(tl.int32), mask=whole, other=0)
+        visible -= tl.load(high + x0.to(tl.int32), mask=whole, other=0)
+        visible += tl.load(low + x0.to(tl.int32), mask=whole, other=0)
+        left, seen = left & (visible > 0), seen | whole
+        n += 1
+        table += height * width
+    tl.store(occupied + i, (left & seen).to(tl.uint8), mask=i < count)
 
 
 @triton.jit(do_not_specialize=["origins", "directions", "nx", "ny", "nz", "rays", "out"])
@@ -101,6 +151,20 @@ def projected_back(  # type: ignore[no-untyped-def]
             second += w * tl.load(at + 1, mask=inside, other=0.0)
     tl.store(sums + 2 * p, first, mask=there)
     tl.store(sums + 2 * p + 1, second, mask=there)
+
+
+def visual_hull(
+    tables: Tensor, cameras: tuple[Tensor, Tensor, Tensor], cells: float, reach: float, shape: Sequence[int]
+) -> Tensor:
+    """Return the cells that masks leave; see :meth:`svv.kernels.types.TomographyKernels.visual_hull`."""
+    occupied = torch.empty(*shape, dtype=torch.uint8, device=tables.device)
+    sizes = torch.tensor([cells, reach], dtype=torch.float64, device=tables.device)
+    rotations, positions, lenses = (t.contiguous() for t in cameras)
+    carved[(triton.cdiv(occupied.numel(), CELL_BLOCK),)](
+        tables.contiguous(), rotations, positions, lenses, sizes, *tables.shape, *shape[1:], occupied.numel(), occupied,
+        FARTHEST, CELL_BLOCK,
+    )  # fmt: skip
+    return occupied
 
 
 def optical_depths(

@@ -21,6 +21,7 @@ from svv.train.base.tomography_there import TomographyThere
 from svv.train.config import ReconstructSettings
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Arrays
+from svv.train.run.views_there import views_on
 
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of an extinction reconstructed from views."""
@@ -72,9 +73,11 @@ class Beginning:
 
 
 def first_occupancy(
-    views: ViewSet, settings: ReconstructSettings, field: FieldSettings, progress: Progress
+    views: ViewSet, settings: ReconstructSettings, field: FieldSettings, progress: Progress, device: torch.device = CPU
 ) -> tuple[Occupancy, str]:
     """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
+
+    A ``device`` that holds the views carves it.
 
     Raises:
         BadInput: No point is visible in all views.
@@ -82,7 +85,9 @@ def first_occupancy(
     progress(0.0, "where to look")
     known = known_volume(views, settings, field)
     if known is None:
-        occupancy = carve(views.images[..., 3], views.cameras, settings.cells)
+        there = None if kernels_of(device.type).TOMOGRAPHY is None else views_on(views, device)
+        alpha = views.images[..., 3] if there is None else there.alpha
+        occupancy = carve(alpha, views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
         least = least_extinction(settings.prune_least * known.cells, float(np.exp(np.float64(known.exponent.max()))))

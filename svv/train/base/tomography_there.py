@@ -16,7 +16,7 @@ from svv.fields.radiance.rendering import RayCaster
 from svv.io.views.viewset import ViewSet
 from svv.kernels.types import TomographyKernels
 from svv.train.base.tomography import LARGEST_CHANGE, LEAST_DEPTH, LEAST_WEIGHT, OPAQUE, STOP, Tomography
-from svv.train.run.batches import pixels_on
+from svv.train.run.views_there import views_on
 
 
 class TomographyThere(Tomography):
@@ -28,9 +28,8 @@ class TomographyThere(Tomography):
         """Start from a fog; ``kernels`` are those of the ``device``."""
         self.kernels, self.device = kernels, device
         super().__init__(views, occupancy, seed)
-        known = pixels_on(views, device)
-        alpha = torch.from_numpy(views.images.reshape(-1, 4)).to(device) if known is None else known[1]
-        self._alpha = alpha[:, 3].reshape(views.images.shape[:3])
+        known = views_on(views, device)
+        self._alpha = torch.from_numpy(views.images[..., 3]).to(device) if known is None else known.alpha
 
     def _reduced(self, which: NDArray[np.int64], factor: int) -> Any:
         own = self._alpha if len(which) == len(self._alpha) else self._alpha[torch.from_numpy(which).to(self.device)]

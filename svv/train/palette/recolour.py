@@ -293,9 +293,15 @@ def _error(out: Tensor, transmittance: Tensor, batch: Batch, each: Sequence[floa
     return (errors * factors).sum(), errors[:3].detach().mean()
 
 
-def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None) -> Palette:
-    """Extract the palette of the views' visible pixels; raises BadInput if no pixel is visible."""
-    pool = RayPool(views, occupancy.box, seed, CPU)
+def palette_of(
+    views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None, device: torch.device = CPU
+) -> Palette:
+    """Extract the palette of the views' visible pixels, which the ``device`` may hold.
+
+    Raises:
+        BadInput: No pixel is visible.
+    """
+    pool = RayPool(views, occupancy.box, seed, device)
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
 
 

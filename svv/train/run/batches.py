@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -18,6 +17,7 @@ from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import PixelSource, Target
 from svv.train.run import ranks
 from svv.train.run.pixels import pixels_of
+from svv.train.run.views_there import views_on
 
 
 @dataclass(frozen=True)
@@ -80,37 +80,15 @@ class RayBudget:
 SEED_STEP = 7919
 """Apart from each other, the seeds of batches of two runs whose seeds differ by one."""
 
-MOST_OF_GPU = 0.125
-"""Share of a GPU's memory that views may take, from which it then draws rays itself."""
-
-_VIEWS_THERE: WeakKeyDictionary[ViewSet, dict[torch.device, tuple[Tensor, Tensor]]] = WeakKeyDictionary()
-
-
-def pixels_on(views: ViewSet, device: torch.device) -> tuple[Tensor, Tensor] | None:
-    """Return indices of the pixels to draw from (N,) and the levels of all (pixels, 4) on a GPU.
-
-    None if the device is the CPU or has little memory: then the CPU draws, which takes longer than the rest of a step.
-    """
-    index, levels = pixels_of(views).index, views.images.reshape(-1, 4)
-    if device.type != "cuda" or index.dtype != np.int32:
-        return None
-    if index.nbytes + levels.nbytes > MOST_OF_GPU * torch.cuda.get_device_properties(device).total_memory:
-        return None
-    known = _VIEWS_THERE.setdefault(views, {})
-    if device not in known:
-        known[device] = torch.from_numpy(index).to(device), torch.from_numpy(levels).to(device)
-    return known[device]
-
 
 class RayPool:
     """Draws batches of rays; batch k of a seed is always the same, so a resumed run continues as if uninterrupted."""
 
     def __init__(self, views: ViewSet, box: Box, seed: int, device: torch.device, headlight: str = "point") -> None:
         self._caster = RayCaster(views.cameras, box, device, headlight)
-        self._levels = views.images.reshape(-1, 4)
-        self._pixels = pixels_of(views)
+        self._levels, self._views = views.images.reshape(-1, 4), views
         self._seed = seed
-        self._there = pixels_on(views, device)
+        self._there = views_on(views, device)
         self._sources: dict[float, PixelSource] = {}
 
     def seed_of(self, number: int) -> int:
@@ -134,7 +112,7 @@ class RayPool:
             count = part.stop - part.start
             drawn, weights, colours = kernels_for(source.index).draw_pixels(source, seed, part.start, count, rays)
             return Batch(self._caster.rays(drawn), colours, drawn, weights, part.start, count / rays)
-        pixels, weight = self._pixels.drawn(np.random.default_rng((self._seed, number)), rays, by_contrast)
+        pixels, weight = pixels_of(self._views).drawn(np.random.default_rng((self._seed, number)), rays, by_contrast)
         pixels, weight = pixels[part], weight[part] / np.float32(rays)
         shown = self._levels[pixels].astype(np.float32) / np.float32(255.0)
         shown[:, :3] *= shown[:, 3:]
@@ -146,16 +124,21 @@ class RayPool:
         """Return the pixels on the GPU, always at the same addresses."""
         assert self._there is not None
         if by_contrast not in self._sources:
-            (index, levels), device = self._there, self._caster.device
-            share, ends, first = self._pixels.steps(by_contrast)
+            there, device = self._there, self._caster.device
+            share, ends, first = there.steps(by_contrast)
             steps = on_device(first.astype(np.int64), device), on_device(ends, device), on_device(share, device)
-            self._sources[by_contrast] = PixelSource(index, levels, *steps)
+            self._sources[by_contrast] = PixelSource(there.index, there.levels.view(-1, 4), *steps)
         return self._sources[by_contrast]
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""
-        generator, pool = np.random.default_rng(self._seed), self._pixels.index
-        chosen = pool if len(pool) <= most else generator.choice(pool, most, replace=False)
-        rgba = self._levels[chosen].astype(np.float32) / np.float32(255.0)
+        there, generator = self._there, np.random.default_rng(self._seed)
+        pool = pixels_of(self._views).index if there is None else there.index
+        chosen = np.arange(len(pool)) if len(pool) <= most else generator.choice(len(pool), most, replace=False)
+        if there is None:
+            levels = self._levels[pool[chosen]]
+        else:
+            levels = there.levels.view(-1, 4)[there.index[moved(chosen, there.index.device)].long()].cpu().numpy()
+        rgba = levels.astype(np.float32) / np.float32(255.0)
         rgba = rgba[rgba[:, 3] > 0]
         return rgba[:, :3], rgba[:, 3]

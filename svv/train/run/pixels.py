@@ -46,7 +46,8 @@ class Pixels:
         each = [np.concatenate(step) for step in zip(*found, strict=True)]
         self.index: NDArray[np.integer] = np.concatenate(each)
         """Flat indices among all views, by steps of contrast. (N,)"""
-        self._counts = np.array([len(step) for step in each], np.float64)
+        self.counts = np.array([len(step) for step in each])
+        """Number of pixels of each step of contrast, int64. (STEPS,)"""
 
     def drawn(
         self, generator: np.random.Generator, count: int, by_contrast: float = 0.0
@@ -62,24 +63,31 @@ class Pixels:
             Flat indices among all views, and weights with which a mean over them is, on average, the mean over all
             pixels. (count,) each
         """
-        share, ends, first = self.steps(by_contrast)
+        share, ends, first = steps_to_draw(self.counts, by_contrast)
         where = generator.random(count) * ends[-1]
         step = np.searchsorted(ends[1:-1], where, side="right")
         place = np.minimum(first[step] + (where - ends[step]) / share[step], first[step + 1] - 1.0)
         return self.index[place.astype(np.int64)].astype(np.int64), (1.0 / share[step]).astype(np.float32)
 
-    def steps(self, by_contrast: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return how the steps of contrast are drawn, for a fraction ``by_contrast`` of pixels drawn by contrast.
 
-        Returns:
-            How much the pixels of each step are drawn, relative to drawing evenly (STEPS,); where each step begins if
-            each pixel counts as much as it is drawn, and where it begins in ``index``, both with the end (STEPS + 1,).
-        """
-        middle = (np.arange(STEPS) + 0.5) / STEPS
-        mean = (self._counts * middle).sum() / self._counts.sum()
-        share = 1.0 - by_contrast + by_contrast * middle / mean
-        ends = np.concatenate([[0.0], np.cumsum(self._counts * share)])
-        return share, ends, np.concatenate([[0.0], np.cumsum(self._counts)])
+def steps_to_draw(
+    counts: NDArray[np.integer], by_contrast: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return how the steps of contrast are drawn, for a fraction ``by_contrast`` of pixels drawn by contrast.
+
+    Args:
+        counts: Number of pixels of each step. (STEPS,)
+        by_contrast: The fraction.
+
+    Returns:
+        How much the pixels of each step are drawn, relative to drawing evenly (STEPS,); where each step begins if each
+        pixel counts as much as it is drawn, and where it begins among all, both with the end (STEPS + 1,).
+    """
+    middle = (np.arange(STEPS) + 0.5) / STEPS
+    mean = (counts * middle).sum() / counts.sum()
+    share = 1.0 - by_contrast + by_contrast * middle / mean
+    ends = np.concatenate([[0.0], np.cumsum(counts * share)])
+    return share, ends, np.concatenate([[0.0], np.cumsum(counts)])
 
 
 def contrast(image: NDArray[np.uint8]) -> NDArray[np.float32]:

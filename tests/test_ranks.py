@@ -251,5 +251,5 @@ def test_the_signal_of_the_launcher_is_no_fault_of_the_file_that_is_read(
     monkeypatch.setattr("svv.fields.scene.scene_arrays.scene_of", lambda *_: os.kill(os.getpid(), signal.SIGTERM))
     monkeypatch.setattr(ranks, "place", lambda: ranks.Place(0, 2))
     monkeypatch.setattr(ranks, "_connected", lambda where, device: Board())
-    with pytest.raises(BadInput, match="^Another process of this run has ended"), ranks.joined():
+    with pytest.raises(BadInput, match=r"^Another process of this run has ended"), ranks.joined():
         Scene.load(tmp_path / "cube.svv")

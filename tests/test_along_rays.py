@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import get_num_threads, set_num_threads
 
+from svv.kernels.numba import along_rays as loops
+from svv.kernels.reference_regions import to_memberships
 from svv.train.palette import along_rays
-from svv.train.palette import along_rays_kernels as kernels
 from svv.train.palette.along_rays import Seen, Solver, agreement, divided, joined, unmixed
 
 SIDE = 10
@@ -26,7 +28,7 @@ def shells(places: np.ndarray) -> np.ndarray:
     return np.asarray(np.digitize(depth, [1, 3]), np.int64)
 
 
-def seen_from_all_sides(seed: int, noise: float = 0.0, rays: int = 1500) -> tuple[Seen, np.ndarray, np.ndarray]:
+def seen_from_all_sides(seed: int, noise: float = 0.0, rays: int = 1500) -> tuple[Seen, torch.Tensor, np.ndarray]:
     """Straight rays through translucent nested cubes: what they see, the vertices' places and their regions."""
     generator = np.random.default_rng(seed)
     places = np.argwhere(np.ones((SIDE,) * 3, bool))
@@ -44,8 +46,9 @@ def seen_from_all_sides(seed: int, noise: float = 0.0, rays: int = 1500) -> tupl
     pixel = (weight[:, :, None] * COLOURS[region[vertex]]).sum(axis=1)
     pixel += noise * generator.normal(size=(rays, 1)) * pixel  # of brightness, as of a normal that nobody knows
     kept = inside & (weight > 0)
-    seen = Seen(len(places), vertex[kept], ray[kept], weight[kept], np.ones(kept.sum()), pixel)
-    return seen, places, region
+    own, which, light = (torch.from_numpy(values[kept]) for values in (vertex, ray, weight))
+    seen = Seen(len(places), own, which, light.float(), torch.ones(len(own)), torch.from_numpy(pixel).float())
+    return seen, torch.from_numpy(places), region
 
 
 @settings(max_examples=3)
@@ -78,7 +81,7 @@ def test_a_time_limit_ends_the_tries() -> None:
 def test_one_region_and_black_pixels_are_left_alone() -> None:
     seen, places, region = seen_from_all_sides(0)
     assert unmixed(seen, np.zeros_like(region), 1, places).gain == 0.0
-    black = Seen(seen.vertices, seen.vertex, seen.ray, seen.weight, seen.cosine, np.zeros_like(seen.pixel))
+    black = replace(seen, pixel=torch.zeros_like(seen.pixel))
     found = unmixed(black, region, 3, places)
     assert (found.region == region).all() and found.gain == 0.0
     assert divided(black, region, 3, light_of(region, COLOURS, 0.0), 8)[1] == []
@@ -116,7 +119,7 @@ def test_samples_of_one_vertex_are_joined(seed: int, samples: int) -> None:
     def light(ray: np.ndarray, vertex: np.ndarray, weight: np.ndarray, colour: np.ndarray) -> np.ndarray:
         return np.stack([np.bincount(3 * ray + vertex, weight * c, 15) for c in (*colour.T, 1.0)])
 
-    joint = joined(ray, vertex, weight, colour)
+    joint = tuple(found.numpy() for found in joined(*(torch.from_numpy(own) for own in (ray, vertex, weight, colour))))
     np.testing.assert_allclose(light(*joint), light(ray, vertex, weight, colour), rtol=1e-5)
     assert len(joint[0]) <= samples and not ((np.diff(joint[0]) == 0) & (np.diff(joint[1]) == 0)).any()
 
@@ -134,21 +137,23 @@ def simplex_by_sorting(values: np.ndarray) -> np.ndarray:
 class Plain:
     """The solver's problem in dense matrices and double precision."""
 
-    def __init__(self, seen: Seen, places: np.ndarray, smoothness: float) -> None:
+    def __init__(self, seen: Seen, places: torch.Tensor, smoothness: float) -> None:
         """Write down what rays see of vertices, and how much their neighbours must agree."""
         self.seen, self.smoothness, shape = seen, smoothness, (len(seen.pixel), seen.vertices)
         self.plain, self.lit = np.zeros(shape), np.zeros(shape)
-        np.add.at(self.plain, (seen.ray, seen.vertex), seen.weight)
-        np.add.at(self.lit, (seen.ray, seen.vertex), seen.weight * seen.cosine)
+        at, weight = (seen.ray.numpy(), seen.vertex.numpy()), seen.weight.numpy()
+        np.add.at(self.plain, at, weight)
+        np.add.at(self.lit, at, weight * seen.cosine.numpy())
         light = self.plain.sum(axis=0)
-        near = np.abs(places[:, None] - places[None]).sum(axis=2) == 1
+        near = ((places[:, None] - places[None]).abs().sum(dim=2) == 1).numpy()
         self.near = near * (np.sqrt(np.outer(light, light)) + 1e-3 * light.mean())
-        length = np.linalg.norm(seen.pixel, axis=1, keepdims=True)
-        self.along = seen.pixel / np.maximum(length, 1e-6)
+        self.pixel = seen.pixel.double().numpy()
+        length = np.linalg.norm(self.pixel, axis=1, keepdims=True)
+        self.along = self.pixel / np.maximum(length, 1e-6)
 
     def errors(self, member: np.ndarray, light: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """What is shown less the pixels, in full, and with a tenth of it along the pixels' colours."""
-        error = self.plain @ member @ light[0] + self.lit @ member @ light[1] - self.seen.pixel
+        error = self.plain @ member @ light[0] + self.lit @ member @ light[1] - self.pixel
         inside = (error * self.along).sum(axis=1, keepdims=True)
         return error, error - (1.0 - along_rays.ALONG) * inside * self.along
 
@@ -160,7 +165,7 @@ class Plain:
 
     def light(self, member: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What regions reflect if each vertex is of the region in which it is most."""
-        return self.seen.light(member.argmax(axis=1), member.shape[1])
+        return self.seen.light(torch.from_numpy(member.argmax(axis=1)), member.shape[1])
 
     def solve(self, member: np.ndarray) -> np.ndarray:
         """Accelerated projected gradients, as the solver's kernels take them."""
@@ -182,24 +187,21 @@ class Plain:
         return member
 
 
-def lit_and_wrong(seed: int, count: int) -> tuple[Seen, np.ndarray, np.ndarray]:
+def lit_and_wrong(seed: int, count: int) -> tuple[Seen, torch.Tensor, torch.Tensor]:
     """What rays see of nested cubes under a headlight, the vertices' places, and regions that are partly wrong."""
     seen, places, region = seen_from_all_sides(seed, 0.1, rays=300)
     generator = np.random.default_rng(seed)
-    seen = replace(seen, cosine=generator.uniform(0.0, 1.0, len(seen.cosine)))
-    return (
-        seen,
-        places,
-        np.where(generator.random(len(region)) < 0.3, generator.integers(0, count, len(region)), region),
-    )
+    seen = replace(seen, cosine=torch.from_numpy(generator.uniform(0.0, 1.0, len(seen.cosine))).float())
+    wrong = np.where(generator.random(len(region)) < 0.3, generator.integers(0, count, len(region)), region)
+    return seen, places, torch.from_numpy(wrong)
 
 
 @settings(max_examples=4)
 @given(st.integers(0, 2**31), st.integers(3, 8), st.sampled_from(along_rays.SMOOTHNESS))
 def test_memberships_are_those_of_a_plain_solver(seed: int, count: int, smoothness: float) -> None:
     seen, places, region = lit_and_wrong(seed, count)
-    found, plain = Solver(seen, places).solve(region, count, smoothness), Plain(seen, places, smoothness)
-    begun = np.eye(count)[region]
+    found, plain = Solver(seen, places).solve(region, count, smoothness).numpy(), Plain(seen, places, smoothness)
+    begun = np.eye(count)[region.numpy()]
     np.testing.assert_allclose(found, plain.solve(begun), atol=2e-3)
     assert (found >= 0.0).all() and found.shape == begun.shape
     np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-5)
@@ -223,22 +225,21 @@ def test_memberships_do_not_depend_on_the_number_of_threads() -> None:
 @given(st.integers(0, 2**31), st.integers(1, 9), st.sampled_from([1e-6, 0.3, 1.0, 100.0]))
 def test_nearest_memberships_are_those_found_by_sorting(seed: int, count: int, spread: float) -> None:
     values = (spread * np.random.default_rng(seed).normal(size=(20, count))).astype(np.float32)
-    shift = [kernels.excess(values, np.uint32(i), np.uint32(count)) for i in range(len(values))]
-    np.testing.assert_allclose(
-        np.maximum(values - np.array(shift)[:, None], 0.0),
-        simplex_by_sorting(values.astype(np.float64)),
-        atol=1e-6 * (1.0 + 10.0 * spread),
-    )
+    shift = [loops.excess(values, np.uint32(i), np.uint32(count)) for i in range(len(values))]
+    expected = simplex_by_sorting(values.astype(np.float64))
+    for found in (np.maximum(values - np.array(shift)[:, None], 0.0), to_memberships(torch.from_numpy(values))):
+        np.testing.assert_allclose(found, expected, atol=1e-6 * (1.0 + 10.0 * spread))
 
 
 def test_light_of_regions_is_that_of_least_squares() -> None:
     """Of a dense design without noise, the solution of the normal equations is what made the pixels."""
     seen, _, region = lit_and_wrong(1, 3)
     ambient, diffuse = COLOURS, COLOURS[::-1] * 0.5
-    own = region[seen.vertex]
-    colour = ambient[own] + diffuse[own] * seen.cosine[:, None]
-    pixel = np.stack([np.bincount(seen.ray, seen.weight * c, len(seen.pixel)) for c in colour.T], axis=1)
-    made = replace(seen, pixel=pixel)
+    own = region[seen.vertex].numpy()
+    colour = ambient[own] + diffuse[own] * seen.cosine.numpy()[:, None]
+    ray, weight = seen.ray.numpy(), seen.weight.numpy()
+    pixel = np.stack([np.bincount(ray, weight * c, len(seen.pixel)) for c in colour.T], axis=1)
+    made = replace(seen, pixel=torch.from_numpy(pixel).float())
     found = made.light(region, 3)
     np.testing.assert_allclose(found, (ambient, diffuse), atol=1e-3)
     assert made.error_across(region, found) < 1e-4

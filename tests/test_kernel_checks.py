@@ -12,9 +12,10 @@ from torch import Tensor
 
 from svv.fields.radiance.gpu_check import run_checks
 from svv.fields.radiance.kernel_checks import CPU, checks
+from svv.fields.radiance.region_checks import region_checks
 from svv.kernels import reference
 from svv.kernels.numba import kernels as numba_kernels
-from svv.kernels.types import Kernels, Samples
+from svv.kernels.types import Kernels, RaySamples, Samples
 
 
 def scaled(result: Any, factor: float = 1.0001) -> Any:
@@ -77,11 +78,50 @@ def test_what_is_slightly_wrong_is_found(name: str) -> None:
         checks()[name](broken, CPU, 0)
 
 
+def less_along(seen: RaySamples, kept: float, *rest: Any) -> Tensor:
+    """All of an error is left along the pixel's colour."""
+    return reference.REGIONS.errors(seen, 1.0, *rest)
+
+
+def lost_ray(seen: RaySamples, *rest: Any) -> Tensor:
+    return reference.REGIONS.normal_equations(replace(seen, pixel=seen.pixel.clone().index_fill_(0, ONE, 0.0)), *rest)
+
+
+def without_neighbours(
+    near: Any, error: Tensor, light: Tensor, step: Tensor, pace: tuple[float, float], *rest: Any
+) -> None:  # fmt: skip
+    reference.REGIONS.descend(near, error, light, step, (0.0, pace[1]), *rest)
+
+
+def turned(*arguments: Any) -> Tensor:
+    return reference.REGIONS.normals(*arguments).flip(1)
+
+
+ONE = torch.tensor([1])
+WRONG_REGIONS: dict[str, tuple[str, Any]] = {
+    "regions, light": ("normal_equations", lost_ray),
+    "regions, errors": ("errors", less_along),
+    "regions, descent": ("descend", without_neighbours),
+    "regions, blurred": ("blurred", lambda values, deviation: reference.REGIONS.blurred(values, 1.001 * deviation)),
+    "regions, normals": ("normals", turned),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_REGIONS)
+def test_regions_that_are_slightly_wrong_are_found(name: str) -> None:
+    function, wrong = WRONG_REGIONS[name]
+    broken: Any = SimpleNamespace(REGIONS=SimpleNamespace(**{**vars(reference.REGIONS), function: wrong}))
+    check = region_checks(150)[name]
+    check(reference, CPU, 0)
+    with pytest.raises(AssertionError):
+        check(broken, CPU, 0)
+
+
 @pytest.mark.parametrize("kernels", [reference, numba_kernels])
 def test_all_kernels_of_the_cpu_pass(kernels: Kernels) -> None:
     found = list(run_checks(kernels, CPU, 2000, 2))
     assert [wrong for _, _, wrong in found if wrong] == []
-    assert len(found) == len(checks())
+    assert [name for name, *_ in found] == [*checks(), *region_checks(2000)]
 
 
 def test_a_fault_is_a_finding_and_not_the_end() -> None:

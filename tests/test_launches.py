@@ -29,6 +29,7 @@ from svv.kernels import dispatch
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.config import RecolourSettings, ReconstructSettings
+from svv.train.palette import along_rays, regions_from_views
 from svv.train.palette.recolour import Recolouring
 from svv.train.run.batches import RayPool
 from svv.train.run.network_adam import NetworkAdam
@@ -180,3 +181,57 @@ def test_operations_of_strokes_in_an_image(
     over()  # the tables of strokes are made here
     names, waits = count(over)
     assert names == ["zeros", "full", "sheets", "cumsum", "sheets", "paint", "ground", "cover"] and waits == []
+
+
+MOST_OF_REGIONS = {"batch of rays": 82, "all batches": 120, "solution": 55, "step of a solution": 2}
+"""Operations of the search for regions: of each batch of rays; of what is made of all of them; of memberships that are
+solved for, and of one of :data:`svv.train.palette.along_rays.STEPS` steps."""
+
+WAITS_OF_REGIONS = {"batch of rays": 2, "all batches": 2, "solution": 2, "step of a solution": 0}
+"""How often the CPU waits: for the number of samples, and of those that are joined; for the light of regions."""
+
+
+def test_operations_and_waits_of_the_search_for_regions(
+    count: Callable[[Callable[[], object]], tuple[list[str], list[str]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field = FieldSettings(resolutions=(2, 4), features=2, width=16)
+    beginning = Beginning(Occupancy.full(Box.of_bounds((-0.35,) * 3, (0.35,) * 3), 4))
+    own = views()
+    base, occupancy = Reconstruction(own, beginning, field, ReconstructSettings(rays=16, samples=128)).finish()
+    scene, copied = Scene(field, occupancy, Marching(1 / 8), base), list[str]()
+
+    def waiting(name: str) -> Callable[[torch.Tensor], object]:
+        real = getattr(torch.Tensor, name)
+
+        def counted(tensor: torch.Tensor) -> object:
+            copied.append(name)
+            return real(tensor)
+
+        return counted
+
+    for name in ("cpu", "tolist"):  # a copy to the CPU waits, too
+        monkeypatch.setattr(torch.Tensor, name, waiting(name))
+    monkeypatch.setattr(regions_from_views, "AT_A_TIME", 16)
+
+    def found(function: Callable[..., object], *given: object) -> np.ndarray:
+        copied.clear()
+        operations, waits = count(lambda: function(*given))
+        return np.array([len(operations), len(waits) + len(copied)])
+
+    def points_of(batches: int) -> regions_from_views._Points:
+        monkeypatch.setattr(regions_from_views, "RAYS", 16 * batches)
+        return regions_from_views._Points(scene, own, 0)
+
+    points, made = points_of(1), [found(points_of, batches) for batches in (1, 2)]
+    region = torch.arange(points._seen.vertices) % 2
+    solver, solved = along_rays.Solver(points._seen, points._at), []
+    solver.solve(region, 2, 0.02)  # what is made once is made here
+    for steps in (1, 2):
+        monkeypatch.setattr(along_rays, "STEPS", steps)
+        solved.append(found(solver.solve, region, 2, 0.02))
+    batch, step = made[1] - made[0], (solved[1] - solved[0]) / along_rays.TURNS
+    parts = batch, made[0] - batch, solved[0] - along_rays.TURNS * step, step
+    each = dict(zip(MOST_OF_REGIONS, parts, strict=True))
+    assert each["step of a solution"][0] > 0
+    assert {part: int(n) for part, (n, _) in each.items() if n > MOST_OF_REGIONS[part]} == {}
+    assert {part: int(n) for part, (_, n) in each.items() if n > WAITS_OF_REGIONS[part]} == {}

@@ -9,9 +9,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import sphere_cameras
 from svv.io.views.viewset import ViewSet
+from svv.kernels.dispatch import CPU
 from svv.train.run import views_there
+from svv.train.run.batches import RayPool
 from svv.train.run.pixels import MARGIN, Pixels, contrast, pixels_of
 
 SIZE = 40
@@ -136,3 +139,19 @@ def test_they_are_found_once_for_a_view_set() -> None:
     views = discs()
     assert pixels_of(views) is pixels_of(views)
     assert pixels_of(discs()) is not pixels_of(views)
+
+
+def test_visible_colours_are_drawn_evenly_and_hardly_one_twice() -> None:
+    """Each of 4,800 pixels, told apart by their colours, is as likely as any other, wherever it is in the list."""
+    images = np.full((3, SIZE, SIZE, 4), 255, np.uint8)
+    images[..., :3] = np.moveaxis(np.indices((3, SIZE, SIZE)), 0, -1)
+    views, box, draws, most = views_of(images), Box.of_bounds((-1.0,) * 3, (1.0,) * 3), 200, 300
+    times = np.zeros(images[..., 0].size, np.int64)
+    for seed in range(draws):
+        place = np.rint(255.0 * RayPool(views, box, seed, CPU).visible_colours(most)[0]).astype(np.int64)
+        drawn = np.ravel_multi_index(tuple(place.T), images.shape[:3])
+        assert len(drawn) == most and len(set(drawn)) >= 0.95 * most
+        times += np.bincount(drawn, minlength=len(times))
+    mean = draws * most / len(times)
+    assert abs(times - mean).max() < 5.0 * np.sqrt(mean)
+    assert len(RayPool(views, box, 0, CPU).visible_colours(len(times))[0]) == len(times)

@@ -15,20 +15,23 @@ TYPES = {
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
     "begin end passed shift where place around points strokes noise look tint covered below left harmonics tables lit "
     "plain raw colours diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
-    "depth images sums weight shown rate pull penalties g_values g_weights g_raw g_light light each g_density",
+    "depth images sums weight shown rate pull penalties g_values g_weights g_raw g_light light each g_density "
+    "pixel cosine along member error root ahead following",
     "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends dropped",
     "*fp64": "apart shares",
-    "*i32": "seed age ray number entries of seeds vertices",
+    "*i32": "seed age ray number entries of seeds vertices vertex neighbours",
     "*i16": "seen",
     "*u8": "used distance known nearest near levels",
     "fp32": "beta1 beta2 epsilon cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
-    "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam",
+    "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam "
+    "kept least smoothness momentum",
     "i32": "samples rows finer width height rays channels nx ny nz first_ray inputs outputs size stride length "
     "side before until regions total most columns",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
 LEVELS, COUNT = {"levels": "i32"}, {"count": "i32"}
+AT_VERTICES = {"first": "*i32"}
 OWN_TYPES = {
     "lattice_encode": LEVELS,
     "lattice_backward": LEVELS,
@@ -55,6 +58,8 @@ OWN_TYPES = {
     "draw": {"index": "*i32", "first": "*i64", "ends": "*fp64"},
     "march": {"total": "*i64"},
     "learn": {"place": "*i64", "alpha": "fp32"},
+    "errors_of_rays": {**COUNT, **AT_VERTICES},
+    "descend_at_vertices": {**COUNT, **AT_VERTICES, "step": "*fp32", "vertices": "i32"},
 }
 """Those whose type is another one in a kernel."""
 COUNTED_THERE = {
@@ -121,6 +126,8 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("learn", {"BASE": False, "CHANNELS": 6, "WIDE": 8, "BLOCK": 32}),
     ("error", {"ALPHA": True, "WIDE": 4, "BLOCK": 128}),
     ("error", {"ALPHA": False, "WIDE": 8, "BLOCK": 128}),
+    ("errors_of_rays", {"WIDE": 8, "BLOCK": 32}),
+    ("descend_at_vertices", {"WIDE": 8, "BLOCK": 32}),
 ]
 SHARED = 65536
 """Bytes of shared memory that a program of the networks may use: what every GPU from Ampere on has."""
@@ -128,7 +135,7 @@ DESKTOP, BLACKWELL, HOPPER, AMPERE = 120, 100, 90, 80
 EVERYWHERE = BLACKWELL, HOPPER, AMPERE
 TARGETS = {
     **dict.fromkeys(("network", "network_backward"), (DESKTOP, *EVERYWHERE)),
-    **dict.fromkeys(("march", "learn"), EVERYWHERE),
+    **dict.fromkeys(("march", "learn", "errors_of_rays", "descend_at_vertices"), EVERYWHERE),
 }
 """GPUs for which the largest kernels are compiled; the others only for Hopper, or, slowly, everywhere."""
 
@@ -150,6 +157,7 @@ def compile_all(others: tuple[int, ...]) -> None:
         networks,
         pixels,
         rays,
+        regions,
         sheets,
         strokes,
         tables,
@@ -158,7 +166,7 @@ def compile_all(others: tuple[int, ...]) -> None:
     )
 
     blocks = {"network": networks.FORWARD.block, "network_backward": networks.BACKWARD.block}
-    places = cells, tables, rays, networks, image, pixels, sheets, strokes, tomography, training, learning
+    places = cells, tables, rays, networks, image, pixels, sheets, strokes, tomography, training, learning, regions
     for name, values in [*KERNELS, *NETWORKS]:
         kernel = image.composite if name == "image_composite" else _found(places, name)
         constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}

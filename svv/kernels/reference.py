@@ -13,11 +13,13 @@ from svv.core.rays.compositing import composite_samples
 from svv.core.rays.encodings import hash_corners, hash_features, lattice_corners, lattice_features
 from svv.core.rays.networks import relu_layers
 from svv.core.rays.representatives import representatives as chosen
+from svv.kernels import reference_regions
 from svv.kernels.types import (
     ImageKernels,
     Lattice,
     Limits,
     PixelSource,
+    RegionKernels,
     Samples,
     StrokeKernels,
     TomographyKernels,
@@ -30,6 +32,7 @@ SAMPLES = 1 << 16
 IMAGE: ImageKernels | None = None
 STROKES: StrokeKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
+REGIONS: RegionKernels = reference_regions
 TRAINING: TrainingKernels | None = None
 
 STEPS_AT_A_TIME = 1 << 22

@@ -8,6 +8,9 @@ from typing import Protocol
 
 from torch import Tensor
 
+from svv.kernels.region_types import RaySamples as RaySamples
+from svv.kernels.region_types import RegionKernels as RegionKernels
+from svv.kernels.region_types import VertexSamples as VertexSamples
 from svv.kernels.samples import Context as Context
 from svv.kernels.samples import Lattice as Lattice
 from svv.kernels.samples import Limits as Limits
@@ -231,6 +234,8 @@ class Kernels(Protocol):
     """Kernels that do several of a training step's operations in one; None if plain torch does them."""
     TOMOGRAPHY: TomographyKernels | None
     """Kernels for the first extinction; None if the CPU finds it (:mod:`svv.train.base.tomography`)."""
+    REGIONS: RegionKernels
+    """Kernels for regions that are found without the volume."""
 
     def lattice_encode(self, x: Tensor, lattice: Lattice, table: Tensor) -> Tensor:
         """Return the trilinear features of all levels, concatenated: (S, 3) and (V, F) -> (S, L * F)."""

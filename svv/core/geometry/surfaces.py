@@ -60,12 +60,26 @@ def blurred(
     Returns:
         Values. (X, Y, Z)
     """
+    weights, signs = filters(deviation, along)
+    out = np.empty_like(values)
+    filtered(values, weights, signs, np.float32(beyond), out)
+    return out
+
+
+def filters(deviation: float, along: int | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the filters along the three axes of a Gaussian, or of its derivative along one of them.
+
+    Args:
+        deviation: Standard deviation in voxels, > 0.
+        along: Axis of the derivative; None for none.
+
+    Returns:
+        The middle of each filter and what follows it (3, N), and 1 if it is even, or -1 if it is odd (3,).
+    """
     distance = np.arange(int(TRUNCATED * deviation + 0.5) + 1)
     even = np.exp(-0.5 * np.square(distance / deviation))
     even /= 2.0 * even.sum() - even[0]
     odd = even * distance / deviation**2
     weights = np.stack([odd if axis == along else even for axis in range(3)]).astype(np.float32)
     signs = np.where(np.arange(3) == (math.nan if along is None else along), -1.0, 1.0).astype(np.float32)
-    out = np.empty_like(values)
-    filtered(values, weights, signs, np.float32(beyond), out)
-    return out
+    return weights, signs

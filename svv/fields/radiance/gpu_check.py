@@ -16,6 +16,7 @@ import torch
 from svv.fields.radiance.image_checks import image_checks
 from svv.fields.radiance.kernel_checks import Check, checks
 from svv.fields.radiance.recorded_check import check_recorded
+from svv.fields.radiance.region_checks import region_checks
 from svv.fields.radiance.tomography_checks import tomography_checks
 from svv.fields.radiance.training_checks import training_checks
 from svv.fields.strokes.stroke_checks import BRUSHES, check_strokes
@@ -51,7 +52,7 @@ def run_each(
 
 def checks_of(kernels: Kernels, samples: int) -> dict[str, Check]:
     """Return the checks of everything that a set of kernels has, with so many samples each."""
-    found = dict(checks(samples))
+    found = dict(checks(samples)) | region_checks(samples)
     if kernels.IMAGE is not None and kernels.NAME != numba_kernels.NAME:
         found |= image_checks(samples)
     if kernels.TRAINING is not None:

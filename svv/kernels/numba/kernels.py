@@ -21,8 +21,18 @@ from svv.kernels.numba import leaping as numba_leaping
 from svv.kernels.numba import marching as numba_marching
 from svv.kernels.numba import networks as numba_networks
 from svv.kernels.numba import rays as numba_rays
+from svv.kernels.numba import regions as numba_regions
 from svv.kernels.reference import draw_pixels as draw_pixels
-from svv.kernels.types import ImageKernels, Lattice, Limits, Samples, StrokeKernels, TomographyKernels, TrainingKernels
+from svv.kernels.types import (
+    ImageKernels,
+    Lattice,
+    Limits,
+    RegionKernels,
+    Samples,
+    StrokeKernels,
+    TomographyKernels,
+    TrainingKernels,
+)
 
 NAME = "numba"
 RAYS = 1 << 15
@@ -33,6 +43,7 @@ SAMPLES = 1 << 14
 IMAGE: ImageKernels | None = numba_image
 STROKES: StrokeKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
+REGIONS: RegionKernels = numba_regions
 TRAINING: TrainingKernels | None = None
 
 

@@ -20,6 +20,7 @@ from svv.kernels.triton import networks as triton_networks
 from svv.kernels.triton import painted as triton_painted
 from svv.kernels.triton import pixels as triton_pixels
 from svv.kernels.triton import rays as triton_rays
+from svv.kernels.triton import regions as triton_regions
 from svv.kernels.triton import tables as triton_tables
 from svv.kernels.triton import tomography as triton_tomography
 from svv.kernels.types import (
@@ -27,6 +28,7 @@ from svv.kernels.types import (
     Lattice,
     Limits,
     PixelSource,
+    RegionKernels,
     Samples,
     StrokeKernels,
     TomographyKernels,
@@ -54,6 +56,7 @@ SAMPLES = 1 << 18
 IMAGE: ImageKernels | None = triton_drawn
 STROKES: StrokeKernels | None = triton_painted
 TOMOGRAPHY: TomographyKernels | None = triton_tomography
+REGIONS: RegionKernels = triton_regions
 TRAINING: TrainingKernels | None = triton_learning
 
 TABLE_BLOCK = 128

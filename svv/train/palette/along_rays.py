@@ -23,16 +23,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.optimize import nnls
-from scipy.sparse import csr_matrix
 from skimage.filters import threshold_otsu
+from torch import Tensor
 
-from svv.train.palette import along_rays_kernels as kernels
+from svv.kernels.constants import moved
+from svv.kernels.dispatch import kernels_for
+from svv.kernels.types import RaySamples, RegionKernels, VertexSamples
 
 Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Index = NDArray[np.uint32]
 Regions = NDArray[np.int64]
 
 SMOOTHNESS = (0.001, 0.005, 0.02, 0.1)
@@ -59,59 +60,59 @@ TURNS, STEPS = 2, 15
 
 @dataclass(frozen=True)
 class Seen:
-    """What rays see of a scene's vertices."""
+    """What rays see of a scene's vertices, on the device that works on it."""
 
     vertices: int
     """Number of vertices V."""
-    vertex: NDArray[np.int64]
-    """Vertex that each sample stands for. (S,)"""
-    ray: NDArray[np.int64]
-    """Ray of each sample, in ascending order. (S,)"""
-    weight: NDArray[np.floating]
+    vertex: Tensor
+    """Vertex that each sample stands for, int64. (S,)"""
+    ray: Tensor
+    """Ray of each sample, in ascending order, int64. (S,)"""
+    weight: Tensor
     """Weight of each sample in its pixel. (S,)"""
-    cosine: NDArray[np.floating]
+    cosine: Tensor
     """Cosine between each sample's normal and the headlight. (S,)"""
-    pixel: NDArray[np.floating]
+    pixel: Tensor
     """Colour of each pixel over black, RGB. (R, 3)"""
 
-    @cached_property
-    def rows(self) -> tuple[Index, Index, Single, Single, Single]:
-        """For the kernels: each ray's first sample (R + 1,), vertices, weights, cosines (S,), and pixels (R, 3)."""
-        first = np.searchsorted(self.ray, np.arange(len(self.pixel) + 1))
-        weight, cosine, pixel = (np.ascontiguousarray(x, np.float32) for x in (self.weight, self.cosine, self.pixel))
-        return first.astype(np.uint32), self.vertex.astype(np.uint32), weight, cosine, pixel
+    @property
+    def kernels(self) -> RegionKernels:
+        """The kernels of the device."""
+        return kernels_for(self.pixel).REGIONS
 
     @cached_property
-    def along(self) -> Single:
-        """Directions of the pixels' colours, 0 for black. (R, 3)"""
-        length = np.linalg.norm(self.pixel, axis=1, keepdims=True)
-        return np.ascontiguousarray(self.pixel / np.maximum(length, 1e-6), np.float32)
+    def samples(self) -> RaySamples:
+        """The same for the kernels."""
+        rays = torch.arange(len(self.pixel) + 1, device=self.pixel.device)
+        first = torch.searchsorted(self.ray, rays, out_int32=True)
+        along = self.pixel / self.pixel.square().sum(dim=1, keepdim=True).sqrt().clamp(min=1e-6)
+        return RaySamples(first, self.vertex.int(), self.weight, self.cosine, self.pixel, along)
 
     @cached_property
     def parts(self) -> tuple[Seen, Seen]:
         """What is seen by the rays that solutions are found with, and by those that are held out."""
-        held = np.arange(len(self.pixel)) % HELD_OUT == 0
+        held = torch.arange(len(self.pixel), device=self.pixel.device) % HELD_OUT == 0
         return self._part(~held), self._part(held)
 
-    def _part(self, kept: NDArray[np.bool_]) -> Seen:
+    def _part(self, kept: Tensor) -> Seen:
         """Return what some of the rays (R,) see."""
-        mine, number = kept[self.ray], np.cumsum(kept) - 1
-        ray = number[self.ray[mine]]
-        return Seen(self.vertices, self.vertex[mine], ray, self.weight[mine], self.cosine[mine], self.pixel[kept])
+        mine, number = kept[self.ray].nonzero()[:, 0], kept.cumsum(0) - 1
+        return Seen(
+            self.vertices, self.vertex[mine], number[self.ray[mine]], self.weight[mine], self.cosine[mine],
+            self.pixel[kept],
+        )  # fmt: skip
 
-    def light(self, region: Regions, count: int) -> tuple[Array, Array]:
+    def light(self, region: Tensor, count: int) -> tuple[Array, Array]:
         """Return what regions reflect of light from everywhere and of a headlight, (P, 3) each.
 
         Non-negative least squares over all pixels: colour over black = sum of weight (ambient + diffuse cosine).
 
         Args:
-            region: Region of each vertex. (V,)
+            region: Region of each vertex, int64. (V,)
             count: Number of regions P.
         """
-        sums = np.zeros((-(-len(self.pixel) // kernels.BLOCK), 2 * count, 2 * count + 3))
-        kernels.normal_equations(*self.rows, region, sums)
-        total = sums.sum(axis=0)
-        lower, right = total[:, : 2 * count], total[:, 2 * count :]
+        total = self.kernels.normal_equations(self.samples, region, count).cpu().numpy()
+        lower, right = np.tril(total[:, : 2 * count]), total[:, 2 * count :]
         normal = lower + np.tril(lower, -1).T
         # The Cholesky factor of the normal equations is a problem of 2 P rows with the same solution.
         scale = max(float(np.trace(normal)), 1e-12)
@@ -120,22 +121,33 @@ class Seen:
         found = np.stack([nnls(factor.T, column)[0] for column in target.T], axis=1)
         return found[:count], found[count:]
 
-    def errors(self, region: Regions, light: tuple[Array, Array], along: float) -> Single:
+    def errors(self, region: Tensor, light: tuple[Array, Array], along: float) -> Tensor:
         """Return what is shown of regions (V,) and their light less the pixels. (R, 3)
 
         Args:
-            region: Region of each vertex. (V,)
+            region: Region of each vertex, int64. (V,)
             light: What regions reflect, as of :meth:`light`.
             along: The part that is left of errors along the pixels' own colours.
         """
-        both, error = _both(light), np.empty((len(self.pixel), 3), np.float32)
-        member = np.eye(len(both), dtype=np.float32)[region]
-        kernels.errors(*self.rows, self.along, np.float32(along), both, member, error)
-        return error
+        return self.kernels.errors(self.samples, along, self.both(light), members(region, len(light[0])))
 
-    def error_across(self, region: Regions, light: tuple[Array, Array]) -> float:
+    def error_across(self, region: Tensor, light: tuple[Array, Array]) -> float:
         """Return the root mean square error of pixels across their own colours, for regions (V,) and their light."""
-        return float(np.sqrt(np.square(self.errors(region, light, 0.0)).sum(axis=1).mean()))
+        return float(self.errors(region, light, 0.0).square().sum(dim=1).mean().sqrt())
+
+    def both(self, light: tuple[Array, Array]) -> Tensor:
+        """Return what regions reflect of both kinds of light side by side. (P, 6)"""
+        return moved(np.concatenate(light, axis=1).astype(np.float32), self.pixel.device)
+
+
+def members(region: Tensor, count: int) -> Tensor:
+    """Return memberships of vertices of one region each, (V,), for an even number of regions. (V, P or P + 1)"""
+    return torch.eye(count + count % 2, device=region.device)[region]
+
+
+def summed(where: Tensor, values: Tensor, count: int) -> Tensor:
+    """Return the sums of the values (N,) with each of ``count`` numbers, ``where`` (N,), float64. (count,)"""
+    return torch.zeros(count, dtype=torch.float64, device=where.device).index_add_(0, where, values.double())
 
 
 @dataclass(frozen=True)
@@ -148,24 +160,24 @@ class Unmixed:
     """Part by which held-out rays are explained better than before; 0 if nothing was changed."""
 
 
-def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer], until: float = math.inf) -> Unmixed:
+def unmixed(seen: Seen, region: Regions, count: int, places: Tensor, until: float = math.inf) -> Unmixed:
     """Return the regions of vertices that explain held-out rays best, starting from regions found otherwise.
 
     Args:
         seen: What rays see of the vertices.
         region: Region of each vertex. (V,)
         count: Number of regions P; one region is returned as it is.
-        places: Integer coordinates of the vertices on their grid. (V, 3)
+        places: Integer coordinates of the vertices on their grid, int64. (V, 3)
         until: When to stop with the best regions so far, on the clock of :func:`time.monotonic`.
     """
     if count < 2 or time.monotonic() >= until:
         return Unmixed(region, 0.0)
-    known, held = seen.parts
-    before = held.error_across(region, known.light(region, count))
-    best, least = region, (1.0 - LEAST_GAIN) * before
+    (known, held), begun = seen.parts, moved(region, places.device)
+    before = held.error_across(begun, known.light(begun, count))
+    best, least = begun, (1.0 - LEAST_GAIN) * before
     solver, last = Solver(known, places), np.inf
     for smoothness in SMOOTHNESS:
-        found = solver.solve(region, count, smoothness).argmax(axis=1)
+        found = solver.solve(begun, count, smoothness).argmax(dim=1)
         error = held.error_across(found, known.light(found, count))
         if error < least:
             best, least = found, error
@@ -174,7 +186,9 @@ def unmixed(seen: Seen, region: Regions, count: int, places: NDArray[np.integer]
         if time.monotonic() >= until:
             break
         last = error
-    return Unmixed(best, 0.0 if best is region else 1.0 - least / max(before, 1e-12))
+    if best is begun:
+        return Unmixed(region, 0.0)
+    return Unmixed(best.cpu().numpy(), 1.0 - least / max(before, 1e-12))
 
 
 def divided(
@@ -198,12 +212,17 @@ def divided(
         by which held-out rays are explained better; and each that should be divided, beyond the most, with one half.
     """
     known, held = seen.parts
-    error = held.error_across(region, known.light(region, count))
+
+    def error_of(region: Regions, count: int) -> float:
+        there = moved(region, seen.pixel.device)
+        return held.error_across(there, known.light(there, count))
+
+    error = error_of(region, count)
     done, left, number = [], [], 0
     while number < count and time.monotonic() < until:
         half = _half(light, region == number)
         found = region if half is None else np.where(half, count, region)
-        after = error if half is None else held.error_across(found, known.light(found, count + 1))
+        after = error if half is None else error_of(found, count + 1)
         gain = (error - after) / max(error, 1e-12)
         if half is None or gain < DIVIDING_GAIN:
             number += 1
@@ -245,89 +264,82 @@ def _half(light: Array, mine: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
 class Solver:
     """Solves for the memberships of vertices in regions."""
 
-    def __init__(self, seen: Seen, places: NDArray[np.integer]) -> None:
+    def __init__(self, seen: Seen, places: Tensor) -> None:
         """Sort what rays see by vertices, and find which of these (V, 3) are neighbours."""
-        first, vertex, weight, cosine, pixel = seen.rows
         # It sorts by vertices, and by rays among those of a vertex.
-        order = csr_matrix((np.arange(len(vertex)), seen.vertex, first), shape=(len(pixel), seen.vertices)).tocsc()
-        weights = weight[order.data]
-        self._seen = seen
-        self._samples = order.indptr.astype(np.uint32), order.indices.astype(np.uint32), weights
-        self._lit = weights * cosine[order.data]
-        light = np.bincount(vertex, weight, seen.vertices)
+        order, device = seen.vertex.argsort(stable=True), places.device
+        first = torch.searchsorted(
+            seen.vertex[order], torch.arange(seen.vertices + 1, device=device), out_int32=True
+        )  # fmt: skip
+        weight, neighbours = seen.weight[order], _neighbours(places)
+        light = summed(seen.vertex, seen.weight, seen.vertices)
         # Of a matrix without negative entries, the sums of its products bound the curvature of each unknown.
-        opacity = np.bincount(seen.ray, weight, len(pixel))
-        self._bound = np.bincount(vertex, weight * opacity[seen.ray], seen.vertices)
-        self._neighbours = _neighbours(places)
+        opacity = summed(seen.ray, seen.weight, len(seen.pixel))
+        self._bound = summed(seen.vertex, seen.weight * opacity[seen.ray], seen.vertices)
         # Also where nothing is seen there is a neighbour to follow.
-        self._root, self._least = np.sqrt(light).astype(np.float32), np.float32(1e-3 * light.mean())
-        both = self._root[self._neighbours] * self._root[:, None] + self._least
-        self._degree = np.where(self._neighbours != np.arange(len(light))[:, None], both, 0.0).sum(axis=1)
+        root, least = light.sqrt().float(), 1e-3 * float(light.mean())
+        both = root[neighbours] * root[:, None] + least
+        own = torch.arange(len(places), device=device)[:, None]
+        self._degree = torch.where(neighbours != own, both, 0.0).sum(dim=1)
+        self._seen = seen
+        self._near = VertexSamples(
+            first, seen.ray[order].int(), weight, weight * seen.cosine[order], neighbours, root, least
+        )  # fmt: skip
 
-    def solve(self, region: Regions, count: int, smoothness: float) -> Single:
+    def solve(self, region: Tensor, count: int, smoothness: float) -> Tensor:
         """Return the memberships of vertices in regions, starting with one region each: (V,) -> (V, P).
 
         Accelerated projected gradients (Beck and Teboulle 2009).
 
         Args:
-            region: Region of each vertex. (V,)
+            region: Region of each vertex, int64. (V,)
             count: Number of regions P.
             smoothness: Weight of neighbours' differences.
         """
-        seen, member = self._seen, np.eye(count + count % 2, dtype=np.float32)[region]
-        error = np.empty((len(seen.pixel), 3), np.float32)
+        seen, kernels, member = self._seen, self._seen.kernels, members(region, count)
         for turn in range(TURNS):
-            light = seen.light(region if turn == 0 else member.argmax(axis=1), count)
-            full, both = light[0] + light[1], _both(light)
+            light = seen.light(region if turn == 0 else member.argmax(dim=1), count)
+            full, both = light[0] + light[1], seen.both(light)
             curvature = float(np.linalg.eigvalsh(full @ full.T).max()) * self._bound
-            step = (1.0 / (curvature + 2.0 * smoothness * self._degree + 1e-9)).astype(np.float32)
-            ahead, following, pace = member.copy(), np.empty_like(member), 1.0
+            step = (1.0 / (curvature + 2.0 * smoothness * self._degree + 1e-9)).float()
+            ahead, following, pace = member.clone(), torch.empty_like(member), 1.0
             for _ in range(STEPS):
                 last, pace = pace, 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace * pace))
-                kernels.errors(*seen.rows, seen.along, np.float32(ALONG), both, ahead, error)
-                kernels.descend(
-                    *self._samples, self._lit, error, self._neighbours, self._root, self._least, both, step,
-                    np.float32(smoothness), np.float32((last - 1.0) / pace), np.uint32(count), ahead, member, following,
-                )  # fmt: skip
+                error, momentum = kernels.errors(seen.samples, ALONG, both, ahead), (last - 1.0) / pace
+                kernels.descend(self._near, error, both, step, (smoothness, momentum), ahead, member, following)
                 ahead, following = following, ahead
         return member[:, :count]
 
 
-def _both(light: tuple[Array, Array]) -> Single:
-    """Return what regions reflect of both kinds of light side by side, for an even number of regions. (P, 6)"""
-    count = len(light[0])
-    return np.pad(np.concatenate(light, axis=1), ((0, count % 2), (0, 0))).astype(np.float32)
+def _neighbours(places: Tensor) -> Tensor:
+    """Return the neighbours of each vertex (V, 3) along the axes, itself where there is none, int32. (V, 6)"""
+    shape = [size + 3 for size in places.amax(dim=0).tolist()]  # with nothing around it
+    strides = shape[1] * shape[2], shape[2], 1
+    at = sum(stride * (column + 1) for stride, column in zip(strides, places.unbind(1), strict=True))
+    own = torch.arange(len(places), dtype=torch.int32, device=places.device)
+    number = torch.full((math.prod(shape),), -1, dtype=torch.int32, device=places.device)
+    number[at] = own
+    found = torch.stack([number[at + side * stride] for side in (1, -1) for stride in strides], dim=1)
+    return torch.where(found >= 0, found, own[:, None])
 
 
-def _neighbours(places: NDArray[np.integer]) -> Index:
-    """Return the neighbours of each vertex (V, 3) along the axes, itself where there is none. (V, 6)"""
-    number = np.full(tuple(places.max(axis=0) + 3), -1, np.int32)  # with nothing around it
-    at = np.ravel_multi_index(tuple(places.T + 1), number.shape)
-    own = np.arange(len(places), dtype=np.int32)
-    number.ravel()[at] = own
-    steps = np.array(number.strides) // number.itemsize
-    found = number.ravel()[at[:, None] + np.concatenate((steps, -steps))]
-    return np.where(found >= 0, found, own[:, None]).astype(np.uint32)
-
-
-def joined(
-    ray: NDArray[np.integer], vertex: NDArray[np.int64], weight: Single, colour: Single
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Single, Single]:
+def joined(ray: Tensor, vertex: Tensor, weight: Tensor, colour: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return samples of which those of a ray that stand for the same vertex, one after the other, are one.
 
     Args:
         ray: Ray of each sample, in ascending order. (S,)
-        vertex: Vertex of each sample. (S,)
+        vertex: Vertex of each sample, int64. (S,)
         weight: Weight of each sample, > 0. (S,)
         colour: Colour of each sample; the result is the mean by weight. (S, 3)
     """
-    other = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
-    first = np.flatnonzero(np.concatenate((np.ones(min(len(ray), 1), np.bool_), other)))
-    if not len(first):
-        return ray.astype(np.int64), vertex, weight, colour
-    total = np.add.reduceat(weight, first)
-    mean = np.add.reduceat(weight[:, None] * colour, first, axis=0) / total[:, None]
-    return ray[first].astype(np.int64), vertex[first], total, mean
+    begins = torch.ones(len(ray), dtype=torch.bool, device=ray.device)
+    begins[1:] = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
+    first, run = begins.nonzero()[:, 0], begins.cumsum(0) - 1
+    total, *light = (
+        torch.zeros(len(first), device=ray.device).index_add_(0, run, values)
+        for values in (weight, *(weight[:, None] * colour).unbind(1))
+    )
+    return ray[first].long(), vertex[first], total, torch.stack(light, dim=1) / total[:, None]
 
 
 def agreement(light: Array, alike: NDArray[np.bool_]) -> Array:

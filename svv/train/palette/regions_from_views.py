@@ -26,7 +26,6 @@ from torch import Tensor
 
 from svv.core.colour.colour import hsb_array, to_hex
 from svv.core.colour.palette import Palette, PaletteSettings
-from svv.core.geometry.surfaces import blurred, surface_normals
 from svv.core.rays.encodings import stored_rows
 from svv.core.two_groups import gap_of, weighted_quantile
 from svv.fields.radiance.encodings import SparseLattice
@@ -35,7 +34,9 @@ from svv.fields.radiance.phong import softened_extinction
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.palette.along_rays import Seen, agreement, divided, joined, unmixed
+from svv.kernels.constants import moved
+from svv.kernels.dispatch import kernels_for
+from svv.train.palette.along_rays import Seen, agreement, divided, joined, summed, unmixed
 from svv.train.palette.ranges import KnownRegions
 from svv.train.run.batches import RayPool
 
@@ -113,11 +114,11 @@ class Labels:
 
 
 class _Points:
-    """Points of a scene as training rays show them.
+    """Points of a scene as training rays show them, on its device.
 
     Each is a vertex and stands for a ray's samples around it. ``vertex`` (S,), ``ray`` (S,), ``weight`` (S,): weight in
     the pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel;
-    ``pixel`` (R, 3): colour over black, ``alpha`` (R,).
+    ``pixel`` (R, 3): colour over black, ``alpha`` (R,). What methods take and return lies on the CPU.
     """
 
     def __init__(self, scene: Scene, views: ViewSet, seed: int, until: float = math.inf) -> None:
@@ -128,10 +129,11 @@ class _Points:
         cells = _cells_for(scene)
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
         self._device = scene.device
+        self._at, self._shape = moved(self._places, self._device), field.shape
         empty = self.labels(np.zeros(len(self._places), np.int64))
-        normals = surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)
+        normals = kernels_for(self._at).REGIONS.normals(moved(field, self._device), self._at, (NORMAL_BLUR,) * 2)
         pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
-        parts: list[list[NDArray[np.generic]]] = []
+        parts: list[list[Tensor]] = []
         for number in range(RAYS // AT_A_TIME):
             if parts and time.monotonic() >= until:
                 break
@@ -141,15 +143,12 @@ class _Points:
             colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
             shown, transmittance, weight = composite(samples, sigma, colour)
             missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
-            told = samples.ray, empty.rows_of(samples.position), weight, colour
-            ray, vertex, part, mean = joined(*(value.cpu().numpy() for value in told))
-            lit_along, beyond, pixel, alpha = (
-                value.cpu().numpy() for value in (batch.rays.lit_along, missing, batch.premultiplied, batch.alpha)
-            )
-            cosine = np.abs(np.einsum("sc,sc->s", normals[vertex], lit_along[ray]))
-            parts.append([vertex, ray + number * AT_A_TIME, part, cosine, mean + beyond[ray], pixel, alpha])
+            ray, vertex, part, mean = joined(samples.ray, empty.rows_of(samples.position), weight, colour)
+            cosine = (normals[vertex] * batch.rays.lit_along[ray]).sum(dim=1).abs()
+            parts.append([vertex, ray + number * AT_A_TIME, part, cosine, mean + missing[ray], batch.premultiplied,
+                          batch.alpha])  # fmt: skip
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
-            np.concatenate(column) for column in zip(*parts, strict=True)
+            torch.cat(column) for column in zip(*parts, strict=True)
         )
         self._until = until
         self._seen = Seen(len(self._places), self.vertex, self.ray, self.weight, self.cosine, self.pixel)
@@ -160,7 +159,7 @@ class _Points:
 
     def shares(self, region: NDArray[np.int64], count: int) -> Array:
         """Return each region's share of the visible light. (P,)"""
-        share = np.bincount(region[self.vertex], self.weight, count)
+        share = summed(self._own(region), self.weight, count).cpu().numpy()
         return np.asarray(share / max(share.sum(), 1e-9), np.float64)
 
     def nearest_in_hue(self, palette: Array) -> NDArray[np.int64]:
@@ -168,12 +167,11 @@ class _Points:
 
         Points vote with their visible light, and vertices that no ray shows join the nearest that one does.
         """
-        light = (
-            self._light / np.sqrt(np.maximum(np.bincount(self.vertex, self.weight, len(self._places)), 1e-6))[:, None]
-        )  # what is seen less is less certain
-        length = np.linalg.norm(light, axis=1, keepdims=True)
+        weight = summed(self.vertex, self.weight, len(self._places))
+        light = self._light / weight.clamp(min=1e-6).sqrt()[:, None]  # what is seen less is less certain
+        length = light.square().sum(dim=1, keepdim=True).sqrt()
         votes = self._blurred(length * _likeness(light, palette).T)
-        region, seen = votes.argmax(axis=1), votes.sum(axis=1) > 0
+        region, seen = (found.cpu().numpy() for found in (votes.argmax(dim=1), votes.sum(dim=1) > 0))
         if seen.any() and not seen.all():
             nearest = cKDTree(self._places[seen]).query(self._places[~seen], workers=-1)[1]
             region[~seen] = region[seen][nearest]
@@ -182,7 +180,7 @@ class _Points:
     def two_hues(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
         """Return which vertices (V,) of a region have its second hue, and "hue"; None if it has only one."""
         mine = region == number
-        light = self._blurred(self._light * mine[:, None])[mine]
+        light = self._blurred(self._light * moved(mine, self._device)[:, None]).cpu().numpy()[mine]
         hue, saturation, bright = hsb_array(light.clip(min=0.0)).T
         ours = hsb_array(light.sum(axis=0).clip(min=0.0))
         if ours[1] < PaletteSettings().grey_saturation:
@@ -213,7 +211,7 @@ class _Points:
 
     def unmixed(self, region: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], list[str]]:
         """Return regions (V,) that explain held-out rays best, and what was gained, if anything was."""
-        found = unmixed(self._seen, region, count, self._places, self._until)
+        found = unmixed(self._seen, region, count, self._at, self._until)
         if not found.gain:
             return region, []
         return found.region, [f"unmixed along rays, regions explain the hues of held-out rays {found.gain:.0%} better"]
@@ -222,7 +220,7 @@ class _Points:
         self, region: NDArray[np.int64], hues: Array, most: int
     ) -> tuple[NDArray[np.int64], Array, list[str], list[tuple[int, Array]]]:
         """Return regions of one hue each (V,), their hues, what was done, and what holds another hue nevertheless."""
-        light = self._blurred(self._light)
+        light = self._blurred(self._light).cpu().numpy()
         found, done, left = divided(self._seen, region, len(hues), light, most, self._until)
         said = []
         for number, gain in done:
@@ -236,10 +234,10 @@ class _Points:
         Each ray shows a point in a colour of its own, whose hue tells a region as well. The confidence is the
         intersection over union of both, in terms of light. Regions of nearly one hue are not told apart by single rays.
         """
-        unit = _unit(colours)
-        own, count = region[self.vertex], len(colours)
-        light = [np.bincount(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
-        return agreement(np.stack(light, axis=1), np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE)
+        unit, own, count = _unit(colours), self._own(region), len(colours)
+        light = [summed(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
+        alike = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE
+        return agreement(torch.stack(light, dim=1).cpu().numpy(), alike)
 
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
@@ -253,22 +251,23 @@ class _Points:
 
     def colours(self, region: NDArray[np.int64], hues: Array) -> Array:
         """Return the colour of each region in full light, RGB in [0, 1]; ``hues`` (P, 3) for those not seen. (P, 3)"""
-        count, own = len(hues), region[self.vertex]
-        ambient, diffuse = self._seen.light(region, count)
+        count, own, there = len(hues), self._own(region), moved(region, self._device)
+        ambient, diffuse = self._seen.light(there, count)
         # Where noise hides normals, the cosine is c = p c' + (1 - p) / 2 on average: that of a normal at random is 1/2.
         # In C (A + (1 - A) c), least squares then find ambient = C (A + (1 - A) (1 - p) / 2), diffuse = C (1 - A) p,
         # and thus C, whatever p is.
         found = (2.0 * ambient + diffuse) / (1.0 + self._ambient_part(ambient, diffuse))
         found = np.where(found.max(axis=1, keepdims=True) > LEAST_COLOUR, found, hues)
-        error = self._seen.errors(region, (ambient, diffuse), 1.0)
-        missing = -error / np.maximum(self.alpha, LEAST_SOLID)[:, None]
+        error = self._seen.errors(there, (ambient, diffuse), 1.0)
+        missing = (-error / self.alpha.clamp(min=LEAST_SOLID)[:, None]).double()
         for number in range(count):
-            mine = np.flatnonzero(own == number)
+            mine = (own == number).nonzero()[:, 0]
             if len(mine):
                 one = found[number] / max(float(np.square(found[number]).sum()), 1e-12)
-                bright = ambient[number] @ one + diffuse[number] @ one * self.cosine[mine]
-                bright += (missing @ one)[self.ray[mine]]
-                found[number] *= max(1.0, weighted_quantile(bright, self.weight[mine], BEST_LIT))
+                bright = ambient[number] @ one + diffuse[number] @ one * self.cosine[mine].double()
+                bright += (missing @ moved(one, self._device))[self.ray[mine]]
+                lit = weighted_quantile(bright.cpu().numpy(), self.weight[mine].cpu().numpy(), BEST_LIT)
+                found[number] *= max(1.0, lit)
         # Of a colour that is too bright, the hue is right.
         return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
 
@@ -288,34 +287,36 @@ class _Points:
 
     def _brightness(self, mine: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the brightness in full light of some vertices (V,), taken as one region, and its weight; (M,) each."""
-        ambient, diffuse = self._seen.light(mine.astype(np.int64), 2)
+        ambient, diffuse = self._seen.light(moved(mine.astype(np.int64), self._device), 2)
         colour = ambient[1] + diffuse[1]
         full = max(float(colour.max()), 1e-6)
         reflects = (ambient[1].max() + diffuse[1].max() * self.cosine) / full
         # A brightness of 1 is a colour whose largest channel is 1.
-        bright = self.colour @ (colour * full / max(float(np.square(colour).sum()), 1e-12))
+        scaled = moved(colour * full / max(float(np.square(colour).sum()), 1e-12), self._device)
+        bright = self.colour.double() @ scaled
         sums = self._sum(self.weight * reflects, bright, reflects)
-        above, below = self._blurred(sums * mine[:, None])[mine].T
+        above, below = self._blurred(sums * moved(mine, self._device)[:, None]).cpu().numpy()[mine].T
         return above / np.maximum(below, 1e-12), below
 
     @cached_property
-    def _light(self) -> Array:
-        """The light that pixels have from each vertex, RGB. (V, 3)"""
-        return self._sum(self.weight, *self.colour.T)
+    def _light(self) -> Tensor:
+        """The light that pixels have from each vertex, RGB, float64. (V, 3)"""
+        return self._sum(self.weight, *self.colour.unbind(1))
 
-    def _sum(self, weight: NDArray[np.floating], *values: NDArray[np.floating]) -> Array:
-        """Sum the products of a weight and each of C values of samples (S,) by vertex. (V, C)"""
-        return np.stack([np.bincount(self.vertex, weight * value, len(self._places)) for value in values], axis=1)
+    def _sum(self, weight: Tensor, *values: Tensor) -> Tensor:
+        """Sum the products of a weight and each of C values of samples (S,) by vertex, float64. (V, C)"""
+        return torch.stack([summed(self.vertex, weight * value, len(self._places)) for value in values], dim=1)
 
-    def _blurred(self, values: Array) -> Array:
-        """Sum values of vertices (V, C) over their neighbours. (V, C)"""
-        at, shape = tuple(self._places.T), tuple(self._lattice.shapes[0].tolist())
-        found = np.empty_like(values)
-        for channel, column in enumerate(values.T):
-            grid = np.zeros(shape, np.float32)
-            grid[at] = column
-            found[:, channel] = blurred(grid, BLUR, beyond=False)[at]
-        return found
+    def _own(self, region: NDArray[np.int64]) -> Tensor:
+        """Return the regions of samples, given those of vertices. (V,) -> (S,)"""
+        return moved(region, self._device)[self.vertex]
+
+    def _blurred(self, values: Tensor) -> Tensor:
+        """Sum values of vertices (V, C) over their neighbours, float64. (V, C)"""
+        grid = torch.zeros(values.shape[1], *self._shape, device=self._device)
+        x, y, z = self._at.unbind(1)
+        grid[:, x, y, z] = values.T.float()
+        return self._seen.kernels.blurred(grid, BLUR)[:, x, y, z].T.double()
 
 
 def _cells_for(scene: Scene) -> int:
@@ -328,11 +329,11 @@ def _unit(colours: Array) -> Array:
     return colours / np.maximum(np.linalg.norm(colours, axis=1, keepdims=True), 1e-9)
 
 
-def _likeness(colours: NDArray[np.floating], palette: Array) -> NDArray[np.float32]:
+def _likeness(colours: Tensor, palette: Array) -> Tensor:
     """Return how much colours (N, 3) are like those of a palette (P, 3) in hue and saturation, with sum 1. (P, N)"""
-    unit = torch.nn.functional.normalize(torch.from_numpy(colours).float(), dim=1, eps=1e-9)
-    angle = (torch.from_numpy(_unit(palette)).float() @ unit.T).clamp_(-1.0, 1.0).acos_()
-    return np.asarray((angle.square_() * (-0.5 / ANGLE**2)).softmax(dim=0).numpy(), np.float32)
+    unit = torch.nn.functional.normalize(colours.float(), dim=1, eps=1e-9)
+    angle = (moved(_unit(palette), colours.device).float() @ unit.T).clamp_(-1.0, 1.0).acos_()
+    return (angle.square_() * (-0.5 / ANGLE**2)).softmax(dim=0)
 
 
 def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -131,10 +131,17 @@ class RayPool:
         return self._sources[by_contrast]
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""
+        """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly.
+
+        Of more pixels, one is drawn from each of ``most`` equal parts of their list (stratified sampling): each pixel
+        is as likely as any other, and nothing has to be shuffled or remembered.
+        """
         there, generator = self._there, np.random.default_rng(self._seed)
         pool = pixels_of(self._views).index if there is None else there.index
-        chosen = np.arange(len(pool)) if len(pool) <= most else generator.choice(len(pool), most, replace=False)
+        chosen = np.arange(len(pool))
+        if len(pool) > most:
+            places = (chosen[:most] + generator.random(most)) * (len(pool) / most)
+            chosen = np.minimum(places.astype(np.int64), len(pool) - 1)
         if there is None:
             levels = self._levels[pool[chosen]]
         else:

@@ -50,8 +50,31 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "run", "v0.vti", "--tf", "tf.json", "--style", "style.png", "--out", "out", *VIEWS, *DRAFT,
         "--orbit", "4", "--orbit-size", "40",
     ),
+    "import": ("import", "s.cdb", "--test", "2", "--out", "out"),
+    "sketch": ("train", "views", "--sketch", "--out", "out.svv", *DRAFT),
+    "opacities": ("opacities", "s.svv", "v0.vti", "--tf", "faint.json", "--out", "out.svv"),
+    "look save": ("look", "save", "s.svv", "--out", "out.json"),
+    "look": ("look", "apply", "look.json", "s.svv", *DRAFT, "--camera", "out.json", "--out", "out.svv"),
+    "steps": ("follow", "values.svv", "v0.vti", "v1.vti", "v2.vti", "--out", "out"),
+    "play": ("render", "series.svv", "--play", "--orbit", "12", "--size", "48", "--out", "out"),
+    "played": ("render", "series.svv", "--play", "--size", "48", "--out", "out.mp4"),
+    "figure": ("figure", "s.svv", "--width", "40", "--dpi", "72", "--out", "out.png"),
+    "colours": ("check-colours", "s.svv", "--out", "out.png", "--json", "out.json"),
+    "styles": ("styles", "woodcut", "mosaic", "--size", "32", "--out", "out"),
+    "parts": ("style-mask", "style.png", "--regions", "2", "--out", "out"),
 }  # fmt: skip
 """Name -> arguments of a command that writes ``out`` or ``out.*``; a second run of it replaces or completes that."""
+
+TRAIN = ("train", "views", *DRAFT)
+MADE: dict[str, tuple[str, ...]] = {
+    "s.svv": TRAIN,
+    "s2.svv": (*TRAIN, "--seed", "1"),
+    "values.svv": (*TRAIN, "--encoding", "values"),
+    "series.svv": ("follow", "values.svv", "v0.vti", "v1.vti", "v2.vti"),
+    "s.cdb": ("export", "s.svv", "--phi", "8", "--theta", "3", "--size", "48", "--no-layers"),
+    "look.json": ("look", "save", "s.svv", "--style", "style.png", "--view", "20,10"),
+}
+"""Name of an input -> arguments of the command that makes it, in this order, for the commands that need it."""
 
 DRAWN = ("views", "render", "cinema", "volume", "edit")
 """Commands whose pictures and scenes are the same bits each time."""
@@ -81,6 +104,7 @@ def prepare(folder: Path, names: Sequence[str]) -> Path:
     import numpy as np
     from PIL import Image
 
+    from tests.stirred_volume import stirred_transfer_function
     from tests.volume_files import write_function, write_volume
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -91,9 +115,12 @@ def prepare(folder: Path, names: Sequence[str]) -> Path:
     Image.fromarray(levels).resize((64, 64)).save(folder / "style.png")
     needed = {word for name in names for word in COMMANDS[name]}
     here(("views", "v0.vti", "--tf", "tf.json", "--out", "views", *VIEWS), folder)
-    for scene, options in {"s.svv": (), "s2.svv": ("--seed", "1"), "values.svv": ("--encoding", "values")}.items():
-        if scene in needed:
-            here(("train", "views", "--out", scene, *options, *DRAFT), folder)
+    function = stirred_transfer_function()
+    fainter = tuple((x, 0.6 * opacity, *bend) for x, opacity, *bend in function.opacities)
+    write_function(folder / "faint.json", replace(function, opacities=fainter))
+    for made, arguments in MADE.items():
+        if made in needed:
+            here((*arguments, "--out", made), folder)
     for name in names:
         here(COMMANDS[name], fresh(folder, folder.with_name("warm")))
     return folder

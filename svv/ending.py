@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import NoReturn
 
-from svv.errors import BadInput, Cancelled, Elsewhere
+from svv.errors import BadInput, Cancelled, Elsewhere, is_lack_of_memory
 
 NO_MEMORY = "There is not enough memory; choose a smaller size or the preset draft."
 """What is said where memory runs out."""
@@ -22,9 +22,6 @@ NO_ADDRESSES = (
 
 NOT_MAPPED = ("failed to map segment", "cannot allocate memory")
 """What errors of importing contain if the address space does not suffice."""
-
-TORCH_SAYS = ("can't allocate memory", "not enough memory", "out of memory")
-"""What PyTorch's errors contain if memory runs out."""
 
 
 def end_with(run: Callable[[], object], name: str) -> NoReturn:
@@ -65,13 +62,6 @@ def said_of(error: OSError) -> str:
     """Return one sentence about an error of the system, with the file that it concerns if that is known."""
     about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
     return f"{about}{error.strerror or error}."
-
-
-def is_lack_of_memory(error: BaseException) -> bool:
-    """Return whether an error means that there is not enough memory; PyTorch has no type of its own for it on CPUs."""
-    if isinstance(error, MemoryError):
-        return True
-    return isinstance(error, RuntimeError) and any(said in str(error) for said in TORCH_SAYS)
 
 
 def _stop_on_terminate() -> None:

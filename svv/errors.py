@@ -45,6 +45,17 @@ class Elsewhere(Exception):
         self.code = code
 
 
+TORCH_SAYS = ("can't allocate memory", "not enough memory", "out of memory")
+"""What PyTorch's errors contain if memory runs out."""
+
+
+def is_lack_of_memory(error: BaseException) -> bool:
+    """Return whether an error means that there is not enough memory; PyTorch has no type of its own for it on CPUs."""
+    if isinstance(error, MemoryError):
+        return True
+    return isinstance(error, RuntimeError) and any(said in str(error) for said in TORCH_SAYS)
+
+
 def silent(fraction: float, label: str) -> None:
     """Ignore the progress."""
 

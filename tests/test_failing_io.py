@@ -7,6 +7,7 @@ import os
 import resource
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -127,3 +128,16 @@ def test_a_disk_that_is_really_full(tmp_path: Path, cube: Scene) -> None:
         assert sorted(path.name for path in place.iterdir()) == ["a.svv", "rest"]
     finally:
         subprocess.run(["umount", place], check=True)
+
+
+def test_an_array_for_which_the_disk_has_no_room_is_a_sentence(tmp_path: Path) -> None:
+    """NumPy gives no reason of the system's if only the beginning of an array could be written."""
+    program = (
+        "import resource, sys, numpy as np; from svv.io.files.atomic import cannot_write\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))\n"
+        "try: np.save(sys.argv[1], np.zeros(5000))\n"
+        "except OSError as error: print(cannot_write(sys.argv[1], error))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(tmp_path / "a.npy")], capture_output=True, text=True)
+    said = "only a part of it could be written; free some space or choose another place."
+    assert done.stdout == f"Cannot write {tmp_path / 'a.npy'}: {said}\n", done.stderr

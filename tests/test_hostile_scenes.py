@@ -22,6 +22,7 @@ from svv.fields.radiance.encodings import LatticeAdam
 from svv.fields.radiance.networks import BaseField
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import parse_scene, scene_bytes
+from svv.io.views.viewset import CLASSIFIED, read_classified
 from svv.train.run.checkpoint import Checkpoint
 from tests.cube import cube_camera, cube_scene
 
@@ -205,3 +206,25 @@ def test_a_direction_has_a_length_whatever_its_numbers(direction: tuple[float, f
     assert 0 < np.linalg.norm(kept) < np.inf
     largest = int(np.argmax(np.abs(direction)))
     assert np.argmax(np.abs(kept)) == largest and np.sign(kept[largest]) == np.sign(direction[largest])
+
+
+@pytest.mark.parametrize("short", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory")])
+def test_files_are_not_damaged_because_memory_is_short(
+    short: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever is told that they are deletes hours of work."""
+
+    def fails(*given: object) -> None:
+        raise short
+
+    cube_scene().save(tmp_path / "cube.svv")
+    (tmp_path / CLASSIFIED).touch()
+    (tmp_path / "transforms_train.json").write_text(json.dumps({"svv_classified": CLASSIFIED}))
+    resume = begun(tmp_path / "c")
+    monkeypatch.setattr("svv.fields.scene.scene_arrays.scene_of", fails)
+    monkeypatch.setattr("svv.io.views.viewset.arrays_of_npz", fails)
+    monkeypatch.setattr("svv.train.run.checkpoint.StageState._restore", fails)
+    for read in (lambda: Scene.load(tmp_path / "cube.svv"), lambda: read_classified(tmp_path), resume):
+        with pytest.raises(type(short)) as raised:
+            read()
+        assert raised.value is short

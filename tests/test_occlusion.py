@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from svv.cli import app as cli
 from svv.errors import BadInput
 from svv.fields.radiance.image import image_kernels_of
+from svv.fields.radiance.networks import PaletteField
 from svv.fields.radiance.occlusion import _directions, occlude
 from svv.fields.radiance.occlusion_kernels import mean_transmittance
 from svv.fields.scene.joined import joined
@@ -92,6 +93,21 @@ def test_hidden_regions_cast_no_shade_and_edits_are_noticed() -> None:
     assert scene.base.density is not None
     scene.base.density.table.sub_(4.0)
     assert not torch.equal(seen(scene), first)
+
+
+def test_another_palette_is_noticed_even_where_the_old_one_was_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("svv.fields.radiance.occlusion.id", lambda thing: 0, raising=False)  # as if freed before
+    scene = cube_scene().hidden(0).with_occlusion(1.0)
+    old = scene.palette_network
+    assert old is not None
+    new = PaletteField(scene.settings, scene.occupancy, scene.base.geometry_width, old.colours.detach())
+    new.encoding.randomize(3.0, torch.Generator().manual_seed(9))
+    assert new.encoding.table._version == old.encoding.table._version
+    place, region = torch.rand(200, 3, generator=torch.Generator().manual_seed(1)), torch.ones(200, dtype=torch.int64)
+    seen = [torch.ones(200, 3) for _ in range(2)]
+    for colour, palette in zip(seen, (old, new.requires_grad_(False)), strict=True):
+        occlude(replace(scene, palette_network=palette), colour, place, region)
+    assert not torch.equal(*seen)
 
 
 def test_it_is_an_edit_kept_in_file_history_and_look(cube: Scene, tmp_path: Path) -> None:

@@ -242,3 +242,14 @@ def test_the_first_rank_says_that_the_run_was_stopped(first: int, monkeypatch: p
     found[1 - first] = ended(1 - first, board, BadInput(ranks.LOST), monkeypatch)
     assert isinstance(found[0], Cancelled)
     assert isinstance(found[1], Elsewhere) and found[1].code == 130
+
+
+def test_the_signal_of_the_launcher_is_no_fault_of_the_file_that_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cube_scene().save(tmp_path / "cube.svv")
+    monkeypatch.setattr("svv.fields.scene.scene_arrays.scene_of", lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(ranks, "place", lambda: ranks.Place(0, 2))
+    monkeypatch.setattr(ranks, "_connected", lambda where, device: Board())
+    with pytest.raises(BadInput, match=r"^Another process of this run has ended"), ranks.joined():
+        Scene.load(tmp_path / "cube.svv")

@@ -172,6 +172,44 @@ def test_eight_regions_and_five_paintings(open_page: Callable[..., Opened], ball
     assert opened.psnr(scene.with_variant("painting 4").isolated(7), front(scene)) > RANDOM - 7.0
 
 
+def test_lost_graphics_are_told_and_no_empty_picture_is_saved(open_page: Any, cube_page: Path) -> None:
+    opened = open_page(cube_page, size=(300, 300))
+    opened.ready()
+    page, camera, downloads = opened.page, front(cube_scene(), 32), list[Any]()
+    page.on("download", lambda download: downloads.append(download))
+    before = opened.picture(camera)
+    page.evaluate(
+        "() => { const gl = document.getElementById('picture').getContext('webgl2');"
+        "window.lost = gl.getExtension('WEBGL_lose_context'); window.lost.loseContext(); }"
+    )
+    said = page.get_by_role("status")
+    opened.until("document.getElementById('said').textContent.startsWith('The browser has taken the graphics away')")
+    told = said.inner_text()
+    page.get_by_role("button", name="Save picture").click()
+    page.mouse.click(100, 100)
+    with pytest.raises(Exception, match="taken the graphics away"):
+        opened.picture(camera)
+    assert (said.inner_text(), downloads) == (told, [])
+    page.evaluate("window.lost.restoreContext()")
+    opened.until("document.getElementById('said').textContent === ''")
+    assert np.array_equal(opened.picture(camera), before)
+
+
+def test_graphics_that_do_not_suffice_any_more_leave_the_movie(open_page: Any, cube_page: Path) -> None:
+    opened = open_page(cube_page, size=(300, 300))
+    opened.ready()
+    page = opened.page
+    page.evaluate(
+        "() => { const gl = document.getElementById('picture').getContext('webgl2'), real = gl.getParameter;"
+        "const lost = gl.getExtension('WEBGL_lose_context');"
+        "gl.getParameter = (name) => (name === gl.MAX_3D_TEXTURE_SIZE ? 2 : real.call(gl, name)); lost.loseContext();"
+        "setTimeout(() => lost.restoreContext(), 100); }"
+    )
+    opened.until("document.body.classList.contains('moving')")
+    assert page.get_by_role("status").inner_text().startswith("This scene cannot be turned here: this browser's")
+    assert not page.locator("#picture").is_visible() and page.locator("#movie").is_visible()
+
+
 def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, cube_page: Path) -> None:
     opened = open_page(cube_page)
     opened.ready()

@@ -41,6 +41,15 @@ for time in (0.0, 1.0, 2.0, 0.0):
     seen.append(Scene.from_bytes(scene(reader), "the scene").info()["bounds"])
     assert f"time step {time:.0f} of 3" in status(reader), status(reader)
 assert seen[0] == seen[3]
+
+# Another file's steps are its own, even where its scene lies in memory where the first one's lay.
+from svv.pv.filters import readers
+readers.id = lambda thing: 0
+first = scene(reader)
+Scene.load(sys.argv[1] + "/series.svv").edited(0, colour=(0.0, 0.0, 1.0)).save(sys.argv[1] + "/other.svv")
+reader.FileName = sys.argv[1] + "/other.svv"
+reader.UpdatePipeline(0.0)
+assert Scene.from_bytes(scene(reader), "it").regions[0].edited_colour == (0.0, 0.0, 1.0) and scene(reader) != first
 """,
         tmp_path,
     )

@@ -11,7 +11,7 @@ Letters: S samples, V vertices, D directions.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 import torch
@@ -109,7 +109,7 @@ def _openness(scene: Model) -> SparseLattice:
     density, palette = scene.base.density, scene.palette_network
     assert density is not None and palette is not None
     parts = None if scene.parts is None else (scene.parts.digest, scene.parts.active)
-    matter_key = density.table._version, id(palette), palette.encoding.table._version, parts
+    matter_key = density.table._version, ref(palette), palette.encoding.table._version, parts
     shade = _known.get(density)
     if shade is None or shade.matter_key != matter_key:
         shade = _known[density] = _matter(scene, density, matter_key)

@@ -375,7 +375,7 @@ class Scene(Model):
         return restored(cls, *read_scene_file(path), str(path))
 
     def to_bytes(self, whole: bool = True) -> bytes:
-        """Return what :meth:`save` writes, tables uncompressed, with those that follow from the rest if ``whole``."""
+        """Return what :meth:`save` writes, tables uncompressed, with those that follow from strokes if ``whole``."""
         return scene_bytes(*arrays_of(self, packed=True, whole=whole))
 
     @classmethod

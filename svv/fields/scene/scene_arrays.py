@@ -14,7 +14,7 @@ from torch import nn
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.core.json_values import number_in, object_in, text_in
-from svv.errors import BadInput
+from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
@@ -36,7 +36,8 @@ Arrays = dict[str, NDArray[np.generic]]
 
 def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
     """Return header and arrays of the file; see :meth:`svv.fields.scene.scene.Scene.to_arrays`."""
-    given = TABLES if scene.steps is not None and scene.values is not None and not whole else ()
+    # Packed, tables that follow from the values would come back less exact than they are made again.
+    given = TABLES if scene.steps is not None and scene.values is not None and packed else ()
     box, tensors = scene.occupancy.box, Arrays()
     header: dict[str, Any] = {
         "box": {"low": box.low, "size": box.size, "extent": box.extent},
@@ -158,6 +159,8 @@ def restored(kind: type[S], header: dict[str, Any], tensors: Arrays, name: str) 
     try:
         return scene_of(kind, header, tensors)
     except Exception as error:  # a damaged file may say anything, and so fail anywhere
+        if is_lack_of_memory(error):
+            raise
         raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
 

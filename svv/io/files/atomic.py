@@ -11,6 +11,7 @@ import errno
 import json
 import math
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -34,10 +35,15 @@ _REASONS = {
     errno.ENAMETOOLONG: "its name is too long for the disk; choose a shorter one",
 }
 
+PARTLY = re.compile(r"\d+ requested and \d+ written")
+"""What NumPy says, without the system's reason, if the disk has no room for a whole array."""
+
 
 def cannot_write(path: str | Path, error: OSError) -> BadInput:
     """Return the error to raise for a file that the system could not write, with a reason and a remedy."""
     reason = _REASONS.get(error.errno or 0, error.strerror or str(error))
+    if error.errno is None and PARTLY.fullmatch(reason):
+        reason = f"only a part of it could be written; {_REASONS[errno.ENOSPC].partition('; ')[2]}"
     return BadInput(f"Cannot write {path}: {reason}.")
 
 

@@ -22,7 +22,7 @@ from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.core.json_values import parsed
 from svv.core.volumes.classified import ALIKE, ClassifiedVolume, ValueGrid, ValueRange
-from svv.errors import BadInput, Progress, silent
+from svv.errors import BadInput, Progress, is_lack_of_memory, silent
 from svv.io.files.atomic import (
     atomic_path,
     cannot_write,
@@ -257,6 +257,8 @@ def _read_classified(file: Path) -> ClassifiedVolume:
         ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())
         return ClassifiedVolume(box, int(cells), exponent, owner, ranges, grid)
     except Exception as error:  # a damaged archive makes NumPy and zipfile raise all kinds of errors
+        if is_lack_of_memory(error):
+            raise
         what = "make the views again, or delete it to learn from them alone"
         raise BadInput(f"Cannot read {file} ({str(error).rstrip('.')}); {what}.") from error
 

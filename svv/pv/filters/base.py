@@ -18,8 +18,8 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
-from svv.ending import is_lack_of_memory, said_of
-from svv.errors import BadInput, Cancelled, Progress
+from svv.ending import said_of
+from svv.errors import BadInput, Cancelled, Progress, is_lack_of_memory
 from svv.measure import give_memory_back
 from svv.pv.client.connection import client_gone
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished

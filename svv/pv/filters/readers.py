@@ -72,8 +72,8 @@ class StyleRFSceneReader(Filter):
             info = out_info.GetInformationObject(0)
             asked = executive.UPDATE_TIME_STEP()
             step = step_at(steps, info.Get(asked)) if info.Has(asked) else steps.own
-            whole = scene
-            scene = self.kept("step", (id(whole), step), lambda: at_step(whole, step))
+            whole, (file, _) = scene, self._kept["scene"]
+            scene = self.kept("step", (file, step), lambda: at_step(whole, step))
             outputs[0].GetInformation().Set(vtkDataObject.DATA_TIME_STEP(), times[step])
             told = f" time step {step} of {len(times)};"
         put_scene(scene, outputs[0])

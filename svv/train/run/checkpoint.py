@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from svv.errors import BadInput
+from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import LatticeAdam
 from svv.io.files.keyed_results import key_of
 from svv.io.scene_file import read_scene_file, write_scene_file
@@ -106,6 +106,8 @@ class StageState:
                 self._restore(checkpoint._state)
                 self.restored = int(progress["done"]), float(progress["spent"])
             except (KeyError, TypeError, ValueError, RuntimeError, OverflowError) as error:
+                if is_lack_of_memory(error):
+                    raise
                 raise BadInput(
                     f"The checkpoint {checkpoint.path} is damaged ({error}): delete it, and training starts afresh."
                 ) from error

@@ -206,6 +206,10 @@ def take_share(where: Place, device: str) -> str:
     return "nccl" if own and dist.is_available() and dist.is_nccl_available() else "gloo"
 
 
+class _Ended(BaseException):
+    """SIGTERM has come. It is no Exception, which whoever reads a file at this moment would take for the file's."""
+
+
 @contextmanager
 def _ended_by_launcher() -> Iterator[None]:
     """Turn SIGTERM, by which torchrun ends the other ranks if one has died, into an error."""
@@ -214,11 +218,13 @@ def _ended_by_launcher() -> Iterator[None]:
         return
 
     def ended(number: int, frame: object) -> None:
-        raise BadInput(LOST)
+        raise _Ended
 
     before = signal.signal(signal.SIGTERM, ended)
     try:
         yield
+    except _Ended:
+        raise BadInput(LOST) from None
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 

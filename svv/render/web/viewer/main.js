@@ -2,11 +2,13 @@
 
 const page = (id) => document.getElementById(id);
 
+const LOST = "The browser has taken the graphics away, as it does with too many pages at once; the picture returns with them.";
+
 // Show a sentence instead of the scene, and its orbit as a movie; where that cannot be played, the picture stays.
 function cannot(reason) {
   const say = (rest) => (page("said").textContent = `This scene cannot be turned here: ${reason}. ${rest}`), movie = page("movie");
   say("The picture shows it from the front.");
-  document.body.classList.add("still");
+  document.body.classList.replace("live", "still") || document.body.classList.add("still");
   movie.addEventListener("canplay", () => {
     say("The movie shows it from all around.");
     document.body.classList.add("moving");
@@ -38,23 +40,35 @@ async function begin() {
   const panel = new Panel(page("controls"), header, state, changed);
   // Say what is at a place of the picture, as the commands take it.
   function clicked(x, y) {
+    if (gl.isContextLost()) return (page("said").textContent = LOST);
     const camera = show.camera(), pixel = [x * camera.width, y * camera.height].map(Math.floor), found = show.placeAt(camera, ...pixel);
     if (found === null) return (page("said").textContent = "Nothing is visible there.");
     const told = header.regions[found.region], name = told.name ?? `Region ${told.number}`;
     page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}`;
   }
   new Hands(canvas, orbit, changed, clicked);
-  canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+  canvas.addEventListener("webglcontextlost", (event) => {
+    event.preventDefault(); // or they would not return
+    page("said").textContent = LOST;
+  });
   canvas.addEventListener("webglcontextrestored", () => {
     show.stop();
-    show = start();
+    try {
+      show = start();
+    } catch (error) {
+      return failed(error);
+    }
+    page("said").textContent = said;
   });
   page("reset-view").addEventListener("click", () => (orbit.reset(), changed()));
   page("reset").addEventListener("click", () => panel.set(() => {
     overwrite(state, stateOf(header));
     orbit.reset();
   }));
-  page("save").addEventListener("click", () => save(header, show.picture(show.camera())));
+  page("save").addEventListener("click", () => {
+    if (gl.isContextLost()) page("said").textContent = LOST;
+    else save(header, show.picture(show.camera()));
+  });
   document.body.classList.add("live");
   // For scripts, such as tests and notebooks: the state, the picture of a camera as svv writes it, functions to call
   // after each change, what the user has set so far, and a way to set it.
@@ -81,8 +95,11 @@ function save(header, picture) {
   }, "image/png");
 }
 
-window.svv = begin();
-window.svv.catch((error) => {
+// Say why the scene cannot be turned.
+function failed(error) {
   cannot(error instanceof Unable ? error.message : `an error occurred (${error.message})`);
   if (!(error instanceof Unable)) throw error;
-});
+}
+
+window.svv = begin();
+window.svv.catch(failed);

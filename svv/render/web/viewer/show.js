@@ -122,13 +122,19 @@ class Show {
     this.frames++;
   }
 
+  // Read the pixels of a rectangle; lost graphics would leave them empty.
+  read(left, bottom, width, height, bytes) {
+    this.gl.readPixels(left, bottom, width, height, this.gl.RGBA, this.gl.UNSIGNED_BYTE, bytes);
+    if (this.gl.isContextLost()) throw new Unable("the browser has taken the graphics away");
+  }
+
   // Return the point that a camera's pixel shows, in world coordinates, and its region; null where nothing is visible.
   placeAt(camera, column, row) {
-    const gl = this.gl, { width, height } = camera, [first] = this.painter.header.layers, told = new Uint8Array(4);
+    const { width, height } = camera, [first] = this.painter.header.layers, told = new Uint8Array(4);
     this.painter.prepare(this.state);
     this.into(this.targets.full, width, height);
     this.painter.draw(this.state, camera, 1, height - 1 - row, height - row, 1, column);
-    gl.readPixels(column, height - 1 - row, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, told);
+    this.read(column, height - 1 - row, 1, 1, told);
     this.change();
     if (told[3] === 0) return null;
     const away = (FARTHEST * first.box.size * (65536 * told[0] + 256 * told[1] + told[2])) / 16777215;
@@ -137,11 +143,11 @@ class Show {
 
   // Return a camera's picture, drawn in full: RGBA bytes, row 0 at the top.
   picture(camera) {
-    const gl = this.gl, { width, height } = camera, flipped = new Uint8Array(4 * width * height);
+    const { width, height } = camera, flipped = new Uint8Array(4 * width * height);
     this.painter.prepare(this.state);
     this.into(this.targets.full, width, height);
     this.painter.draw(this.state, camera, 1, 0, height);
-    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, flipped);
+    this.read(0, 0, width, height, flipped);
     this.change();
     const data = new Uint8ClampedArray(flipped.length);
     for (let row = 0; row < height; row++)

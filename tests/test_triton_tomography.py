@@ -33,7 +33,7 @@ def few_programs(monkeypatch: pytest.MonkeyPatch) -> None:
     if not GPU:
         monkeypatch.setattr(triton_tomography, "RAY_BLOCK", 1024)
         monkeypatch.setattr(triton_tomography, "VERTEX_BLOCK", 4096)
-        monkeypatch.setattr(triton_tomography, "CELL_BLOCK", 4096)
+        monkeypatch.setattr(triton_tomography, "CELL_BLOCK", 1 << 18)
 
 
 CHECKS = tomography_checks(150)

@@ -56,7 +56,7 @@ unknown = st.dictionaries(st.text(max_size=3).map("x_{}".format), finite | st.te
 metas = st.builds(
     ViewMeta, st.text(), st.none() | grids, st.none() | st.tuples(vectors, vectors), st.none() | rigs,
     st.none() | presets, st.none() | st.booleans(),
-    st.none() | st.builds(Shading, st.booleans(), finite, finite, finite, finite), st.none() | finite,
+    st.none() | st.builds(Shading, st.booleans(), *[st.floats(0.0, allow_infinity=False)] * 4), st.none() | finite,
     st.none() | st.text(), st.none() | st.text(), st.none() | finite, st.none() | st.text(), unknown,
 )  # fmt: skip
 

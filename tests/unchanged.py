@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 KEPT = """
 test_triton_cells test_triton_compiles test_triton_images test_triton_kernels test_triton_networks test_triton_strokes
-test_triton_tomography test_triton_variants
+test_triton_regions test_triton_tomography test_triton_variants
 test_ablation test_bench_gpu test_blind test_campaign test_chart test_chart_figures test_compared test_consistency
 test_exhibits test_flow test_frames test_frames_input test_lines test_profile
 test_rival_frames test_stability test_stability_bar

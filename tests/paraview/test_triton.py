@@ -115,10 +115,10 @@ def render():
     shown()
     Render()
 def compile():
-    import shutil, test_triton_compiles as tests
+    import shutil, compiled_kernels as tests
     shutil.rmtree(os.environ["TRITON_CACHE_DIR"], ignore_errors=True)
     tests.KERNELS, tests.NETWORKS = [k for k in tests.KERNELS if k[0] == "harmonics"], []
-    tests.compile_all()
+    tests.compile_all((tests.HOPPER,))
 for step in order:
     globals()[step]()
 """

@@ -128,19 +128,21 @@ SHARED = 65536
 """Bytes of shared memory that a program of the networks may use: what every GPU from Ampere on has."""
 DESKTOP, BLACKWELL, HOPPER, AMPERE = 120, 100, 90, 80
 EVERYWHERE = BLACKWELL, HOPPER, AMPERE
-TARGETS = {
-    **dict.fromkeys(("network", "network_backward"), (DESKTOP, *EVERYWHERE)),
-    **dict.fromkeys(("march", "learn", "errors_of_rays", "descend_at_vertices"), EVERYWHERE),
-}
-"""GPUs for which the largest kernels are compiled; the others only for Hopper, or, slowly, everywhere."""
+TARGETS = dict.fromkeys(("network", "network_backward"), EVERYWHERE)
+"""GPUs for which the largest kernels are compiled; the others only for Hopper, or, slowly, all of them for more."""
 
 
 def _found(places: tuple[Any, ...], name: str) -> Any:
     return next(getattr(place, name) for place in places if hasattr(place, name))
 
 
+def targets_of(name: str, others: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the GPUs for which a kernel is compiled: ``others``, and its own."""
+    return tuple(dict.fromkeys((*TARGETS.get(name, ()), *others)))
+
+
 def compile_all(others: tuple[int, ...]) -> None:
-    """Compile every kernel, those without targets of their own for ``others``; raises what Triton raises."""
+    """Compile every kernel for ``others``, and some for more; raises what Triton raises."""
     import triton
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
@@ -168,7 +170,7 @@ def compile_all(others: tuple[int, ...]) -> None:
         types = {**TYPE_OF, **OWN_TYPES.get(name, {}), **({"samples": "*i64"} if name in COUNTED_THERE else {})}
         signature = {k: "constexpr" if k in constants else types[k] for k in kernel.arg_names}
         source = ASTSource(kernel, signature, constants)
-        for capability in TARGETS.get(name, others):
+        for capability in targets_of(name, others):
             options = {"num_warps": 1 if constants["BLOCK"] == 32 else 4}
             if name in blocks:
                 warps = networks.warps_for(divmod(capability, 10)) if name == "network_backward" else networks.WARPS

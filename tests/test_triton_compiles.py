@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from tests import compiled_kernels
-from tests.compiled_kernels import EVERYWHERE, HOPPER, KERNELS, NETWORKS, SHARED, TARGETS
+from tests.compiled_kernels import DESKTOP, EVERYWHERE, HOPPER, KERNELS, NETWORKS, SHARED, targets_of
 
 
-@pytest.mark.parametrize("others", [(HOPPER,), pytest.param(EVERYWHERE, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("others", [(HOPPER,), pytest.param((DESKTOP, *EVERYWHERE), marks=pytest.mark.slow)])
 def test_every_kernel_compiles(others: tuple[int, ...], tmp_path: Path) -> None:
     root = Path(__file__).resolve().parents[1]
     environment = {k: v for k, v in os.environ.items() if k != "TRITON_INTERPRET"}
@@ -23,5 +23,5 @@ def test_every_kernel_compiles(others: tuple[int, ...], tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
     made = [line.split() for line in done.stdout.splitlines()]
     networks = [line for line in made if line[0].startswith("network")]
-    assert [name for name, *_ in made] == [n for n, _ in [*KERNELS, *NETWORKS] for _ in TARGETS.get(n, others)]
+    assert [name for name, *_ in made] == [n for n, _ in [*KERNELS, *NETWORKS] for _ in targets_of(n, others)]
     assert all(int(shared) <= SHARED and int(products) > 0 for _, _, shared, products in networks)

@@ -31,8 +31,8 @@ DEVICE = torch.device("cuda" if GPU else "cpu")
 def few_programs(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the interpreter, a program takes as long for a thousand rays as for one."""
     if not GPU:
-        monkeypatch.setattr(triton_tomography, "RAY_BLOCK", 1024)
-        monkeypatch.setattr(triton_tomography, "VERTEX_BLOCK", 4096)
+        monkeypatch.setattr(triton_tomography, "RAY_BLOCK", 1 << 14)
+        monkeypatch.setattr(triton_tomography, "VERTEX_BLOCK", 1 << 16)
         monkeypatch.setattr(triton_tomography, "CELL_BLOCK", 1 << 18)
 
 
@@ -67,7 +67,7 @@ def test_what_is_slightly_wrong_is_found(name: str) -> None:
 def test_a_card_carves_the_hull_of_the_cpu(parallel: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of pictures that are shrunk, and of frames that cut off what they show."""
     monkeypatch.setattr(occupancy, "MASK_SIZE", 20)
-    views = views_of(orbit(8, parallel))
+    views = views_of(orbit(5, parallel))
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
     for alpha in (views.images[..., 3], np.roll(views.images[..., 3], 28, axis=2)):
         expected = carve(alpha, views.cameras, 24)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from svv.core.geometry import surfaces
-from svv.kernels.constants import on_device
+from svv.kernels.constants import moved
 from svv.kernels.region_types import RaySamples, VertexSamples
 
 
@@ -96,7 +96,7 @@ def _blurred(grid: Tensor, deviation: float, along: int | None, beyond: bool) ->
             near = (row + distance).clip(0, size - 1)
             kept = beyond | (near == row + distance)
             np.add.at(matrix, (row[kept], near[kept]), weight)
-        grid = torch.tensordot(on_device(matrix, grid.device), grid, ([1], [axis])).movedim(0, axis)
+        grid = torch.tensordot(moved(matrix, grid.device), grid, ([1], [axis])).movedim(0, axis)
     return grid
 
 

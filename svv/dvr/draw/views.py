@@ -304,6 +304,8 @@ def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     seen = fine[0, ..., 0] > fine[1, ..., 0]  # their difference is the opacity
     steps = [max(part * finest, min(finest, 0.125)) for part in FINER]
     thin = 10.0 ** (-0.1 * THIN)
+    if not seen.any():  # only coarser steps met it, by chance
+        return steps[-1]
     return next((step for step in steps if np.square(draw(step) - fine)[:, seen].mean() <= thin), steps[-1])
 
 

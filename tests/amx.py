@@ -24,7 +24,7 @@ def linear(x: Tensor, weight: Tensor, bias: None, activation: str, *_: object) -
 
 
 torch.ops.mkldnn._linear_pointwise = linear  # type: ignore[attr-defined]
-torch.cpu.get_capabilities = lambda: {"amx_bf16": True}
+torch.cpu.get_capabilities = lambda: {"amx_bf16": True}  # type: ignore[assignment]
 for name in ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA"):  # which may hold back the real one
     os.environ.pop(name, None)
 paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)

@@ -137,7 +137,7 @@ SLICES = np.where(np.random.default_rng(0).random((7, 30, 20)) < 0.5, 9, values(
 
 
 @pytest.mark.parametrize("compression", [0, 1])
-@pytest.mark.parametrize("array", [values("u1"), SLICES, np.sort(SLICES, axis=None).reshape(7, 30, 20)], ids=["few", "mixed", "runs"])
+@pytest.mark.parametrize("array", [values("u1"), SLICES, np.sort(SLICES, axis=0), SLICES[:, :2, :2]])
 def test_slc(tmp_path: Path, array: np.ndarray, compression: int) -> None:
     (tmp_path / "v.slc").write_bytes(slc(array, compression))
     read = read_volume(tmp_path / "v.slc")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +16,7 @@ from svv.options.making import OrbitOptions, ShownVolumeOptions, TrainOptions, V
 from svv.progress import duration, shown
 
 if TYPE_CHECKING:
+    from svv.io.views.view_meta import ViewMeta
     from svv.job.source import ViewSource, VolumeSource
 
 DEMO = (
@@ -90,6 +92,7 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     """
     from svv.io.cinema.table import is_database
     from svv.io.views.transforms import transforms_file
+    from svv.io.views.viewset import read_meta
     from svv.job.compile_ahead import compile_beside
     from svv.job.run import check, run_job
     from svv.job.source import ViewSource, VolumeSource, imported_views
@@ -109,7 +112,12 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
     compile_beside()
-    print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
+    try:
+        page = run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown)
+    finally:  # it says why a training fails, too
+        if not views and transforms_file(out / "views", "train") is not None:
+            _tell(read_meta(out / "views"))
+    print(page)
 
 
 @spread
@@ -151,4 +159,11 @@ def views(
                 made = source.make_views(folder, drawing, progress, ranks.sharing())
             if ranks.is_first():
                 took = duration(known(made.seconds, "seconds"))
+                _tell(made)
                 print(f"{folder}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")
+
+
+def _tell(made: ViewMeta) -> None:
+    """Say on standard error what was assumed when views were drawn."""
+    if made.assumed is not None:
+        print(made.assumed, file=sys.stderr)

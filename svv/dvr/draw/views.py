@@ -20,14 +20,15 @@ from svv.core.sharing import ALONE
 from svv.core.volumes.classified import ClassifiedVolume
 from svv.dvr.draw.casters import CpuMapper, GpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.classify import classified
+from svv.dvr.draw.fitting import fitted_to
 from svv.dvr.draw.frame import Stage, set_stage
-from svv.dvr.draw.large import BrickMapper, LargeVolume, Opened, open_volume, quickest
-from svv.dvr.functions.histogram import default_transfer_function
+from svv.dvr.draw.large import BrickMapper, LargeVolume, open_volume
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import as_volume
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
+from svv.io.views.empty_views import empty_views
 from svv.io.views.view_meta import ViewMeta, VolumeGrid
 from svv.io.views.viewset import ViewSet
 from svv.options.making import ViewOptions
@@ -104,12 +105,9 @@ def render_views(
         BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
             it is ``gpu`` and OpenGL is not available.
     """
-    mapper = quickest(image, mapper, None, tf, rescale=False)
-    opened = Opened.of(image, mapper, None)
-    tf = tf.fitted(*opened.range, rescale=False)
-    tf = replace(tf, unit_distance=tf.unit_distance or opened.unit_distance)
-    stage = set_stage(opened.image, tf)
-    caster, _ = open_caster(stage, mapper, shading or Shading(), step, opened.caster(tf))
+    fit = fitted_to(image, tf, mapper, rescale=False)
+    stage = set_stage(fit.opened.image, fit.tf)
+    caster, _ = open_caster(stage, fit.mapper, shading or Shading(), step, fit.opened.caster(fit.tf))
     return drawn(caster, cameras, progress)
 
 
@@ -164,14 +162,13 @@ def make_views(
         volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
-    opened = Opened.of(volume, quickest(volume, asked.mapper, asked.memory, tf, rescale), asked.memory)
-    given = tf or default_transfer_function(opened.image)
-    fitted = given.fitted(*opened.range, rescale)
-    rescaled = given.is_stretched(*opened.range, rescale)
-    fitted = replace(fitted, unit_distance=fitted.unit_distance or opened.unit_distance)
+    fit = fitted_to(volume, tf, asked.mapper, asked.memory, rescale)
+    opened, fitted = fit.opened, fit.tf
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
-    subject = Subject(stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted), kept=kept)
+    subject = Subject(
+        stage, grid, opened.whole, title, fitted, fit.rescaled, caster=opened.caster(fitted), kept=kept, notes=fit.notes
+    )
     return views_of(subject, asked, shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0))
 
 
@@ -193,6 +190,8 @@ class Subject:
     """Ray caster that must draw this volume; None for the one that the options name."""
     kept: DrawnViews | None = None
     """Where views are kept while they are drawn."""
+    notes: tuple[str, ...] = ()
+    """What the user should know, in sentences."""
 
 
 def views_of(
@@ -222,6 +221,8 @@ def views_of(
     )
     names = tuple(f"r_{i:04d}" for i in range(n))
     train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)
+    meta = replace(meta, assumed=" ".join(filter(None, (*subject.notes, empty_views(train)))) or None)
+    train = replace(train, meta=meta)
     if not asked.test:
         return train, None
     return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)

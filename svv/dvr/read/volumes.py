@@ -8,7 +8,6 @@ from pathlib import Path
 from numpy.typing import DTypeLike
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
-from vtkmodules.vtkIOImage import vtkSLCReader
 from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
@@ -19,6 +18,7 @@ from svv.dvr.read.grids import Triple, as_volume, from_array, set_geometry
 from svv.dvr.read.meshes import is_mesh, resampled
 from svv.dvr.read.other_formats import reader_of
 from svv.dvr.read.reader_process import apart, can_start
+from svv.dvr.read.slc import read_slc
 from svv.dvr.read.vtk_readers import check_memory, run, vtk_messages
 from svv.errors import BadInput
 
@@ -120,6 +120,8 @@ def _read(
         source = open_bricks(file, dims, dtype, None, None, array, choice, whole=True)
         if source is not None:
             return image_of(source, file), None
+    if file.name.lower().endswith(".slc"):
+        return read_slc(file), array
     for suffix, read in _READERS.items():
         if file.name.lower().endswith(suffix):
             return run(read(), file), array
@@ -146,6 +148,6 @@ def image_of(source: Source, file: Path) -> vtkImageData:
 
 
 _READERS: dict[str, Callable[[], vtkAlgorithm]] = {
-    ".vti": vtkXMLImageDataReader, ".vtk": vtkGenericDataObjectReader, ".slc": vtkSLCReader,
+    ".vti": vtkXMLImageDataReader, ".vtk": vtkGenericDataObjectReader,
 }  # fmt: skip
 """VTK's readers, by the ending."""

@@ -92,7 +92,8 @@ class VolumeGrid:
 class ViewMeta:
     """Metadata on how the images of a view set were made; it is empty for sets from other programs.
 
-    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields except ``assumed``.
+    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields; ``assumed`` only if
+    there is something to say.
     """
 
     volume: str | None = None
@@ -119,8 +120,9 @@ class ViewMeta:
     seconds: float | None = None
     """Time taken to make the views, in seconds."""
     assumed: str | None = None
-    """Sentences on what was assumed or changed when images of another program were read: which pixels count as empty if
-    they had no alpha, and how they were resampled."""
+    """Sentences on what was assumed or changed. When images of another program were read: which pixels count as empty if
+    they had no alpha, and how they were resampled. When a volume was drawn: outliers among its values, another ray caster
+    than the one that was asked for, and views that show nothing."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 

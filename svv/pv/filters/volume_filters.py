@@ -123,6 +123,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             self.kept("written", (key_in(name), folder), write)
         self.show(train, outputs, key_in(name))
         said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
+        said += f" {train.meta.assumed}" if train.meta.assumed else ""
         return said + told_of(inputs[0], self.values) + self.note + self.steps.told(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Data]) -> None:

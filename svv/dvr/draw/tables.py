@@ -1,0 +1,132 @@
+"""Whether the tables of VTK's ray casters, over all values of a volume, tell the steps of a transfer function apart.
+
+One value far from the others, such as a fill value, makes the entries of a table so wide that what the function shows
+may lie within a single one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkVolumeProperty
+
+from svv.core.interval_text import interval_text
+from svv.dvr.functions.transfer_functions import TransferFunction
+
+Array = NDArray[np.float64]
+
+CPU_ENTRIES = 1 << 15
+"""Entries of the table of VTK's CPU ray caster, which takes the nearest one."""
+
+LOST = 1e-4
+"""Part of a value's place in that table by which VTK's interpolation in 15-bit numbers falls short."""
+
+GPU_ENTRIES, GPU_LEAST = 1 << 14, 1 << 10
+"""Most and fewest entries of a table of VTK's GPU ray caster, which interpolates (see :func:`refine_tables`)."""
+
+TRIED, INSIDE, RANGES = 4096, 64, 64
+"""Voxels that are looked up; values in each visible range; most visible ranges."""
+
+UNRESOLVED = 0.01
+"""Mean error of colour and opacity, as a fraction of the opacity, above which a table has too few entries."""
+
+WIDTHS = 100.0
+"""Distance from what a function tells apart, in its width, to which values are limited where nothing else draws."""
+
+
+def is_resolved(
+    caster: str, tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike, voxels: NDArray[np.number]
+) -> bool:
+    """Return whether the table of one of VTK's ray casters shows values as the function does.
+
+    Args:
+        caster: ``cpu`` or ``gpu``.
+        tf: Transfer function for the values.
+        span: Smallest and largest value.
+        dtype: Their type.
+        voxels: Some of them, or none. Any shape
+    """
+    low, high = span
+    if not high > low:
+        return True
+    kind = np.dtype(dtype)
+    whole = caster == "cpu" and kind.kind in "iub" and kind.itemsize <= 2  # rounded between voxels, too
+    first, last = tf.told_apart(low, high)
+    shown = [(max(a, first), min(b, last)) for a, b in tf.visible_ranges(first, last)[:RANGES]]
+    within = np.concatenate([_middles(first, last, 1024), *(_middles(a, b, INSIDE) for a, b in shown)])
+    tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
+    within = np.unique(np.clip(np.rint(within), low, high)) if whole else within
+    entries = min(_entries(caster, tf), int(high - low) + 1) if whole else _entries(caster, tf)
+    found = (_error(caster, tf, span, entries, values) for values in (within, tried) if values.size)
+    return all(error <= UNRESOLVED for error in found)
+
+
+def unresolved_said(caster: str, tf: TransferFunction, span: tuple[float, float]) -> str:
+    """Say that another ray caster draws because :func:`is_resolved` does not hold."""
+    return (
+        f"VTK's {caster.upper()} ray caster has {_entries(caster, tf):,} colours for all of the volume's values, from "
+        f"{interval_text(*span)}, which do not tell the steps of '{tf.name}' apart: drawn by bricks instead."
+    )
+
+
+def limits(tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike) -> tuple[float, float]:
+    """Return the values to which those of a volume may be limited so that the CPU ray caster's table resolves them.
+
+    What is beyond looks like the limits or is invisible; it is ``WIDTHS`` away so that values between voxels, which
+    are interpolated, change little. The limits are the span itself if the table resolves the function over that.
+    """
+    if is_resolved("cpu", tf, span, dtype, np.empty(0)):
+        return span
+    first, last = tf.told_apart(*span)
+    far = WIDTHS * (last - first)
+    return max(span[0], first - far), min(span[1], last + far)
+
+
+def refine_tables(look: vtkVolumeProperty, low: float, high: float) -> None:
+    """Let the GPU ray caster make tables of ``GPU_ENTRIES`` for values from low to high.
+
+    It makes as many as the two closest points of a function ask for, but at least ``GPU_LEAST``. So two points are
+    added that are as close as that, beyond all values. Two points at one value ask for no number: ``GPU_LEAST`` stay.
+    """
+    step = (high - low) / GPU_ENTRIES
+    for function in (look.GetRGBTransferFunction(), look.GetScalarOpacity()):
+        last = function.GetRange()[1]
+        end = max(high, last)
+        for value in (end + step, end + 2.0 * step):
+            if value > end:
+                if isinstance(function, vtkColorTransferFunction):
+                    function.AddRGBPoint(value, *function.GetColor(last))
+                else:
+                    function.AddPoint(value, function.GetValue(last))
+
+
+def _entries(caster: str, tf: TransferFunction) -> int:
+    if caster == "cpu":
+        return CPU_ENTRIES
+    doubled = any(len({value for value, *_ in points}) < len(points) for points in (tf.colours, tf.opacities))
+    return GPU_LEAST if doubled else GPU_ENTRIES
+
+
+def _middles(low: float, high: float, count: int) -> Array:
+    return np.asarray(low + (high - low) * (np.arange(count) + 0.5) / count)
+
+
+def _error(caster: str, tf: TransferFunction, span: tuple[float, float], entries: int, values: Array) -> float:
+    """Return the mean error of the table at values, as a fraction of their mean opacity."""
+
+    def light(at: Array) -> Array:
+        opacity = tf.opacity_at(at)[:, None]
+        return np.concatenate([tf.colour_at(at) * opacity, opacity], axis=1)
+
+    low, high = span
+    share, step = (values - low) / (high - low), (high - low) / (entries - 1)
+    if caster == "cpu":
+        found = light(low + np.rint(share * (1.0 - LOST) * (entries - 1)) * step)
+    else:  # the ends of the values are the outer edges of the first and the last texel, whose middles have the colours
+        place = np.clip(share * entries - 0.5, 0.0, entries - 1.0)
+        part = (place - np.floor(place))[:, None]
+        found = light(low + np.floor(place) * step) * (1.0 - part) + light(low + np.ceil(place) * step) * part
+    aside = 1e-6 * (values.max() - values.min())  # a value at a jump may have the colour of either side
+    exact = [light(values + side * aside) for side in (-1.0, 0.0, 1.0)]
+    error = np.min([np.abs(found - one).mean(axis=1) for one in exact], axis=0).mean()
+    return float(error / max(exact[1][:, 3].mean(), 1e-12))

@@ -9,6 +9,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -16,16 +17,15 @@ from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from svv.bricks.formats.axes import Choice, Pick, picked
 from svv.bricks.formats.chunked import CHUNK_CACHE, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
 from svv.bricks.formats.stored import damaged
 from svv.bricks.formats.tiff_files import axes_of_names, in_order, names_of_channels, shape_of_pixels, voxel_size
+from svv.bricks.formats.tiff_packings import by_pillow, decodes_pages, no_unpacker, with_libtiff
 from svv.bricks.source import ArraySource, Box, Level, Source, level_of
 from svv.errors import BadInput
-from svv.io.pictures.deep_tiff import TIFFFILE_DECODES
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffFrame, TiffPage, TiffPageSeries
@@ -80,6 +80,7 @@ def _opened(file: Path) -> Iterator[tuple[TiffFile, _Complaints]]:
     listener, opened = _Complaints(), None
     logger = tifffile.logger()
     logger.addHandler(listener)
+    with_libtiff()
     try:
         opened = tifffile.TiffFile(file)
         yield opened, listener
@@ -138,38 +139,24 @@ def _read(path: Path, opened: TiffFile, series: TiffPageSeries, pick: Pick, leve
             raise damaged(path)
         values = np.memmap(path, kind, "r", series.dataoffset, tuple(series.shape))
         return MappedSource(pick.of(values), level.axes, level.origin, path.name)
-    decodes = int(series.keyframe.compression) in TIFFFILE_DECODES
-    if not series.is_multifile and series.keyframe.axes == "YX" and series.axes.endswith("YX") and (decodes or whole):
+    plain = decodes_pages(path, series.keyframe)
+    if not series.is_multifile and series.keyframe.axes == "YX" and series.axes.endswith("YX") and (plain or whole):
         numbers = np.arange(len(series.pages)).reshape(series.shape[:-2])[..., None, None]
         listed = pick.of(numbers).ravel()
-        pages = [_page(path, series.pages[int(k)], decodes) for k in listed]
+        pages = [_page(path, series.pages[int(k)]) for k in listed]
         size = int(np.prod(series.keyframe.shape)) * np.dtype(series.dtype).itemsize
         return ChunkedSource(path.name, [Pages(pages, size).read], series.dtype, [level])
     if not whole:
         return None
-    if not decodes:
-        from tifffile import COMPRESSION
-
-        raise BadInput(
-            f"{path} is packed by {COMPRESSION(series.keyframe.compression).name}, which cannot be read in such a "
-            "file: save it without compression, or packed by deflate."
-        )
+    if not plain:
+        raise no_unpacker(path, series.keyframe)
     return ArraySource(pick.of(series.asarray()), level.axes, level.origin, path.name)
 
 
-def _page(path: Path, page: TiffPage | TiffFrame | None, decodes: bool) -> Callable[[], NDArray[np.generic]]:
+def _page(path: Path, page: TiffPage | TiffFrame | None) -> Callable[[], NDArray[np.generic]]:
     """Return a function that decodes a page."""
     assert page is not None  # what is not complete was refused
-    if decodes:
-        return lambda: page.asarray()
-
-    def decoded() -> NDArray[np.generic]:
-        # Pillow includes libtiff, and with it the compressions (LZW ...) for which tifffile needs another package.
-        with Image.open(path) as image:
-            image.seek(page.index)
-            return np.asarray(image)
-
-    return decoded
+    return page.asarray if decodes_pages(path, page) else partial(by_pillow, path, page)
 
 
 def _check_complete(path: Path, series: TiffPageSeries) -> None:
@@ -245,8 +232,7 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     axes, shape = axes_of_names(files)
     pick = picked([*axes, "y", "x"], [*shape, *page.shape[:2]], choice, folder.name)
     files = [files[k] for k in pick.of(np.arange(len(files)).reshape(*shape, 1, 1)).ravel()]
-    decodes = int(page.compression) in TIFFFILE_DECODES
-    if not (decodes or whole):
+    if not (decodes_pages(files[0], page) or whole):
         return None
     if len(page.shape) != 2:
         raise BadInput(f"{files[0]} is not a slice of a volume: a TIFF stack needs greyscale pages of the same size.")
@@ -264,8 +250,7 @@ def _slice(file: Path, first: Path, like: TiffPage | TiffFrame) -> Callable[[], 
             pages = list(opened.pages)
             if len(pages) != 1 or pages[0].shape != like.shape or pages[0].dtype != like.dtype:
                 raise BadInput(f"{file} differs in size from {first.name}; all slices must have the same size.")
-            reader = _page(file, pages[0], int(pages[0].compression) in TIFFFILE_DECODES)
-            values = reader()
+            values = _page(file, pages[0])()
             opened.close()
             return values
 

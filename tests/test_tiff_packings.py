@@ -121,8 +121,9 @@ def test_what_pillow_writes_is_not_turned_round(
 @WITHOUT_CODECS
 @pytest.mark.parametrize(
     ("tag", "value", "words"),
-    [(259, 34712, "is packed by JPEG2000, which"), (259, 50002, "is packed by JPEGXL"),
-     (259, 34887, "is packed by LERC"), (259, 34933, "is packed by PNG"), (259, 50001, "is packed by WEBP"), (259, 7, "is packed by JPEG, which"),
+    [(259, 34712, "is packed by JPEG2000, which"), (259, 50002, "is packed by JPEGXL, which"),
+     (259, 34887, "is packed by LERC, which"), (259, 34933, "is packed by PNG, which"),
+     (259, 50001, "is packed by WEBP, which"), (259, 7, "is packed by JPEG, which"),
      (258, 12, "is stored in 12 bits per value, which")],
 )  # fmt: skip
 def test_packings_that_need_a_package_are_named(tag: int, value: int, words: str, tmp_path: Path) -> None:

@@ -137,8 +137,9 @@ def xdmf(path: Path, geometry: str, times: int = 1) -> Path:
         numbers = " ".join(str(x) for x in (values() + k).ravel())
         time = f'<Time Value="{k}"/>' if times > 1 else ""
         return (
-            f'<Grid Name="g">{time}<Topology TopologyType={kind} Dimensions="4 5 6"/><Geometry GeometryType="{geometry}">'
-            f'{data}</Geometry><Attribute Name="density" AttributeType="Scalar" Center="Node"><DataItem Dimensions="4 5 6"'
+            f'<Grid Name="g">{time}<Topology TopologyType={kind} Dimensions="4 5 6"/>'
+            f'<Geometry GeometryType="{geometry}">{data}</Geometry>'
+            '<Attribute Name="density" AttributeType="Scalar" Center="Node"><DataItem Dimensions="4 5 6"'
             f' NumberType="Int" Format="XML">{numbers}</DataItem></Attribute></Grid>'
         )
 

@@ -1,7 +1,7 @@
 """Gaussian cube files: densities and orbitals of quantum chemistry.
 
-World units are those of the file: bohr, or ångström if the numbers of voxels are negative. VTK's reader gives the atoms,
-and the voxels as a second output without their sizes and places.
+World units are those of the file: bohr, or ångström if the numbers of voxels are negative. VTK's reader gives the
+atoms, and the voxels as a second output without their sizes and places.
 
 Source: https://gaussian.com/cubegen.
 """
@@ -36,7 +36,7 @@ def cube_header(file: Path) -> Stored:
             axes = np.array([[float(x) for x in line[1:4]] for line in first[1:]]).T
             if origin.shape != (3,) or axes.shape != (3, 3) or abs(atoms) > MOST_ATOMS or not 0 < each <= MOST_ATOMS:
                 raise ValueError("it needs an origin and three axes")
-            count, channels = 6 + abs(atoms), ()
+            count, channels = 6 + abs(atoms), tuple[str, ...]()
             for _ in islice(lines, abs(atoms)):
                 pass
             if atoms < 0:  # what the values of a voxel are: a number and as many orbitals, in lines of ten

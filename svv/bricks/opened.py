@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
-from svv.bricks.formats.axes import Choice
+from svv.bricks.formats.axes import Choice, check_alone
 from svv.bricks.formats.chunked import is_zarr, open_hdf5, open_zarr
+from svv.bricks.formats.cube import cube_header
 from svv.bricks.formats.dicom import is_dicom, open_dicom
 from svv.bricks.formats.mapped import mapped, open_npy, open_vti, raw_layout
 from svv.bricks.formats.meta_image import meta_header
+from svv.bricks.formats.minc import open_minc
 from svv.bricks.formats.nifti import nifti_header
 from svv.bricks.formats.nrrd import nrrd_header
 from svv.bricks.formats.stored import Stored
@@ -32,6 +34,7 @@ TIFF = (".tif", ".tiff")
 HEADERS: dict[str, Callable[[Path], Stored]] = {
     **dict.fromkeys((".mhd", ".mha"), meta_header),
     **dict.fromkeys((".nrrd", ".nhdr"), nrrd_header),
+    **dict.fromkeys((".cube", ".cub"), cube_header),
     **dict.fromkeys((".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), nifti_header),
 }
 """Readers of the headers of formats that consist of a header and values, by the ending."""
@@ -104,13 +107,18 @@ def _opened(
         stored = header(file)
         check_array(array, stored.title, file)
         return stored.source(choice, whole)
-    check_alone(choice, file)
+    if name.endswith(".mnc"):
+        check_array(array, file.stem, file)
+        return open_minc(file, choice) if whole else None
     if name.endswith(".vti"):
+        check_alone(choice, file)
         return None if whole else open_vti(file, array)
     if name.endswith(".npy"):
+        check_alone(choice, file)
         check_array(array, file.stem, file)
         return open_npy(file)
     if name.endswith(RAW) or raw != (None, None):
+        check_alone(choice, file)
         check_array(array, file.stem, file)
         size, kind = raw_layout(file, *raw)
         return mapped(file, 0, kind, size[::-1], np.eye(3), (0.0, 0.0, 0.0))
@@ -138,13 +146,6 @@ def check_array(array: str | None, title: str, file: Path) -> None:
     """Raise BadInput if an array is asked for that a file with a single array does not have."""
     if array not in (None, title):
         raise BadInput(f"{file.name} has no array '{array}'; it has {title}.")
-
-
-def check_alone(choice: Choice, file: Path) -> None:
-    """Raise BadInput if a channel or a time point is asked for of a file that has one volume alone."""
-    for option, value in (("--channel", choice.channel), ("--time", choice.time)):
-        if value is not None:
-            raise BadInput(f"{file.name} has neither channels nor time points: leave out {option}.")
 
 
 def _moved(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -120,6 +121,13 @@ def picked(axes: Sequence[str], shape: Sequence[int], choice: Choice, name: str,
     fixed = tuple(None if axis in "zyx" else asked.get(axis) or 0 for axis in axes)
     left = [axis for axis in axes if axis in "zyx"]
     return Pick(fixed, (left.index("z"), left.index("y"), left.index("x")))
+
+
+def check_alone(choice: Choice, file: Path) -> None:
+    """Raise BadInput if a channel or a time point is asked for of a file that has one volume alone."""
+    for option, value in (("--channel", choice.channel), ("--time", choice.time)):
+        if value is not None:
+            raise BadInput(f"{file.name} has neither channels nor time points: leave out {option}.")
 
 
 def _side(axes: Sequence[str], shape: Sequence[int], axis: str) -> int:

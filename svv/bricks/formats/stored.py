@@ -47,7 +47,7 @@ class Stored:
     title: str
     """Name of the array, as VTK's reader of the format calls it."""
     encoding: str = "raw"
-    """``raw``, ``text``, ``hex``, ``zlib`` (or gzip) or ``bz2``."""
+    """``raw``, ``text``, ``fortran`` (text with Fortran's exponents), ``hex``, ``zlib`` (or gzip) or ``bz2``."""
     start: int = 0
     """Bytes before the stored values, such as those of a header."""
     lines: int = 0
@@ -137,7 +137,8 @@ class Stored:
         return (parts[0] if len(parts) == 1 else np.concatenate(parts)).reshape(self.shape)
 
     def _values(self, content: bytes, count: int) -> NDArray[np.generic]:
-        if self.encoding == "text":
+        if self.encoding in ("text", "fortran"):
+            content = with_exponents(content) if self.encoding == "fortran" else content
             words = re.split(rb"[\s,]+", content[max(self.offset, 0) :].strip(), maxsplit=count)[:count]
             kind = self.dtype.newbyteorder("=")
             if kind.kind == "f":
@@ -181,6 +182,11 @@ def _inflated(content: bytes, most: int) -> bytes:
         return zlib.decompressobj().decompress(content, most)
     with gzip.GzipFile(fileobj=io.BytesIO(content)) as opened:
         return opened.read(most)
+
+
+def with_exponents(text: bytes) -> bytes:
+    """Return numbers as everybody writes them, not as Fortran does: with ``D``, or nothing before long exponents."""
+    return re.sub(rb"(?<=[0-9.])[dD]?(?=[+-][0-9]{3}\b)|(?<=[0-9.])[dD](?=[+-]?[0-9])", b"e", text)
 
 
 def numbered(pattern: str, first: int, last: int, step: int, folder: Path) -> tuple[Path, ...]:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from svv.bricks.formats.axes import in_one_unit
 from svv.core.xml_values import parsed_xml
+from svv.errors import BadInput
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPage, TiffPageSeries
@@ -131,6 +132,33 @@ def names_of_channels(opened: TiffFile, series: TiffPageSeries, axes: list[str])
     channels = (e for e in _pixels(opened, series).iter() if e.tag.rpartition("}")[2] == "Channel")
     names = [str(e.get("Name") or "") for e in channels]
     return names if len(names) == count and all(names) else []
+
+
+def calibration(opened: TiffFile, kind: DTypeLike, name: str) -> tuple[float, float]:
+    """Return gain and shift of the values of an image, as ImageJ calibrates them: gain * stored + shift.
+
+    ImageJ stores signed values of 16 bits, such as those of a CT, as unsigned ones that are 32768 larger, and counts
+    from there; it calibrates no real numbers. Function 20 is none.
+
+    Args:
+        opened: A ``tifffile.TiffFile``.
+        kind: Type of the stored values.
+        name: Name of the file in messages.
+
+    Raises:
+        BadInput: It is calibrated by something else than a straight line.
+    """
+    told = (opened.imagej_metadata or {}) if opened.is_imagej else {}
+    function, kind = int(told.get("cf", 20)), np.dtype(kind)
+    if function == 20 or kind.kind not in "iu" or "c0" not in told:
+        return 1.0, 0.0
+    if function != 0:
+        raise BadInput(
+            f"{name} has values that ImageJ calibrates by a curve (its function {function}), which is not reproduced: "
+            "convert the image in ImageJ to 32 bits (Image > Type), which applies it, and save that."
+        )
+    gain = float(told.get("c1", 1.0))
+    return gain, float(told["c0"]) + (32768.0 * gain if kind == np.int16 else 0.0)
 
 
 def _pixels(opened: TiffFile, series: TiffPageSeries) -> Element:

@@ -124,9 +124,9 @@ def _read(
         return read_slc(file), array
     for suffix, read in _READERS.items():
         if file.name.lower().endswith(suffix):
-            return run(read(), file), array
+            return run(read(), file, choice), array
     if reader := reader_of(file):
-        return run(reader, file), array
+        return run(reader, file, choice), array
     if file.is_dir():
         raise BadInput(
             f"The folder {file} contains no .tif slices and no DICOM files; a volume is one file or a folder of slices."

@@ -188,10 +188,9 @@ def views_in(folder: Path, key: str, progress: Progress = silent) -> Views | Non
 
 def write_views(views: Views, folder: Path, progress: Progress = silent) -> None:
     """Write views to a folder; raise BadInput if that fails."""
-    train, test = views
-    train.write(folder, "train", part(progress, 0.0, 0.8))
-    if test is not None:
-        test.write(folder, "test", part(progress, 0.8, 1.0))
+    from svv.io.views.viewset import write_splits
+
+    write_splits(folder, *views, progress)
 
 
 def _told(result: Views | Scene | Stored) -> dict[str, Any]:

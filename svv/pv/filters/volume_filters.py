@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
-from svv.errors import part
+from svv.errors import BadInput, part
 from svv.io.files.keyed_results import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
@@ -53,7 +53,7 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
-from svv.pv.results.cached import Keeping, Views, views_in, write_views
+from svv.pv.results.cached import FILE, LOST, Keeping, Views, views_in, write_views
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
 from svv.pv.results.stored import Stored
@@ -321,16 +321,17 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             follows,
             moving_from,
             regions_said,
-            style_key,
             train,
             training_moment,
         )
+        from svv.pv.filters.style_files import files_of, lost_file, style_key
         from svv.pv.filters.styling import stylize
 
         values = self.values
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
         now = self.settled(present)
-        styles = style_key(values) if values["StyleFiles"] else ""
+        styles = style_key(values, self.known_files()) if values["StyleFiles"] else ""
+        lost = lost_file(values)
         todo = 0.7 if styles else 0.98
 
         def learn() -> Scene:
@@ -338,6 +339,8 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
                 return train(inputs[0], values, part(progress, 0.0, todo), self.checkpoint)
 
         def paint() -> Scene:
+            if lost:
+                raise BadInput(lost)
             with self.training() as progress:
                 return stylize(scene, values, part(progress, todo, 0.98))
 
@@ -352,12 +355,14 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         if styles:
             ours = Moment(look, "", key_in(name))
             painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
-            self.gives(painted=name)
+            self.gives(painted=name, **{f"{FILE}{file}": key for file, key in files_of(values).items()})
             scene = painted
         if not self.shows:
             return regions_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}"
+        said = (
+            f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{LOST.format(lost=lost) if lost else self.note}"
+        )
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))

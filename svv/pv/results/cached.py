@@ -31,6 +31,11 @@ Views = tuple["ViewSet", "ViewSet | None"]
 MADE = {"views": "drawn", "scene": "trained", "palette": "trained", "painting": "painted"}
 """Kinds of results, and the participle that says how each is made."""
 
+FILE = "file:"
+"""Beginning of what Kept As calls a file with which a result was made; it holds the file's hash."""
+
+LOST = " {lost} Until then, the painting that was made with it is shown: it is still in the cache."
+
 FOUND = " The result was found in the cache."
 
 
@@ -132,6 +137,11 @@ class Keeping(Filter):
         except ValueError:
             return {}
         return {str(k): str(v) for k, v in names.items()} if isinstance(names, dict) else {}
+
+    def known_files(self) -> dict[str, str]:
+        """Return the hashes of the files with which kept results were made, by the files' names."""
+        named = {**self.stated(), **self._names}
+        return {name.removeprefix(FILE): value for name, value in named.items() if name.startswith(FILE)}
 
     def GetKept(self) -> str:
         """Return the names under which results are kept, as JSON for the state."""

@@ -317,22 +317,22 @@ class StyleRFStylize(SceneBeside):
             self.give(scene, outputs[0])
             return "The scene as it was before painting."
         style, name = style_key(values, self.known_files()), values["Variant"]
-        lost, said = lost_file(values), ""
-        if not lost:
+        self.lost, said = lost_file(values), ""
+        if not self.lost:
             said = self._show_picture(outputs[1])
             if values["MaskFolder"]:
                 folder = Path(values["MaskFolder"])
                 self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
         elif values["PreviewOnly"]:
-            raise BadInput(lost)
+            raise BadInput(self.lost)
         self._begin_with_paintings(scene, base)
         if not values["PreviewOnly"]:
             slot, given = f"{PAINTING}{name}", digest(base, digest_of_edits(scene))
             before = self.last(slot)
 
             def paint() -> Scene:
-                if lost:
-                    raise BadInput(lost)
+                if self.lost:
+                    raise BadInput(self.lost)
                 with self.training() as progress:
                     return painted(scene, before, values, progress)
 
@@ -344,7 +344,7 @@ class StyleRFStylize(SceneBeside):
 
             painting = self.kept(slot, (base, style, self._round), make)
             self.gives(**{slot: painting.name, **{f"{FILE}{file}": key for file, key in files_of(values).items()}})
-            said = painting.told() + (LOST.format(lost=lost) if lost else self.note)
+            said = painting.told() + (LOST.format(lost=self.lost) if self.lost else self.note)
         if not self.shows:
             return said
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}

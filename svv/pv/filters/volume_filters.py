@@ -331,7 +331,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
         now = self.settled(present)
         styles = style_key(values, self.known_files()) if values["StyleFiles"] else ""
-        lost = lost_file(values)
+        self.lost = lost_file(values)
         todo = 0.7 if styles else 0.98
 
         def learn() -> Scene:
@@ -339,8 +339,8 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
                 return train(inputs[0], values, part(progress, 0.0, todo), self.checkpoint)
 
         def paint() -> Scene:
-            if lost:
-                raise BadInput(lost)
+            if self.lost:
+                raise BadInput(self.lost)
             with self.training() as progress:
                 return stylize(scene, values, part(progress, todo, 0.98))
 
@@ -360,9 +360,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         if not self.shows:
             return regions_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        said = (
-            f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{LOST.format(lost=lost) if lost else self.note}"
-        )
+        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{LOST.format(lost=self.lost) if self.lost else self.note}"
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))

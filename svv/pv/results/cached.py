@@ -50,8 +50,8 @@ class Keeping(Filter):
         self._names: dict[str, str] = {}
         """Slot -> name under which the current result is kept."""
         self._asked = self._anew = False
-        self.note = ""
-        """An additional sentence for Status."""
+        self.note = self.lost = ""
+        """An additional sentence for Status, and one on a file without which nothing can be made."""
 
     def begin_with(self, slot: str, kind: str, now: Moment) -> None:
         """Restore the result that a state was saved with if the panel is unchanged; the data may have changed since."""
@@ -171,6 +171,8 @@ class Keeping(Filter):
     def _gone(self, name: str, kind: str) -> str:
         place = Cache.of_user()
         again = f"press {self.button}, and {'they are' if kind == 'views' else 'it is'} {MADE[kind]} again"
+        if self.lost:
+            return f"{self.lost} What was made with it is missing from {place.folder}, too."
         if place.holds(name):
             return f"The input has changed since this state was saved; to use the new input, {again}."
         verb = "are" if kind == "views" else "is"

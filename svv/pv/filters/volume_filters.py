@@ -360,7 +360,8 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         if not self.shows:
             return regions_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{LOST.format(lost=self.lost) if self.lost else self.note}"
+        note = LOST.format(lost=self.lost) if self.lost else self.note
+        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{note}"
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))

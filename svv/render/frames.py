@@ -30,6 +30,7 @@ from svv.io.pictures.output import (
     write_region_png,
     write_vti,
 )
+from svv.render.emptiness import why_empty
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
@@ -116,8 +117,8 @@ def write_view(
     shown: RenderSettings = COLOURS,
     progress: Progress = silent,
     made: str = "",
-) -> None:
-    """Render one view into a file.
+) -> str:
+    """Render one view into a file; return why it shows nothing (:func:`why_empty`), '' if it shows something.
 
     Args:
         path: A .vti, which always contains colour, depth and regions, or a PNG.
@@ -130,21 +131,22 @@ def write_view(
     Raises:
         BadInput: The scene does not have that network, or the file cannot be written.
     """
-    _rendered(path, scene, camera, shown, progress, made)()
+    view, write = _rendered(path, scene, camera, shown, progress, made)
+    write()
+    return why_empty(scene, view.depth)
 
 
 def _rendered(
     path: Path, scene: Scene, camera: Camera, shown: RenderSettings, progress: Progress, made: str
-) -> Callable[[], None]:
-    """Render one view, and return what writes it into a file; see :func:`write_view`."""
+) -> tuple[Rendering, Callable[[], None]]:
+    """Render one view, and return it with what writes it into a file; see :func:`write_view`."""
     check_writable(path)
     colours = path.suffix.lower() == ".vti" or shown.what == "rgba"
     samples = (
         shown.samples if shown.samples is not None or colours else 1
     )  # edges of regions and depths have nothing to smooth
-    return partial(
-        _write, path, supersampled(scene, camera, shown.network, None, progress, samples), scene, shown, made
-    )
+    view = supersampled(scene, camera, shown.network, None, progress, samples)
+    return view, partial(_write, path, view, scene, shown, made)
 
 
 def _write(path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str) -> None:
@@ -272,7 +274,7 @@ class _Frames:
         """Render a frame and yield what writes it, unless it is there."""
         made = self._made(number, camera)
         if made_of(self.path(number)) != made:
-            yield _rendered(self.path(number), self._at(number), camera, self._shown, progress, made)
+            yield _rendered(self.path(number), self._at(number), camera, self._shown, progress, made)[1]
 
     def _made(self, number: int, camera: Camera) -> str:
         """Return what a frame says that it was made from."""

@@ -348,6 +348,16 @@ def as_seen_with(rgba: NDArray[np.uint8], vision: VisionName) -> NDArray[np.uint
     return np.concatenate([to_bytes(simulated(rgba[..., :3] / 255.0, vision)), rgba[..., 3:]], axis=-1)
 
 
+def emptiness_of(scene: Scene, depth: NDArray[np.number]) -> str:
+    """Return a sentence, after a space, if an image of a scene shows nothing; '' if it shows something."""
+    from svv.render.emptiness import HIDDEN, why_empty
+
+    why = why_empty(scene, np.asarray(depth, np.float32))
+    if not why:
+        return ""
+    return f" The image is empty, because {why}{': show one with StyleRF Edit' if why == HIDDEN else ''}."
+
+
 def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, NDArray[np.number]]:
     """Render RGBA (uint8), depth and regions of a scene from a camera.
 

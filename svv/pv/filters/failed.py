@@ -1,4 +1,4 @@
-"""What filters say that fail, and marks on their outputs: no filter behind one passes an earlier result for the present.
+"""What filters say that fail, and marks on their outputs: no filter behind one passes an earlier result off as right.
 
 A filter that fails outputs its previous result, or nothing. Both carry the reason, which filters behind it repeat. In
 pvpython and pvbatch, which show no messages, a script that ends while a filter still lacks what it was asked to show

@@ -220,12 +220,13 @@ class StyleRFRender(ImageOutput, Clickable):
         super().__init__(1, 1, "vtkImageData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import camera_for, draw
+        from svv.pv.filters.engine import camera_for, draw, emptiness_of
 
         scene = scene_of(inputs[0])
         camera = camera_for(scene.rig, self.values)
-        put_drawn(outputs[0], draw(scene, camera, self.values, self.progress), camera)
-        return f"{camera.width} x {camera.height} pixels."
+        drawn = draw(scene, camera, self.values, self.progress)
+        put_drawn(outputs[0], drawn, camera)
+        return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}"
 
 
 @smproxy.filter(label="StyleRF Place In View", support_reload=False)
@@ -317,6 +318,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         from svv.pv.filters.engine import (
             camera_for,
             draw,
+            emptiness_of,
             followed,
             follows,
             moving_from,
@@ -374,10 +376,11 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             scene, moved = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
         scene, told = as_edited_since(self, scene, name, present, moved)
         assert not isinstance(scene, Stored)
-        put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
+        drawn = draw(scene, camera, values, self.progress)
+        put_drawn(outputs[0], drawn, camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         self.kept("glance", None, lambda: None)  # no longer needed
-        return said + told
+        return said + told + emptiness_of(scene, drawn["Depth"])
 
     def _drawn(self, scene: Stored, name: str, present: Moment, put: tuple[Data, Data]) -> str:
         """Output an image of a scene that another process draws, for input and output; return what to say about it."""

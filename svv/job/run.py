@@ -65,5 +65,5 @@ def run_job(
     job.orbits()
     job.movie()
     page = out / "report.html"
-    write_result(page, job)
+    job.stages.do("page", "Report", {}, [page], lambda progress: write_result(page, job), list(job.stages.costs))
     return page

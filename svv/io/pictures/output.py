@@ -6,6 +6,7 @@ in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at t
 
 from __future__ import annotations
 
+import re
 import struct
 import subprocess
 import zlib
@@ -21,7 +22,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.files.atomic import atomic_path
+from svv.io.files.atomic import atomic_path, cannot_write
 
 EMPTY_REGION = 255
 """Index of pixels without a region in a region PNG."""
@@ -57,6 +58,9 @@ def write_png(path: str | Path, image: ArrayLike, made: str = "") -> None:
         Image.fromarray(levels).save(temporary, format="PNG", compress_level=4, pnginfo=_text(made))
 
 
+FRAME = re.compile(r"(\d{4}|[1-9]\d{4,})\.png")
+"""Names of the frames in a folder, as all who write some name them: ``0000.png`` and so on."""
+
 MADE = "svv:made"
 """Name of the text of a PNG that says what it was made from."""
 
@@ -68,6 +72,41 @@ def made_of(path: Path) -> str:
             return str(picture.info.get(MADE, ""))
     except (OSError, ValueError, SyntaxError):
         return ""
+
+
+def is_frame(path: Path) -> bool:
+    """Return whether a file is named as the frames in a folder are: ``0000.png`` and so on."""
+    return FRAME.fullmatch(path.name) is not None
+
+
+def remove_other_frames(folder: Path, count: int, made: Mapping[int, str]) -> None:
+    """Remove numbered PNGs (``0000.png`` and so on) of other runs from a folder, so that it never mixes two runs.
+
+    Only PNGs that say what they were made from (:func:`made_of`) are removed, because only svv writes such files.
+
+    Args:
+        folder: The folder.
+        count: Number of frames that it is to have; all later ones are removed.
+        made: What each frame is made from, by its number; a frame that was made from something else is removed. Frames
+            below ``count`` that are not listed belong to another process of the same run, and are left alone.
+
+    Raises:
+        BadInput: The folder has numbered PNGs that svv did not write; nothing is removed.
+    """
+    try:
+        found = {int(path.stem): path for path in folder.iterdir() if is_frame(path)}
+        told = {number: made_of(path) for number, path in found.items()}
+        others = sorted(path.name for number, path in found.items() if not told[number] and path.exists())
+        if others:
+            raise BadInput(
+                f"{folder} has pictures that svv did not write as frames ({', '.join(others[:3])}"
+                f"{' ...' * (len(others) > 3)}): choose another folder, or move them."
+            )
+        for number, path in found.items():
+            if number >= count or told[number] != made.get(number, told[number]):
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
 
 
 def _text(made: str) -> PngInfo:

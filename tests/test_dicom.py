@@ -111,8 +111,26 @@ def wide(k: int, data: Any) -> None:
 
 
 BAD_SCANS: dict[str, tuple[list[Any], Callable[[int, Any], None], str]] = {
-    "a slice is missing": ([(0, 0, z) for z in (0, 1, 3, 4)], lambda k, data: None, "uneven distances .1 to 2 mm."),
-    "a tilted gantry": ([(0, k, k) for k in range(4)], lambda k, data: None, "not perpendicular"),
+    "a slice is missing": (
+        [(0, 0, z) for z in (0, 1, 3, 4)],
+        lambda k, data: None,
+        "uneven distances .1 to 2 mm.: 1 slice is missing, 1 between IM1 and IM2. Add what is missing",
+    ),
+    "slices are missing": (
+        [(0, 0, 2.5 * z) for z in (0, 1, 3, 4, 5, 8, 9)],
+        lambda k, data: None,
+        "3 slices are missing, 1 between IM1 and IM2, 2 between IM4 and IM5",
+    ),
+    "uneven places": (
+        [(0, 0, z) for z in (0, 1, 2.4, 3, 4.7)],
+        lambda k, data: None,
+        "resample the volume to even ones",
+    ),
+    "a tilted gantry": (
+        [(0, k, k) for k in range(4)],
+        lambda k, data: None,
+        r"gantry .45.0 degrees.*not perp.*dcm2niix",
+    ),
     "one slice": ([(0, 0, 0)], lambda k, data: None, "is a single slice: name the folder"),
     "other pixels": ([(0, 0, k) for k in range(4)], wide, "differs in size or direction"),
     "one place": ([(0, 0, 0)] * 4, lambda k, data: None, "at the same place"),

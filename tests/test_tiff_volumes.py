@@ -271,7 +271,7 @@ def test_signed_values_of_imagej_are_signed(packing: str | None, tmp_path: Path)
 
 
 def test_other_calibrations_of_imagej(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"calibrates by a curve \(its function 7\), which is not reproduced: convert the"):
+    with pytest.raises(BadInput, match=r"calibrates by a curve \(its function 7\), which is not reproduced: convert"):
         read_here(calibrated(tmp_path / "curve.tif", 7))
     np.testing.assert_array_equal(to_array(read_here(calibrated(tmp_path / "none.tif", 20))), U)
     real = calibrated(tmp_path / "real.tif", 0, U.astype(np.float32))

@@ -12,7 +12,7 @@ from svv.bricks.formats.axes import Choice, check_alone
 from svv.bricks.formats.chunked import is_zarr, open_hdf5, open_zarr
 from svv.bricks.formats.cube import cube_header
 from svv.bricks.formats.dicom import is_dicom, open_dicom
-from svv.bricks.formats.mapped import mapped, open_npy, open_vti, raw_layout
+from svv.bricks.formats.mapped import is_tecplot, mapped, open_npy, open_vti, raw_layout
 from svv.bricks.formats.meta_image import meta_header
 from svv.bricks.formats.minc import open_minc
 from svv.bricks.formats.nifti import nifti_header
@@ -117,6 +117,8 @@ def _opened(
         check_alone(choice, file)
         check_array(array, file.stem, file)
         return open_npy(file)
+    if name.endswith(RAW) and raw == (None, None) and is_tecplot(file):
+        return None
     if name.endswith(RAW) or raw != (None, None):
         check_alone(choice, file)
         check_array(array, file.stem, file)

@@ -50,6 +50,8 @@ class Stages:
     def __init__(self, folder: Path, show: Show = unseen) -> None:
         self.folder = make_folder(folder)
         self.show = show
+        self.page: Path | None = None
+        """Page of the results of all stages, which is removed when one of them has been done again."""
         self.costs: dict[str, dict[str, object]] = {}
         self._keys: dict[str, str] = {}
         self._redone: set[str] = set()
@@ -102,6 +104,8 @@ class Stages:
         self._redone.add(name)
         for stage in (name, *same):
             self._drop(stage, files)
+        if self.page is not None:
+            self.page.unlink(missing_ok=True)
         self.costs[name] = self._record[name] = {
             "key": key,
             "title": title,

@@ -12,6 +12,8 @@ import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 from PIL import Image
 
+from tests.cube import cube_scene
+
 START = (
     VOLUME
     + """
@@ -283,3 +285,57 @@ def test_what_a_state_lacks_is_said_by_all_filters_that_need_it(run: Run, pvpyth
     assert told["status"]["Train"].startswith(missing)
     for kind in ("Stylize", "Edit", "Render"):
         assert told["status"][kind].startswith(f"StyleRF Train before this filter failed: {missing}"), told["status"]
+
+
+FILES = """
+import json, sys
+from paraview.simple import *
+out, step = sys.argv[1:]
+here = f"{out}/here"
+if step == "save":
+    scene = StyleRFScene(FileName=here + "/two.svv")
+    StyleRFViewsFolder(FileName=here + "/views/transforms_train.json")
+    StyleRFLook(Input=scene, LookFile=here + "/look.json")
+    StyleRFPalette(Input=scene, ViewsFile=here + "/views/transforms_train.json", SaveFile=here + "/new.svv")
+    StyleRFStylize(Input=scene, StyleFiles=[here + "/a.png", here + "/more/b.png"], Region0Mask=here + "/mask.png")
+    StyleRFRender(Input=scene, ImageSize=[16, 16])
+    SaveState(out + "/state.pvsm")
+else:
+    LoadState(out + "/state.pvsm", *([out + "/there"] if step == "there" else []))
+found = {source.SMProxy.GetXMLName(): source for source in GetSources().values()}
+names = ("FileName", "LookFile", "ViewsFile", "SaveFile", "StyleFiles", "Region0Mask")
+told = [source.GetPropertyValue(name) for _, source in sorted(found.items()) for name in names
+        if source.SMProxy.GetProperty(name)]
+flat = [file for one in told for file in (one if isinstance(one, list) else [one]) if file]
+render = found["StyleRFRender"]
+render.UpdatePipeline()
+render.UpdatePropertyInformation()
+with open(f"{out}/{step}.json", "w") as file:
+    json.dump([flat, render.GetPropertyValue("Status")], file)
+"""
+
+
+def test_files_of_a_state_are_found_in_another_folder_and_a_lost_scene_is_said_behind_its_reader(
+    pvpython, tmp_path: Path
+) -> None:
+    here = tmp_path / "here"
+    for folder in ("views", "more"):
+        (here / folder).mkdir(parents=True)
+    cube_scene().save(here / "two.svv")
+    files = {"two.svv", "views/transforms_train.json", "look.json", "a.png", "more/b.png", "mask.png"}
+    for name in files - {"two.svv"}:
+        (here / name).write_bytes(b"here")
+
+    def run(step: str, check: bool = True) -> tuple[set[str], str, int]:
+        done = pvpython(FILES, tmp_path, step, check=check)
+        found, said = json.loads((tmp_path / f"{step}.json").read_text())
+        return set(found), said, done.returncode
+
+    written = str(here / "new.svv")
+    found, said, _ = run("save")
+    assert found == {written, *(str(here / name) for name in files)} and said == "16 x 16 pixels."
+    here.rename(tmp_path / "there")
+    found, said, _ = run("there")
+    assert found == {written, *(str(tmp_path / "there" / name) for name in files)} and said == "16 x 16 pixels."
+    _, said, code = run("gone", check=False)
+    assert code == 2 and said.startswith("StyleRF Scene Reader before this filter failed: ") and "two.svv" in said

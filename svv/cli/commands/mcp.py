@@ -21,6 +21,6 @@ def mcp(
     An assistant starts this command itself. Its tools list files, train, name, edit in words, paint, render and make
     figures; no file outside the folder is read or written. Needs the extra `agents`.
     """
-    from svv.job.agents import server_for
+    from svv.job.agents import serve
 
-    server_for(root).run("stdio")
+    serve(root)

@@ -30,6 +30,19 @@ EMPTY_REGION = 255
 VTK_BLOCK = 1 << 24
 """Bytes of an array that are compressed together."""
 
+COLOURS = (
+    *("-vf", "scale=out_color_matrix=bt601:out_range=tv,setparams=colorspace=smpte170m:color_primaries=bt709:"
+      "color_trc=iec61966-2-1:range=tv"),
+    *("-x264-params", "colormatrix=smpte170m:colorprim=bt709:transfer=iec61966-2-1"),
+)  # fmt: skip
+"""FFmpeg's options that make a movie's colours of sRGB, and tag them as what they are.
+
+Browsers guess what a movie without tags means: Firefox always takes ITU-R BT.709, Chromium from 720 rows on, while
+FFmpeg makes BT.601 of RGB, which is off by up to 39 of 255. Chromium ignores tags of matrix and range alone, and BT.709
+throughout is right to 12 levels only. FFmpeg 4 does not pass the filter's tags on, FFmpeg 9 ignores its own options for
+primaries and transfer function; with both of these, it tags the stream, and from FFmpeg 5 on the file as well.
+"""
+
 _VTK_TYPES = {"uint8": "UInt8", "int16": "Int16", "float32": "Float32"}
 
 
@@ -288,7 +301,8 @@ def _vtk_block(array: NDArray[np.generic], progress: Progress = silent) -> bytes
 def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0, crf: int = 18) -> None:
     """Write frames (h, w, 3) uint8, all of the same size, as an H.264 movie that browsers and players can show.
 
-    An odd width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
+    Its colours are those of the frames, which are sRGB, to 3 levels where they are flat, in browsers as well. An odd
+    width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
 
     Args:
         path: The file.
@@ -313,7 +327,7 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             codec="libx264",
             quality=None,
             macro_block_size=2,
-            output_params=["-crf", str(crf), "-preset", "fast", "-movflags", "+faststart"],
+            output_params=[*COLOURS, "-crf", str(crf), "-preset", "fast", "-movflags", "+faststart"],
             ffmpeg_log_level="error",
         )
         count = 0

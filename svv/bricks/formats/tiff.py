@@ -21,8 +21,16 @@ from PIL import Image
 from svv.bricks.formats.axes import Choice, Pick, picked
 from svv.bricks.formats.chunked import CHUNK_CACHE, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
+from svv.bricks.formats.places import no_size
 from svv.bricks.formats.stored import damaged
-from svv.bricks.formats.tiff_files import axes_of_names, in_order, names_of_channels, shape_of_pixels, voxel_size
+from svv.bricks.formats.tiff_files import (
+    axes_of_names,
+    in_order,
+    names_of_channels,
+    shape_of_pixels,
+    unsized,
+    voxel_size,
+)
 from svv.bricks.source import ArraySource, Box, Level, Source, level_of
 from svv.errors import BadInput
 from svv.io.pictures.deep_tiff import TIFFFILE_DECODES
@@ -123,9 +131,11 @@ def open_tiff(path: Path, choice: Choice = Choice(), array: str | None = None, w
         sides = pick.sides(series.shape)
         level = level_of(sides, np.diag(size), np.zeros(3), path.name)
         source = _read(path, opened, series, pick, level, whole)
+        without = unsized(opened, series)
     if source is None:
         opened.close()
     else:
+        source.assumed = no_size(path.name, without, size) if without else None
         finalize(source, opened.close)
     return source
 
@@ -253,7 +263,8 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     readers = [_slice(file, files[0], page) for file in files]
     size = int(np.prod(page.shape)) * np.dtype(page.dtype).itemsize
     level = level_of((len(readers), *page.shape), np.diag(voxel), np.zeros(3), folder.name)
-    return ChunkedSource(folder.name, [Pages(readers, size).read], page.dtype, [level])
+    said = no_size(folder.name, sizes=voxel)
+    return ChunkedSource(folder.name, [Pages(readers, size).read], page.dtype, [level], assumed=said)
 
 
 def _slice(file: Path, first: Path, like: TiffPage | TiffFrame) -> Callable[[], NDArray[np.generic]]:

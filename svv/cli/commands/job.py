@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -90,6 +91,7 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     """
     from svv.io.cinema.table import is_database
     from svv.io.views.transforms import transforms_file
+    from svv.io.views.viewset import read_meta
     from svv.job.compile_ahead import compile_beside
     from svv.job.run import check, run_job
     from svv.job.source import ViewSource, VolumeSource, imported_views
@@ -109,7 +111,10 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
     compile_beside()
-    print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
+    page = run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown)
+    if isinstance(origin, VolumeSource) and (said := read_meta(out / "views").assumed):
+        print(said, file=sys.stderr)
+    print(page)
 
 
 @spread
@@ -150,5 +155,7 @@ def views(
             with shown("Drawing", quiet=not ranks.is_first()) as progress:
                 made = source.make_views(folder, drawing, progress, ranks.sharing())
             if ranks.is_first():
+                if made.assumed is not None:
+                    print(made.assumed, file=sys.stderr)
                 took = duration(known(made.seconds, "seconds"))
                 print(f"{folder}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")

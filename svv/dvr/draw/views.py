@@ -24,7 +24,7 @@ from svv.dvr.draw.frame import Stage, set_stage
 from svv.dvr.draw.large import BrickMapper, LargeVolume, Opened, open_volume, quickest
 from svv.dvr.functions.histogram import default_transfer_function
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.grids import as_volume
+from svv.dvr.read.grids import as_volume, assumed_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
@@ -164,6 +164,7 @@ def make_views(
         volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
+    said = volume.source.assumed if isinstance(volume, LargeVolume) else assumed_of(volume)
     opened = Opened.of(volume, quickest(volume, asked.mapper, asked.memory, tf, rescale), asked.memory)
     given = tf or default_transfer_function(opened.image)
     fitted = given.fitted(*opened.range, rescale)
@@ -171,7 +172,9 @@ def make_views(
     fitted = replace(fitted, unit_distance=fitted.unit_distance or opened.unit_distance)
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
-    subject = Subject(stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted), kept=kept)
+    subject = Subject(
+        stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted), kept=kept, assumed=said
+    )
     return views_of(subject, asked, shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0))
 
 
@@ -193,6 +196,8 @@ class Subject:
     """Ray caster that must draw this volume; None for the one that the options name."""
     kept: DrawnViews | None = None
     """Where views are kept while they are drawn."""
+    assumed: str | None = None
+    """What was assumed of its file."""
 
 
 def views_of(
@@ -219,6 +224,7 @@ def views_of(
         mapper=caster.name,
         vtk=vtkVersion.GetVTKVersion(),
         seconds=round(time.monotonic() - began, 3),
+        assumed=subject.assumed,
     )
     names = tuple(f"r_{i:04d}" for i in range(n))
     train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)

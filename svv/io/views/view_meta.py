@@ -92,7 +92,8 @@ class VolumeGrid:
 class ViewMeta:
     """Metadata on how the images of a view set were made; it is empty for sets from other programs.
 
-    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields except ``assumed``.
+    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields, and ``assumed`` if
+    something was assumed.
     """
 
     volume: str | None = None
@@ -119,8 +120,8 @@ class ViewMeta:
     seconds: float | None = None
     """Time taken to make the views, in seconds."""
     assumed: str | None = None
-    """Sentences on what was assumed or changed when images of another program were read: which pixels count as empty if
-    they had no alpha, and how they were resampled."""
+    """Sentences on what was assumed: of a volume, what its file does not tell, such as the size of a voxel; of images
+    of another program, which pixels count as empty if they had no alpha, and how they were resampled."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 

@@ -42,15 +42,15 @@ def layout_of(data: h5py.Dataset, file: Path) -> Layout:
 
 
 def _itk(data: h5py.Dataset, _: Path) -> Layout | None:
-    """ITK's HDF5ImageIO: VoxelData and its neighbours."""
+    """ITK's HDF5ImageIO: VoxelData and its neighbours, of which Directions has an axis in each row."""
     group = data.parent
     if not data.name.endswith("/VoxelData") or not {"Spacing", "Origin"} <= set(group):
         return None
     step, first = (np.ravel(group[key][...]).astype(float) for key in ("Spacing", "Origin"))
     count = len(step)
-    turn = np.reshape(group["Directions"][...], (count, count)) if "Directions" in group else np.eye(count)
+    rows = np.reshape(group["Directions"][...], (count, count)) if "Directions" in group else np.eye(count)
     axes = [Axis("xyzt"[k], float(step[k]), float(first[k])) for k in reversed(range(count))]
-    return Layout([*axes, *[Axis("c")] * (data.ndim - count)], turn[:3, :3])
+    return Layout([*axes, *[Axis("c")] * (data.ndim - count)], rows.T[:3, :3])
 
 
 def _imaris(data: h5py.Dataset, _: Path) -> Layout | None:

@@ -27,6 +27,9 @@ from svv.errors import BadInput
 HDF5 = (".h5", ".hdf5", ".he5")
 """Endings of HDF5 files."""
 
+HDF5_INSIDE = (".hdf", ".nxs", ".nx5", ".ims", ".emd", ".hspy", ".mat", ".cmap")
+"""Endings of files that may be HDF5: NeXus, Imaris, electron microscopy, HyperSpy, MATLAB 7.3 and ChimeraX."""
+
 NETCDF = (".nc", ".nc3", ".nc4", ".cdf")
 """Endings of netCDF files, of which newer ones are HDF5."""
 
@@ -105,7 +108,7 @@ def _opened(
         return open_tiff(file, choice, array, whole) if tiff else None
     if file.stat().st_size == 0:
         raise BadInput(f"{file} is empty.")
-    if name.endswith(HDF5) or (name.endswith(NETCDF) and is_hdf5(file)):
+    if name.endswith(HDF5) or (name.endswith((*NETCDF, *HDF5_INSIDE)) and is_hdf5(file)):
         return open_hdf5(file, choice, array)
     if name.endswith(NETCDF):
         return open_netcdf(file, choice, array)
@@ -132,7 +135,7 @@ def _opened(
             source = mapped(file, 0, kind, size[::-1], np.eye(3), (0.0, 0.0, 0.0))
         source.assumed = no_size(file.name)
         return source
-    return None if name.endswith(".vtkhdf") or not is_hdf5(file) else open_hdf5(file, choice, array)
+    return None
 
 
 def header_reader(file: Path) -> Callable[[Path], Stored] | None:

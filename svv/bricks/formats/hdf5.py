@@ -26,9 +26,10 @@ FAMILIES = (
 
 
 def is_hdf5(file: Path) -> bool:
-    """Return whether a file begins as HDF5 files do."""
+    """Return whether a file begins as HDF5 files do, or does so after 512 bytes of MATLAB's."""
     with file.open("rb") as opened:
-        return opened.read(8) == b"\x89HDF\r\n\x1a\n"
+        head = opened.read(520)
+    return b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:])
 
 
 def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -> ChunkedSource | None:  # noqa: B008 - frozen
@@ -69,13 +70,15 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
 
 def _volumes(opened: h5py.File, file: Path) -> Iterator[tuple[str, h5py.Dataset]]:
     """Yield the datasets with three axes, and their paths."""
-    kind = package("h5py", file).Dataset
+    h5py = package("h5py", file)
     items: dict[str, Any] = {}
     opened.visititems(lambda name, item: items.update({name: item}))
-    for first in (key for key in opened if re.fullmatch(r"t\d+", key)):  # BigDataViewer's may lie in other files
-        items |= {f"{first}/{key}/0/cells": opened[first].get(f"{key}/0/cells") for key in opened[first]}
+    for first in (key for key in opened if re.fullmatch(r"t\d{5,}", key)):  # BigDataViewer's may lie in other files
+        group = opened.get(first)
+        setups = group if isinstance(group, h5py.Group) else ()
+        items |= {f"{first}/{key}/0/cells": group.get(f"{key}/0/cells") for key in setups}
     for name, item in items.items():
-        if isinstance(item, kind) and sum(side > 1 for side in item.shape or ()) >= 3:
+        if isinstance(item, h5py.Dataset) and sum(side > 1 for side in item.shape or ()) >= 3:
             yield name, item
 
 
@@ -89,10 +92,10 @@ def _dataset(opened: h5py.File, file: Path, array: str | None, choice: Choice) -
     """
     found = dict(_volumes(opened, file))
     plotted = {str(signal.name).strip("/"): signal for _, signal in of_nexus(opened)}
-    found = {name: item for name, item in found.items() if item not in plotted.values()} | plotted
     name = (array or "").strip("/")
-    if name in found:
-        return found[name], choice
+    if name in found | plotted:
+        return (found | plotted)[name], choice
+    found = {path: item for path, item in found.items() if item not in plotted.values()} | plotted
     families: dict[str, dict[tuple[int, int], h5py.Dataset]] = {}
     for path, item in found.items():
         fits = next((fits for pattern in FAMILIES if (fits := re.fullmatch(pattern, path))), None)

@@ -74,12 +74,13 @@ def axis_of(name: str, values: NDArray[Any] | None, told: Mapping[str, Any], cou
     """
     unit, standard = text_of(told.get("units")), text_of(told.get("standard_name"))
     role = STANDARD.get(text_of(told.get("axis")).upper()) or STANDARD.get(standard, "")
-    down = text_of(told.get("positive")).lower() == "down" or (not told.get("positive") and unit.lower().rstrip("s") in DOWN)
+    upwards = text_of(told.get("positive")).lower()
+    down = upwards == "down" or (not upwards and unit.lower().rstrip("s") in DOWN)
     if not role and (towards := re.fullmatch(r"deg(?:ree)?s?_?(north|east|n|e)", unit.lower())):
         role = {"n": "y", "e": "x"}[towards[1][0]]
     if not role and " since " in unit:
         role = "t"
-    if not role and (down or told.get("positive")):
+    if not role and (down or upwards):
         role = "z"
     if values is None or values.ndim != 1 or values.dtype.kind not in "iuf" or values.size < 2:
         return Axis(name, role=role)

@@ -15,7 +15,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.bricks.formats.axes import Choice
 from svv.bricks.formats.hdf5 import is_hdf5
-from svv.bricks.opened import check_alone, header_reader, open_bricks
+from svv.bricks.opened import HDF5, HDF5_INSIDE, check_alone, header_reader, open_bricks
 from svv.bricks.source import Source
 from svv.dvr.read.grids import Triple, as_volume, assumed_of, from_array, put_assumed, rectilinear, set_geometry
 from svv.dvr.read.meshes import is_mesh, resampled
@@ -128,7 +128,8 @@ def _read(
         if source is not None:
             return image_of(source, file), None
     read = next((read for suffix, read in _READERS.items() if file.name.lower().endswith(suffix)), None)
-    read = vtkHDFReader if read is None and file.is_file() and is_hdf5(file) else read
+    if file.name.lower().endswith((*HDF5, *HDF5_INSIDE)) and file.is_file() and is_hdf5(file):
+        read = vtkHDFReader  # the rest was read above
     if reader := read() if read else reader_of(file):
         check_alone(choice, file)
         return run(reader, file), array

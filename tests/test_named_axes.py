@@ -187,7 +187,8 @@ def test_uneven_planes_are_resampled(form: str, turn: int, tmp_path: Path) -> No
     image = read_here(path, resample_to=30, **how)
     nx, ny, nz = image.GetDimensions()
     np.testing.assert_allclose(image.GetBounds(), [10, 41.5, 20, 54, 1, 105], rtol=1e-3)
-    x, y, z = (np.linspace(*image.GetBounds()[2 * k : 2 * k + 2], n) for k, n in enumerate((nx, ny, nz)))
+    first, step = image.GetOrigin(), image.GetSpacing()
+    x, y, z = (first[k] + step[k] * np.arange(n) for k, n in enumerate((nx, ny, nz)))
     np.testing.assert_allclose(to_array(image), z[:, None, None] + 10 * y[:, None] + 100 * x, rtol=1e-5)
 
 
@@ -347,7 +348,7 @@ def test_that_no_voxel_size_was_found_is_said_by_every_format(tmp_path: Path) ->
 
 def test_the_command_says_what_it_assumes(tmp_path: Path) -> None:
     np.save(tmp_path / "v.npy", ell())
-    command = [sys.executable, "-m", "svv", "views", tmp_path / "v.npy", "--out", tmp_path / "views"]
+    command = [sys.executable, "-m", "svv", "views", str(tmp_path / "v.npy"), "--out", str(tmp_path / "views")]
     size = ["--n", "3", "--test", "0", "--size", "16"]
     ran = subprocess.run([*command, *size], capture_output=True, text=True, timeout=300, check=True)
     assert "v.npy: no voxel size found: 1 x 1 x 1 (--spacing X,Y,Z gives another)." in ran.stderr

@@ -70,7 +70,9 @@ def test_the_ranges_of_slices_scale_values(read: Any, tmp_path: Path) -> None:
     path = minc2(tmp_path / "a.mnc", STORED, "zyx", TOP)
     assert_placed(read(path), VALUES)
     np.testing.assert_allclose(VALUES, np.asarray(nibabel.load(path).dataobj))
-    assert open_bricks(path) is None
+    bricks = open_bricks(path)
+    assert bricks is not None
+    np.testing.assert_allclose(bricks.read(0, (2, 3, 4), (6, 9, 13)), VALUES[2:6, 3:9, 4:13], rtol=1e-6)
 
 
 def test_every_order_of_axes_stands_at_the_same_place(tmp_path: Path) -> None:

@@ -124,8 +124,9 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
         drawn = job.settings.views
         said = f"{drawn.n} for training, {drawn.test} for the scores, {drawn.size} x {drawn.size} pixels"
         facts.append(("Views", said))
+        if meta.assumed is not None:
+            facts.append(("Assumed", meta.assumed))
         facts.append(("Ray caster", f"VTK {meta.vtk}, {meta.mapper}, sample distance {distance:.4g}"))
-        facts += [("Assumed", meta.assumed)] if meta.assumed is not None else []
     elif isinstance(job.source, ViewSource):
         facts.append(("Views", str(job.source.folder)))
         assumed = ViewMeta.from_json(scene.made["source"], "source").assumed

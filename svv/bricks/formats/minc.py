@@ -8,23 +8,22 @@ Source: https://en.wikibooks.org/wiki/MINC/Reference.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from svv.bricks.formats.axes import Choice, picked
-from svv.bricks.formats.chunked import package
-from svv.bricks.formats.stored import too_large
-from svv.bricks.source import ArraySource, level_of
+from svv.bricks.formats.chunked import ChunkedSource, package
+from svv.bricks.source import level_of
 from svv.errors import BadInput
-from svv.io.files.memory import memory_there
 
 OTHERS = {"time": "t", "vector_dimension": "c"}
 """Axes that are not in space, by their names."""
 
 
-def open_minc(path: Path, choice: Choice = Choice()) -> ArraySource:  # noqa: B008 - frozen
-    """Read a MINC file.
+def open_minc(path: Path, choice: Choice = Choice()) -> ChunkedSource:  # noqa: B008 - frozen
+    """Open a MINC file, whatever its name.
 
     Args:
         path: The file.
@@ -36,7 +35,9 @@ def open_minc(path: Path, choice: Choice = Choice()) -> ArraySource:  # noqa: B0
     """
     nibabel = package("nibabel", path)
     try:
-        image = nibabel.load(path)
+        with path.open("rb") as opened:
+            kind = nibabel.Minc1Image if opened.read(3) == b"CDF" else nibabel.Minc2Image
+        image = kind.from_file_map({"image": nibabel.FileHolder(str(path))})  # whatever the name
         names, shape, stored = image.dataobj.minc_file._dim_names, image.shape, image.get_data_dtype()
         place = np.asarray(image.affine, float)
     except Exception as error:  # a damaged file makes nibabel, h5py and SciPy raise all kinds of errors
@@ -48,12 +49,7 @@ def open_minc(path: Path, choice: Choice = Choice()) -> ArraySource:  # noqa: B0
     space = iter("zyx")
     axes = [next(space, "?") if name.endswith("space") else OTHERS.get(name, name) for name in names]
     pick = picked(axes, shape, choice, path.name)
-    sides = pick.sides(shape)
-    if 8 * int(np.prod(sides, dtype=object)) > memory_there():
-        raise too_large(path, sides[::-1])
     steps, origin = place[:3, 2::-1], place[:3, 3]  # columns for x, y, z; nibabel has those of the stored order
-    level_of(sides, steps, origin, path.name)
-    index = tuple(slice(None) if k is None else slice(k, k + 1) for k in pick.fixed)
-    values = np.asarray(image.dataobj[index]).reshape([side for side, k in zip(shape, pick.fixed) if k is None])
-    narrow = values.astype(np.float32 if stored.itemsize <= 2 else values.dtype, copy=False)
-    return ArraySource(narrow, steps, origin, path.name)
+    level = level_of(pick.sides(shape), steps, origin, path.name)
+    scaled = stored if stored.kind == "f" else np.dtype(np.float32 if stored.itemsize <= 2 else np.float64)
+    return ChunkedSource(path.name, [partial(pick.box, image.dataobj)], scaled, [level])

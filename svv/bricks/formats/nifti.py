@@ -109,6 +109,7 @@ def _described(file: Path, data: Path, read: np.void, order: str, packed: bool) 
     return Stored(
         file, (data,), np.dtype(order + TYPES[code]), tuple(shape[::-1]), names[::-1], axes, origin, "NIFTI",
         "zlib" if packed else "raw", 0, 0, int(start), slope, shift,
+        is_sized=bool(read["sform"] > 0 or read["pixdim"][1:4].any()),
     )  # fmt: skip
 
 

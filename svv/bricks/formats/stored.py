@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.mapped import MappedSource, too_short
+from svv.bricks.formats.places import no_size
 from svv.bricks.source import Array, ArraySource, Box, level_of, scaled_type
 from svv.errors import BadInput
 from svv.io.files.atomic import is_file
@@ -59,6 +60,8 @@ class Stored:
     shift: float = 0.0
     channels: tuple[str, ...] = field(default=())
     """Names of the channels, if they are known."""
+    is_sized: bool = True
+    """Whether the header tells the size of a voxel."""
 
     @cached_property
     def bytes_each(self) -> int:
@@ -89,8 +92,11 @@ class Stored:
             return None
         values = pick.of(self._mapped() if self.mappable() else self._decoded())
         if (self.gain, self.shift) != (1.0, 0.0):
-            return Scaled(values, self.axes, self.origin, self.file.name, (self.gain, self.shift))
-        return MappedSource(values, self.axes, self.origin, self.file.name)
+            source: ArraySource = Scaled(values, self.axes, self.origin, self.file.name, (self.gain, self.shift))
+        else:
+            source = MappedSource(values, self.axes, self.origin, self.file.name)
+        source.assumed = None if self.is_sized else no_size(self.file.name)
+        return source
 
     def _check(self, whole: bool) -> None:
         if min(self.shape) < 1 or not self.files:

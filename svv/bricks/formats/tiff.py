@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from svv.bricks.formats.axes import Choice, Pick, picked
 from svv.bricks.formats.chunked import CHUNK_CACHE, PACKED, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
+from svv.bricks.formats.places import no_size
 from svv.bricks.formats.stored import Scaled, damaged
 from svv.bricks.formats.tiff_files import (
     axes_of_names,
@@ -28,6 +29,7 @@ from svv.bricks.formats.tiff_files import (
     in_order,
     names_of_channels,
     shape_of_pixels,
+    unsized,
     voxel_size,
 )
 from svv.bricks.formats.tiff_packings import by_pillow, decodes_pages, no_unpacker, with_libtiff
@@ -131,9 +133,11 @@ def open_tiff(path: Path, choice: Choice = Choice(), array: str | None = None, w
         sides = pick.sides(series.shape)
         level = level_of(sides, np.diag(size), np.zeros(3), path.name)
         source = _read(path, opened, series, pick, level, whole)
+        without = unsized(opened, series)
     if source is None:
         opened.close()
     else:
+        source.assumed = no_size(path.name, without, size) if without else None
         finalize(source, opened.close)
     return source
 
@@ -160,10 +164,10 @@ def _read(path: Path, opened: TiffFile, series: TiffPageSeries, pick: Pick, leve
         return None
     if not plain:
         raise no_unpacker(path, series.keyframe)
-    values = pick.of(series.asarray())
+    decoded = pick.of(series.asarray())
     if scale == (1.0, 0.0):
-        return ArraySource(values, level.axes, level.origin, path.name)
-    return Scaled(values, level.axes, level.origin, path.name, scale)
+        return ArraySource(decoded, level.axes, level.origin, path.name)
+    return Scaled(decoded, level.axes, level.origin, path.name, scale)
 
 
 def _scaled(scale: tuple[float, float]) -> dict[str, float]:
@@ -257,7 +261,8 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     readers = [_slice(file, files[0], page, scale) for file in files]
     size = int(np.prod(page.shape)) * np.dtype(page.dtype).itemsize
     level = level_of((len(readers), *page.shape), np.diag(voxel), np.zeros(3), folder.name)
-    return ChunkedSource(folder.name, [Pages(readers, size).read], page.dtype, [level], _scaled(scale))
+    said, pages = no_size(folder.name, sizes=voxel), Pages(readers, size)
+    return ChunkedSource(folder.name, [pages.read], page.dtype, [level], _scaled(scale), assumed=said)
 
 
 def _slice(

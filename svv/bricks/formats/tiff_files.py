@@ -73,13 +73,7 @@ def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[n
     Raises:
         BadInput: The sizes have units that cannot be compared.
     """
-    told: Mapping[str, Any] = {}
-    if series.kind == "ome":
-        told = _pixels(opened, series).attrib
-    elif opened.is_imagej:
-        told = opened.imagej_metadata or {}
-    elif series.kind == "shaped":  # tifffile's own, with any metadata
-        told = next((one for one in opened.shaped_metadata or () if _fits(one, series)), {})
+    told = _told(opened, series)
     given = [axis for axis in "XYZ" if f"PhysicalSize{axis}" in told]
     if given:
         sizes = [float(told.get(f"PhysicalSize{axis}", 1.0)) for axis in "XYZ"]
@@ -88,6 +82,31 @@ def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[n
     if opened.is_imagej or "spacing" in told or "unit" in told:
         return in_one_unit(*_of_imagej(told, series.keyframe), name)
     return shape_of_pixels(series.keyframe)
+
+
+def unsized(opened: TiffFile, series: TiffPageSeries) -> str:
+    """Return the axes among x, y, z along which a file tells no size of a voxel.
+
+    ImageJ leaves out a spacing of 1 where pixels have a size.
+    """
+    told = _told(opened, series)
+    given = "".join(axis.lower() for axis in "XYZ" if f"PhysicalSize{axis}" in told)
+    if given:
+        return "".join(axis for axis in "xyz" if axis not in given)
+    sizes, _ = _of_resolution(series.keyframe)
+    known = opened.is_imagej and sizes[0] not in (0.0, 1.0, 1.0 / 72.0)
+    return "" if known or "spacing" in told or "unit" in told else "xyz"
+
+
+def _told(opened: TiffFile, series: TiffPageSeries) -> Mapping[str, Any]:
+    """Return what OME, ImageJ or tifffile tell about an image."""
+    if series.kind == "ome":
+        return _pixels(opened, series).attrib
+    if opened.is_imagej:
+        return opened.imagej_metadata or {}
+    if series.kind == "shaped":  # tifffile's own, with any metadata
+        return next((one for one in opened.shaped_metadata or () if _fits(one, series)), {})
+    return {}
 
 
 def _fits(told: Mapping[str, Any], series: TiffPageSeries) -> bool:

@@ -24,7 +24,7 @@ from svv.dvr.draw.fitting import fitted_to
 from svv.dvr.draw.frame import Stage, set_stage
 from svv.dvr.draw.large import BrickMapper, LargeVolume, open_volume
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.grids import as_volume
+from svv.dvr.read.grids import as_volume, assumed_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
@@ -162,12 +162,14 @@ def make_views(
         volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
+    said = volume.source.assumed if isinstance(volume, LargeVolume) else assumed_of(volume)
     fit = fitted_to(volume, tf, asked.mapper, asked.memory, rescale)
     opened, fitted = fit.opened, fit.tf
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
+    notes = (said, *fit.notes) if said else fit.notes
     subject = Subject(
-        stage, grid, opened.whole, title, fitted, fit.rescaled, caster=opened.caster(fitted), kept=kept, notes=fit.notes
+        stage, grid, opened.whole, title, fitted, fit.rescaled, caster=opened.caster(fitted), kept=kept, notes=notes
     )
     return views_of(subject, asked, shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0))
 

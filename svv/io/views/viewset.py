@@ -123,7 +123,7 @@ class ViewSet:
             raise BadInput(f"{path} has {len(frames)} views; at least {MIN_TRAIN_VIEWS} are needed.")
         images, cameras, assumed = read_views(path, scene, frames, progress, f"Reading {split} views")
         if assumed or missing:
-            meta = replace(meta, assumed=" ".join(filter(None, (missing, assumed))))
+            meta = replace(meta, assumed=" ".join(filter(None, (meta.assumed, missing, assumed))))
         file = path.parent / CLASSIFIED
         classified = _read_classified(file) if scene.get("svv_classified") == CLASSIFIED and file.exists() else None
         return cls(cameras, images, names_of(frames), meta, classified)

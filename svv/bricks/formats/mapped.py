@@ -10,6 +10,7 @@ import mmap
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -31,7 +32,14 @@ RAW_TYPES = {
 }  # fmt: skip
 """C types that may occur in the names of raw files, besides NumPy's own type names."""
 
-ORDERS = {"be": ">", "le": "<", "bigendian": ">", "littleendian": "<", "msb": ">", "lsb": "<"}
+ORDERS: dict[str, Literal["<", ">"]] = {
+    "be": ">",
+    "le": "<",
+    "bigendian": ">",
+    "littleendian": "<",
+    "msb": ">",
+    "lsb": "<",
+}
 """Orders of bytes that may occur in the names of raw files."""
 
 XML_TYPES = {

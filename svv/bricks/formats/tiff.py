@@ -160,10 +160,10 @@ def _read(path: Path, opened: TiffFile, series: TiffPageSeries, pick: Pick, leve
         return None
     if not plain:
         raise no_unpacker(path, series.keyframe)
-    values = pick.of(series.asarray())
+    decoded = pick.of(series.asarray())
     if scale == (1.0, 0.0):
-        return ArraySource(values, level.axes, level.origin, path.name)
-    return Scaled(values, level.axes, level.origin, path.name, scale)
+        return ArraySource(decoded, level.axes, level.origin, path.name)
+    return Scaled(decoded, level.axes, level.origin, path.name, scale)
 
 
 def _scaled(scale: tuple[float, float]) -> dict[str, float]:

@@ -133,12 +133,12 @@ def test_a_database_with_files_of_others_is_not_replaced(scene: Scene, tmp_path:
     write_database(path, scene, few)
     write_database(path, scene, few)
     (path / "notes.txt").write_text("mine")
-    with pytest.raises(BadInput, match="has files that svv did not write"):
+    with pytest.raises(BadInput, match="is not a Cinema database that svv wrote, or has other files"):
         write_database(path, scene, few)
     theirs = tmp_path / "theirs.cdb"
     theirs.mkdir()
     (theirs / "data.csv").write_text("phi,theta,FILE\n0,0,a.png\n")
-    with pytest.raises(BadInput, match="has files that svv did not write"):
+    with pytest.raises(BadInput, match="is not a Cinema database that svv wrote, or has other files"):
         write_database(theirs, scene, few)
     assert names(path)[-1] == "notes.txt" and names(theirs) == ["data.csv"]
 

@@ -55,7 +55,9 @@ def write_database(
             not have that network.
     """
     if path.exists() and not (path.is_dir() and _only_ours(path)):
-        raise BadInput(f"{path} exists and has files that svv did not write as a Cinema database; choose another name.")
+        raise BadInput(
+            f"{path} exists and is not a Cinema database that svv wrote, or has other files; choose another name."
+        )
     if options.network is not None and options.network not in scene.networks:
         raise BadInput(f"The scene has no network '{options.network}', only {', '.join(scene.networks)}.")
     staging = path.with_name(f".{path.name}.partial")

@@ -304,9 +304,9 @@ else:
     LoadState(out + "/state.pvsm", *([out + "/there"] if step == "there" else []))
 found = {source.SMProxy.GetXMLName(): source for source in GetSources().values()}
 names = ("FileName", "LookFile", "ViewsFile", "SaveFile", "StyleFiles", "Region0Mask")
-told = [source.GetPropertyValue(name) for _, source in sorted(found.items()) for name in names
+told = [source.GetProperty(name).GetData() for _, source in sorted(found.items()) for name in names
         if source.SMProxy.GetProperty(name)]
-flat = [file for one in told for file in (one if isinstance(one, list) else [one]) if file]
+flat = [str(file) for one in told for file in ([one] if isinstance(one, str) else one) if file]
 render = found["StyleRFRender"]
 render.UpdatePipeline()
 render.UpdatePropertyInformation()

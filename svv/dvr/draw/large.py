@@ -20,6 +20,8 @@ from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.appearance import Appearance
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import Stage
+from svv.dvr.draw.tables import ENTRIES, entries_for
+from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.read.grids import from_array, level_of_image, own_unit_distance, set_geometry, to_array
 from svv.dvr.read.volumes import read_volume
@@ -35,19 +37,15 @@ if TYPE_CHECKING:
 VTK_BYTES = 5
 """Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""
 
+REAL_BYTES = 4
+"""Least number of bytes of a value in the last copy, see :data:`svv.dvr.draw.frame.LEVELS`."""
+
 OVERVIEW = 512
 """Maximum number of voxels along the longest side of the level from which the visible part and the training's
 classified volume are found."""
 
 OVERVIEW_BYTES = 300_000_000
 """Maximum size of the same level in bytes."""
-
-ENTRIES = 1 << 14
-"""Number of entries of the table of colours and opacities."""
-
-MOST_ENTRIES, TRIED, UNRESOLVED = 1 << 20, 4096, 0.01
-"""Most entries; number of voxels whose colours and opacities decide how many are needed; and the error, as a fraction
-of the opacity, above which there are too few."""
 
 MOST_WIDTHS = 100.0
 """Range of the values, in widths of what a function tells apart, beyond which tables of VTK do not resolve that."""
@@ -150,6 +148,8 @@ class BrickMapper:
     def __init__(self, volume: LargeVolume, tf: TransferFunction, stage: Stage, shading: Shading, step: float) -> None:
         from svv.bricks.caster import Look
 
+        first, last = tf.told_apart(*volume.range)
+        tf = settled(tf, last - first)
         assert tf.unit_distance is not None
         self._volume, self._stage = volume, stage
         whole, ranges = seen_of(volume, tf)
@@ -193,29 +193,6 @@ def seen_of(volume: LargeVolume, tf: TransferFunction) -> tuple[tuple[float, flo
     low, high = min(low, first), max(high, last)
     ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
     return (low, high), np.where(ranges <= low, -np.inf, np.where(ranges >= high, np.inf, ranges))
-
-
-def entries_for(tf: TransferFunction, low: float, high: float, voxels: NDArray[np.number]) -> int:
-    """Return how many entries a table from ``low`` to ``high`` needs to show voxels as the function does.
-
-    More are needed if the function varies at both ends of a wide range, such as on a logarithmic scale.
-    """
-    entries, span = ENTRIES, high - low
-    tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
-    tried = tried[(tried >= low) & (tried <= high)]
-
-    def light(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        opacity = tf.opacity_at(values)[:, None]
-        return np.concatenate([tf.colour_at(values) * opacity, opacity], axis=1)
-
-    exact = light(tried)
-    while span > 0.0 and exact.any() and entries < MOST_ENTRIES:
-        step = span / (entries - 1)
-        error = np.abs(light(low + np.rint((tried - low) / step) * step) - exact)
-        if error.mean() <= UNRESOLVED * exact[:, 3].mean():
-            break
-        entries *= 4
-    return entries
 
 
 def straight(drawn: NDArray[np.float32]) -> Pixels:
@@ -287,7 +264,8 @@ READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
 
 def vtk_bytes(source: Source) -> int:
     """Return the memory in bytes that drawing a volume with VTK takes."""
-    return source.levels[0].voxels * (3 * source.dtype.itemsize + VTK_BYTES)
+    size = source.dtype.itemsize
+    return source.levels[0].voxels * (2 * size + max(size, REAL_BYTES) + VTK_BYTES)
 
 
 def memory_allowed(gigabytes: float | None) -> int:

@@ -35,8 +35,8 @@ ROOM = 0.2
 """Part of the way to the nearest other point that a plateau with its slope may take."""
 
 SAME, ALIKE = 1e-6, 1e-3
-"""Distance of two points, relative to their values and to the width, at which they make a jump; and difference of colours and opacities
-that is none."""
+"""Distance of two points, relative to their values and to the width, at which they make a jump; and difference of
+colours and opacities that is none."""
 
 
 def doubled(points: Points) -> list[float]:
@@ -56,7 +56,7 @@ def settled(tf: TransferFunction, width: float) -> TransferFunction:
         opacities hold beyond its points.
     """
     first, last = tf.range
-    slope = (width or last - first or 1.0) / SLOPES
+    slope = max((width or last - first or 1.0) / SLOPES, 2.0 * float(np.spacing(max(abs(first), abs(last)))))
     sharp = [a[0] + a[2] * (b[0] - a[0]) for a, b in pairwise(tf.opacities) if a[3] > 0]
     opacities = _parted(tf.opacities, sharp, lambda at: tf.opacity_at(at)[:, None], slope, (0.5, 0.0), ())
     ends = () if tf.below is None else (0,), () if tf.above is None else (-1,)
@@ -108,7 +108,7 @@ def _parted(
         curve = own[-1][1 + len(here) :] if own else straight
         step = min(slope, ROOM * room / PLATEAU)
         falls = np.abs(np.stack([here - before, after - here])).max(axis=1) > ALIKE
-        if not falls.any():
+        if not falls.any() or step < 2.0 * np.spacing(abs(middle)):
             result += own[:1] if len(own) > 1 and own[0][1:] == own[-1][1:] else own
             continue
         if falls[0]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -152,3 +153,5 @@ def views(
             if ranks.is_first():
                 took = duration(known(made.seconds, "seconds"))
                 print(f"{folder}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")
+                if made.assumed is not None:
+                    print(f"svv: {made.assumed}", file=sys.stderr)

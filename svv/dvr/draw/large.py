@@ -17,7 +17,7 @@ from svv.bricks.opened import open_bricks
 from svv.bricks.source import ArraySource, Level, Source, check_finite
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
-from svv.dvr.draw.appearance import Appearance
+from svv.dvr.draw.appearance import Appearance, without_interpolation
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import Stage
 from svv.dvr.draw.tables import ENTRIES, entries_for
@@ -70,12 +70,18 @@ class LargeVolume:
         memory: Bytes that its bricks may take in memory.
         name: Name in messages.
         overview: The volume itself, if it is small and in memory anyway.
+        nearest: Whether its voxels are shown without interpolation; those of coarser levels must be voxels then, too.
     """
 
     def __init__(
-        self, source: Source, memory: int, name: str = "The volume", overview: vtkImageData | None = None
+        self,
+        source: Source,
+        memory: int,
+        name: str = "The volume",
+        overview: vtkImageData | None = None,
+        nearest: bool = False,
     ) -> None:
-        self.source, self.memory, self.name = source, memory, name
+        self.source, self.memory, self.name, self.nearest = source, memory, name, nearest
         if overview is not None:
             self.overview = overview
 
@@ -100,7 +106,7 @@ class LargeVolume:
         check_finite(values, self.name)
         image = from_array(values, name=self.name)
         set_geometry(image, level.axes, level.origin)
-        return image
+        return without_interpolation(image) if self.nearest else image
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -217,6 +223,7 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
     channel: str | int | None = None,
     time: int | None = None,
     resample_to: int | None = None,
+    nearest: bool = False,
 ) -> vtkImageData | LargeVolume:
     """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
 
@@ -234,6 +241,8 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
         channel: See :func:`svv.dvr.read.volumes.read_volume`.
         time: See there.
         resample_to: See :func:`svv.dvr.read.volumes.read_volume`.
+        nearest: Whether its voxels are shown without interpolation, as labels need. Coarser levels for drawing by
+            bricks then consist of voxels, not of means, and the file's own are not used.
 
     Raises:
         BadInput: See there.
@@ -244,18 +253,18 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
     progress(0.0, "Reading the volume")
     choice = Choice(None if channel is None else str(channel), time)
     source = open_bricks(file, dims, dtype, spacing, None, array, choice) if mapper in ("auto", "bricks") else None
-    if source is None:
-        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
-    needed = vtk_bytes(source)
-    if mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY:
-        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
+    needed = 0 if source is None else vtk_bytes(source)
+    is_small = mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY
+    if source is None or is_small:
+        image = read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
+        return without_interpolation(image) if nearest else image
     if mapper == "auto" and needed > allowed:
         progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
-    if len(source.levels) == 1:
+    if len(source.levels) == 1 or nearest:
         from svv.bricks.pyramid import with_pyramid
 
-        source = with_pyramid(source, file, progress, (array, choice.channel, choice.time))
-    return LargeVolume(source, allowed // 2, file.name)
+        source = with_pyramid(source, file, progress, (array, choice.channel, choice.time), nearest)
+    return LargeVolume(source, allowed // 2, file.name, nearest=nearest)
 
 
 READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
@@ -286,7 +295,7 @@ def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
     level = level_of_image(image)
     values: NDArray[np.number] = to_array(image)
     source = ArraySource(values, level.axes, level.origin)
-    return LargeVolume(source, memory, overview=image)
+    return LargeVolume(source, memory, overview=image, nearest=Appearance.of(image).nearest)
 
 
 def quickest(

@@ -92,7 +92,8 @@ class VolumeGrid:
 class ViewMeta:
     """Metadata on how the images of a view set were made; it is empty for sets from other programs.
 
-    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields except ``assumed``.
+    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields, ``nearest`` and
+    ``assumed`` only if there is something to say.
     """
 
     volume: str | None = None
@@ -118,9 +119,12 @@ class ViewMeta:
     """Version of VTK."""
     seconds: float | None = None
     """Time taken to make the views, in seconds."""
+    nearest: bool | None = None
+    """True if each voxel's own value was shown, without interpolation."""
     assumed: str | None = None
-    """Sentences on what was assumed or changed when images of another program were read: which pixels count as empty if
-    they had no alpha, and how they were resampled."""
+    """Sentences on what may look otherwise than expected in views of a volume, or on what was assumed or changed when
+    images of another program were read: which pixels count as empty if they had no alpha, and how they were resampled.
+    """
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 
@@ -153,6 +157,7 @@ class ViewMeta:
             mapper=read("mapper", text_in),
             vtk=read("vtk", text_in),
             seconds=read("seconds", number_in),
+            nearest=read("nearest", switch_in),
             assumed=read("assumed", text_in),
         )
         return replace(meta, other=_left(values, meta.to_json()))
@@ -171,6 +176,7 @@ class ViewMeta:
             "mapper": self.mapper,
             "vtk": self.vtk,
             "seconds": self.seconds,
+            "nearest": self.nearest,
             "assumed": self.assumed,
         }
         return _joined({key: value for key, value in own.items() if value is not None}, self.other)

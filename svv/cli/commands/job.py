@@ -91,6 +91,7 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     """
     from svv.io.cinema.table import is_database
     from svv.io.views.transforms import transforms_file
+    from svv.io.views.viewset import read_meta
     from svv.job.compile_ahead import compile_beside
     from svv.job.run import check, run_job
     from svv.job.source import ViewSource, VolumeSource, imported_views
@@ -110,7 +111,11 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
     compile_beside()
-    print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
+    page = run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown)
+    said = None if views else read_meta(out / "views").assumed
+    if said is not None:
+        print(f"svv: {said}", file=sys.stderr)
+    print(page)
 
 
 @spread

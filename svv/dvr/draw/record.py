@@ -23,7 +23,7 @@ SEEN, ALIKE = 0.02, 0.1
 """Opacities above which something is seen, and differences of colours that are not."""
 
 INTERPOLATED = (
-    "The volume has only {count} values, as labels have, and is drawn with interpolation, so that {value:g}, which is "
+    "The volume has only {count} values, as labels have, and is drawn with interpolation, so that {value:.3g}, which is "
     "shown otherwise, appears between neighbours of {low:g} and {high:g}, too: add --nearest to show each voxel's own "
     "value (Python: nearest=True; ParaView: Interpolation Type Nearest)."
 )

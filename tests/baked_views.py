@@ -33,7 +33,7 @@ class BakedCaster(casters.CpuMapper):
         tf = TransferFunction(grey, tuple((c, o, 0.5, 0.0) for c, o in opacity_points(volume.most)), name="baked")
         size = grid.spacing * (np.array(grid.shape) - 1)
         self._codes = volume.rgba[..., 3]
-        stage = Stage(image, tf, grid.unit_distance, np.eye(3), np.zeros(3), 1.0, size, 1.0, 0.0, Appearance())
+        stage = Stage(image, tf, grid.unit_distance, np.eye(3), np.zeros(3), 1.0, size, 1.0, 0.0, Appearance(), tf)
         with patch.object(casters, "_visible_blocks", self._visible_blocks):  # theirs is for scalars
             super().__init__(stage, Shading(on=False), step * grid.spacing)
         self._volume.GetProperty().IndependentComponentsOff()

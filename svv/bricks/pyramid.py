@@ -1,7 +1,8 @@
 """Pyramids on the side: coarser levels of a volume whose file has none.
 
-Each level halves the one before, by the means of 2 x 2 x 2 voxels. All levels are made in one pass over the file, box
-by box, and kept in the cache. A pass that is interrupted goes on where it stopped.
+Each level halves the one before, by the means of 2 x 2 x 2 voxels, or by one of these if they are labels. All levels
+are made in one pass over the file, box by box, and kept in the cache. A pass that is interrupted goes on where it
+stopped.
 """
 
 from __future__ import annotations
@@ -74,7 +75,9 @@ def pyramids() -> Cache:
     return Cache(folder, bytes_in(size, "SVV_PYRAMIDS_SIZE") if size else BOUND)
 
 
-def with_pyramid(source: Source, path: Path, progress: Progress, part: Sequence[object] = ()) -> PyramidSource:
+def with_pyramid(
+    source: Source, path: Path, progress: Progress, part: Sequence[object] = (), labels: bool = False
+) -> PyramidSource:
     """Return a volume with coarser levels, which are made and kept in the cache if they are not there yet.
 
     Args:
@@ -82,18 +85,19 @@ def with_pyramid(source: Source, path: Path, progress: Progress, part: Sequence[
         path: Its file or folder: a pyramid is made again if that changes.
         progress: Called often; the work stops when it raises, and goes on from there the next time.
         part: What was chosen of the file: another array or channel has a pyramid of its own.
+        labels: Whether the values are labels, of which there are no means: of 2 x 2 x 2 voxels, the first is kept.
 
     Raises:
         BadInput: A part of the volume cannot be read, a value is not finite, or the pyramid cannot be written.
     """
-    cache, name = pyramids(), _name(source, path, part)
+    cache, name = pyramids(), _name(source, path, (*part, "labels") if labels else part)
     if not cache.holds(name):
         unfinished = cache.folder / f".{name}"
         try:
             make_folder(unfinished)
             with _alone(unfinished, progress):
                 if not cache.holds(name):  # another process may have made it in the meantime
-                    _build(source, unfinished, progress)
+                    _build(source, unfinished, progress, labels)
                     sync_folder(unfinished)
                     os.replace(unfinished, cache.folder / name)
         except OSError as error:
@@ -129,7 +133,7 @@ def _levels(source: Source) -> list[Level]:
     return levels[1:]
 
 
-def _build(source: Source, folder: Path, progress: Progress) -> None:
+def _build(source: Source, folder: Path, progress: Progress, labels: bool) -> None:
     """Write all levels, and the range of values of each box; boxes that are already there are skipped."""
     levels, whole = _levels(source), source.levels[0].shape
     edge = 1 << DEPTH
@@ -152,7 +156,7 @@ def _build(source: Source, folder: Path, progress: Progress) -> None:
         check_finite(box, source.name)
         low, high = float(box.min()), float(box.max())
         for k, (file, level) in enumerate(zip(files, levels), 1):
-            box = halved(box)
+            box = box[::2, ::2, ::2] if labels else halved(box)
             first = start[0] >> k, start[1] >> k
             for z, layer in enumerate(box):
                 place = ((first[0] + z) * level.shape[1] + first[1]) * level.shape[2]

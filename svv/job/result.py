@@ -129,9 +129,9 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
         facts.append(("Ray caster", f"VTK {meta.vtk}, {meta.mapper}, sample distance {distance:.4g}"))
     elif isinstance(job.source, ViewSource):
         facts.append(("Views", str(job.source.folder)))
-        assumed = ViewMeta.from_json(scene.made["source"], "source").assumed
-        if assumed is not None:
-            facts.append(("Assumed", assumed))
+    assumed = ViewMeta.from_json(scene.made["source"], "source").assumed
+    if assumed is not None:
+        facts.append(("Assumed" if isinstance(job.source, ViewSource) else "Note", assumed))
     if "learned_from" in training:  # not in the reports of older versions
         facts.append(("Learned from", training["learned_from"]))
         facts += [("Warning", said) for said in training["warnings"]]

@@ -127,6 +127,8 @@ class VolumeSource(Drawn):
     rescale: bool | None = None
     """Whether to stretch the function over the data; see
     :meth:`svv.dvr.functions.transfer_functions.TransferFunction.fitted`."""
+    nearest: bool = False
+    """Whether to show each voxel's own value, without interpolation."""
 
     @property
     def name(self) -> str:
@@ -153,6 +155,7 @@ class VolumeSource(Drawn):
                 self.spacing,
                 self.array,
                 *(chosen if any(one is not None for one in chosen) else ()),
+                *(["nearest"] if self.nearest else ()),
             ],
         }
 
@@ -162,7 +165,7 @@ class VolumeSource(Drawn):
 
         return open_volume(
             self.volume, self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress,
-            self.channel, self.time, self.resample_to,
+            self.channel, self.time, self.resample_to, self.nearest,
         )  # fmt: skip
 
     def how(self) -> dict[str, Any]:

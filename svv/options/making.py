@@ -38,7 +38,8 @@ class VolumeOptions:
     """Which transfer function shows a volume, and how its file is read."""
 
     tf: Annotated[tuple[Path, ...], Setting(metavar="TF.json")] = ()
-    """Transfer function: a preset exported from ParaView, or a list of opacity bumps."""
+    """Transfer function: a preset exported from ParaView, a volume property of 3D Slicer, or a list of opacity
+    bumps."""
     array: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
     """Name of the array, if the file has several; of several arrays, svv views makes layers of one scene."""
     channel: Annotated[str | None, Setting(metavar="N|NAME")] = None
@@ -83,6 +84,9 @@ class ShownVolumeOptions(VolumeOptions):
     rescale: Annotated[bool | None, Setting(flag="--rescale/--no-rescale", panel="")] = None
     """Stretch the transfer function over the range of the data, or leave it at its own values; by default, a preset
     without opacity points is stretched, and one that runs from 0 or -1 to 1 if the data lies elsewhere."""
+    nearest: Annotated[bool, Setting("--nearest", panel="")] = False
+    """Show each voxel's own value, without interpolation, as label volumes need; as ParaView's Interpolation Type
+    Nearest."""
 
 
 @dataclass(frozen=True)

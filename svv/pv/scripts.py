@@ -222,6 +222,9 @@ def _show_with(display: Display, tf: Path) -> None:
     table.UseLogScale = table.ScalarOpacityFunction.UseLogScale = 0  # the function is on linear scales
     table.ColorSpace, table.HSVWrap = function.space, int(function.hsv_wrap)
     table.RGBPoints = [number for point in function.colours for number in point]
+    for word, colour in (("Below", function.below), ("Above", function.above)):
+        setattr(table, f"Use{word}RangeColor", int(colour is not None))
+        setattr(table, f"{word}RangeColor", list(colour or (0.0, 0.0, 0.0)))
     table.ScalarOpacityFunction.Points = [number for point in function.opacities for number in point]
     display.ScalarOpacityFunction = table.ScalarOpacityFunction
     if function.unit_distance:

@@ -103,6 +103,7 @@ def opacities(
     must have been trained with its volume, which tells where the function shows something. What the training did not
     see is said to be approximate, or refused; svv edit changes colours. Paint, edits and time steps stay.
     """
+    from svv.dvr.draw.appearance import without_interpolation
     from svv.dvr.functions.transfer_functions import TransferFunction
     from svv.dvr.read.volumes import read_volume
     from svv.io.files.atomic import check_writable
@@ -118,6 +119,8 @@ def opacities(
             volume, reading.dims, reading.dtype, reading.spacing, None, reading.only_array, reading.channel,
             reading.time, reading.resample_to,
         )  # fmt: skip
+        if loaded.made.get("source", {}).get("nearest"):
+            image = without_interpolation(image)
     result = with_opacities(loaded, function, image)
     result.save(out)
     for said in result.made.get("approximate", []):

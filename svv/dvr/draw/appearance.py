@@ -6,7 +6,7 @@ data. The rules are those of VTK's GPU ray caster, with which ParaView draws.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -144,6 +144,14 @@ def put(image: vtkImageData, appearance: Appearance) -> None:
         image.GetFieldData().RemoveArray(name)
         if values is not None:
             image.GetFieldData().AddArray(named(name, np.asarray(values, np.float64).ravel()))
+
+
+def without_interpolation(image: vtkImageData) -> vtkImageData:
+    """Return an image whose voxels are shown as they are (:attr:`Appearance.nearest`); it shares the values."""
+    shown = vtkImageData()
+    shown.ShallowCopy(image)
+    put(shown, replace(Appearance.of(image), nearest=True))
+    return shown
 
 
 def without_duplicates(image: vtkImageData) -> vtkImageData:

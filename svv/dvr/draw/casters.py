@@ -82,7 +82,7 @@ class CpuMapper:
     def __init__(self, stage: Stage, shading: Shading, step: float) -> None:
         self._stage = stage
         mapper = vtkFixedPointVolumeRayCastMapper()
-        mapper.SetInputData(stage.image)
+        mapper.SetInputData(stage.reals)
         mapper.SetAutoAdjustSampleDistances(0)
         mapper.LockSampleDistanceToInputSpacingOff()
         mapper.IntermixIntersectingGeometryOff()
@@ -183,7 +183,7 @@ class GpuMapper:
         self._stage = stage
         mapper, shown = vtkGPUVolumeRayCastMapper(), stage.appearance
         image = vtkImageData()
-        image.ShallowCopy(stage.image)
+        image.ShallowCopy(stage.reals)
         # VTK measures lengths in the data, so that a display's scale belongs to the volume.
         image.SetSpacing(*(np.array(image.GetSpacing()) / shown.stretch))
         image.SetOrigin(*(np.array(image.GetOrigin()) / shown.stretch))
@@ -323,7 +323,7 @@ def _memory(pointer: object, kind: type[ctypes.c_uint16 | ctypes.c_float], count
 
 def _visible_blocks(stage: Stage) -> tuple[NDArray[np.float64], float]:
     """Return the centres (n, 3) of the blocks with visible cells, and the radius of a block, stage units."""
-    seen = visible_cells(to_array(stage.image), stage.tf)
+    seen = visible_cells(to_array(stage.image), stage.settled)
     padded = np.pad(seen, [(0, -size % BLOCK) for size in seen.shape])
     z, y, x = (size // BLOCK for size in padded.shape)
     blocks = np.argwhere(padded.reshape(z, BLOCK, y, BLOCK, x, BLOCK).any(axis=(1, 3, 5)))[:, ::-1]
@@ -347,7 +347,7 @@ def straight(cast: NDArray[np.uint16]) -> Pixels:
 
 def _volume(mapper: vtkVolumeMapper, stage: Stage, shading: Shading) -> vtkVolume:
     look = vtkVolumeProperty()
-    colour, opacity = stage.tf.to_vtk()
+    colour, opacity = stage.settled.to_vtk()
     look.SetColor(colour)
     look.SetScalarOpacity(opacity)
     look.SetScalarOpacityUnitDistance(stage.unit_distance)

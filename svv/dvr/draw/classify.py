@@ -8,7 +8,6 @@ Letters: K known values, V voxels; sigma is extinction in 1 / box unit.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,13 +20,12 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkImagingCore import vtkImageReslice
 
 from svv.core.geometry.box import Box
-from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.core.volumes import classified as limits
 from svv.core.volumes.classified import COARSE, LARGEST, ClassifiedVolume, Edges, ValueGrid, ValueRange, grid_shape
+from svv.dvr.draw.averaging import averaged, integral_of, varying
 from svv.dvr.draw.frame import STEP, Stage, set_stage
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
-from svv.measure import usable_cpus
 
 Array = NDArray[np.float64]
 
@@ -36,9 +34,6 @@ MOST_CELLS = 256
 
 CELLS_A_VOXEL = 2
 """Minimum number of cells per voxel, within ``MOST_CELLS``: transfer functions can vary much between two voxels."""
-
-AVERAGING_WIDTH = 1.0
-"""Width of the averaging in cells, found by comparing transmittances along rays with the ray caster's alpha."""
 
 BESIDE = 0.1
 """Width of the known values on both sides of the visible ones, as a fraction of the width of these."""
@@ -180,7 +175,7 @@ def classified_grid(
         low, high = (round(float(stage.of_volume(known[i])), decimals) for i in (inside[0], inside[-1]))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
-    exponent, owner = averaged(values, known, sigma, starts, stage.appearance.nearest)
+    exponent, owner = averaged(values, known, sigma, starts, as_voxels_are(stage, box, known))
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma, colour)
     low, high = stage.of_volume(kept.interval).tolist()
@@ -206,7 +201,7 @@ def _value_grid(
     values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array, colour: Array
 ) -> ValueGrid:
     """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`, in the stage's values."""
-    first, width = _varying(known, np.column_stack([sigma, colour * (sigma > 0)[:, None]]))
+    first, width = varying(known, np.column_stack([sigma, colour * (sigma > 0)[:, None]]))
     far = BEYOND * width if width > STEP else np.inf  # a step needs all values around it
     low, high = max(float(known[0]), first - far), min(float(known[-1]), first + width + far)
     seen = np.clip(known[sigma > 0], low, high)
@@ -221,7 +216,7 @@ def _value_grid(
     for k, layer in enumerate(own):  # one after another, because several whole grids would take much memory
         codes[:, :, k] = coded(layer, (low, high)).T
     at = np.linspace(low, high, VALUES)
-    integral = np.interp(at, known, _integral(known, sigma))
+    integral = np.interp(at, known, integral_of(known, sigma))
     visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
     return ValueGrid(
         cells // spare, codes, (low, high), (visible[0], visible[1]),
@@ -241,8 +236,22 @@ def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, 
 
     (K,), (K,)
     """
-    known = stage.tf.resolved(low, high)
-    sigma = -np.log1p(-np.minimum(stage.tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
+    return _extinction_of(stage.tf, stage, box, low, high)
+
+
+def as_voxels_are(stage: Stage, box: Box, known: Array) -> tuple[Array, Array] | None:
+    """Return what :func:`extinction` does for values of voxels, if only these are shown; otherwise None.
+
+    A function that jumps at such a value has the same extinction around it, whatever rounds the value.
+    """
+    if not stage.appearance.nearest:
+        return None
+    return _extinction_of(stage.settled, stage, box, float(known[0]), float(known[-1]))
+
+
+def _extinction_of(tf: TransferFunction, stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:
+    known = tf.resolved(low, high)
+    sigma = -np.log1p(-np.minimum(tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
     return known, sigma * stage.scale * box.size
 
 
@@ -295,94 +304,6 @@ def _weights(counts: Array, sigma: Array) -> Array:
     """Return the weights of the known values: their frequencies times their extinction. (K,)"""
     # Interpolation produces all values between those of voxels, so no visible one has a weight of 0.
     return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
-
-
-def averaged(
-    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int], nearest: bool
-) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
-    """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.
-
-    Where the values cross a range of the function between two vertices, sampling the extinction at the vertices would
-    miss it or hit it by chance. It is therefore averaged over the values within a cell around the vertex, by means of
-    its integral over the values (as in pre-integrated classification, Engel et al. 2001).
-
-    Args:
-        values: Values at the vertices, NaN outside the volume, where the extinction is 0. (Z, Y, X)
-        known: Ascending values. (K,)
-        sigma: Extinction of the known values, 1 / box unit. (K,)
-        starts: Index of the first known value of each range.
-        nearest: Whether there are no values between those of neighbours, so that nothing is averaged.
-
-    Returns:
-        Natural logarithms of the extinction, and range numbers. (X, Y, Z) each.
-    """
-    low, high = known[0], known[-1]
-    integral = _integral(known, sigma)
-    borders = known[starts[1:]]
-    first, width = _varying(known, sigma)
-    # No values lie below the first or above the last known one, but a volume may have a single value.
-    lit = np.concatenate([[False], sigma[:1] > 0, (sigma[1:] > 0) | (sigma[:-1] > 0), sigma[-1:] > 0, [False]])
-    edges = np.concatenate([[-np.inf], known, [np.inf]])[lit[1:] != lit[:-1]]
-    exponent = np.full(values.shape[::-1], EMPTY_LOG_EXTINCTION, np.float16)
-    owner = np.empty(values.shape[::-1], np.uint8)
-
-    def average(k: int) -> None:
-        layer = values[k]
-        slope = np.gradient(values[max(k - 1, 0) : k + 2], axis=0)[min(k, 1)]
-        squared = np.square(np.nan_to_num(slope))
-        for axis in (0, 1):
-            squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
-        # So wide that differences of the integral are accurate.
-        least = np.maximum(1e-4 * width, 1e-9 * np.abs(np.nan_to_num(layer) - first))
-        half = least if nearest else np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
-        start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
-        own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN gets the last range
-        passed = np.searchsorted(edges, start)
-        shown = np.nonzero((passed % 2 == 1) | (passed != np.searchsorted(edges, stop)))
-        start, stop = start[shown], stop[shown]
-        inside = np.interp(stop, known, integral) - np.interp(start, known, integral)
-        spread = stop - start
-        here = np.interp(layer[shown], known, sigma)  # for a volume of a single value, whose spread is 0
-        found = np.where(spread > 0, inside / np.where(spread > 0, spread, 1.0), here)
-        exponent[:, :, k].T[shown] = np.log(np.clip(found, np.exp(EMPTY_LOG_EXTINCTION), np.exp(OPAQUE_LOG_EXTINCTION)))
-        across = np.searchsorted(borders, start) < np.searchsorted(borders, stop)
-        chosen = tuple(index[across] for index in shown)
-        own[chosen] = _heaviest(start[across], stop[across], own[chosen], known, sigma, starts)
-        owner[:, :, k] = own.T
-
-    with ThreadPoolExecutor(usable_cpus()) as threads:  # NumPy releases the interpreter's lock
-        list(threads.map(average, range(len(values))))
-    return exponent, owner
-
-
-def _heaviest(
-    start: Array, stop: Array, own: NDArray[np.intp], known: Array, sigma: Array, starts: list[int]
-) -> NDArray[np.intp]:
-    """Return the range that contributes most extinction between two values; ``own`` if there is none. (V,)"""
-    parts = np.empty((len(starts), len(start)))
-    numbers = np.arange(len(known))
-    for i, (a, b) in enumerate(pairwise([*starts, len(known)])):
-        integral = _integral(known, np.where((numbers >= a) & (numbers < b), sigma, 0.0))
-        parts[i] = np.interp(stop, known, integral) - np.interp(start, known, integral)
-    return np.where(parts.max(axis=0) > 0, parts.argmax(axis=0), own)
-
-
-def _integral(known: Array, sigma: Array) -> Array:
-    """Return the integral of the extinction over the values, from the first at which it varies. (K,)
-
-    From there it is accurate, whatever single values lie far below.
-    """
-    part = 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known)
-    start = int(np.searchsorted(known, _varying(known, sigma)[0]))
-    return np.concatenate([-np.cumsum(part[:start][::-1])[::-1], [0.0], np.cumsum(part[start:])])
-
-
-def _varying(known: Array, function: Array) -> tuple[float, float]:
-    """Return the value from which a function (K,) or (K, C) of the known values varies, and the width over which."""
-    rows = function.reshape(len(known), -1)
-    changes = np.flatnonzero((np.abs(np.diff(rows, axis=0)) > 1e-9 * np.abs(rows).max(axis=0)).any(axis=1))
-    first, last = (changes[0], changes[-1] + 1) if len(changes) else (0, -1)
-    return float(known[first]), float(known[last] - known[first])
 
 
 def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:

@@ -16,8 +16,9 @@ from vtkmodules.vtkRenderingCore import vtkRenderer
 from svv.core.differences import above
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.appearance import Appearance, put
+from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
-from svv.dvr.read.grids import check_precision, from_array, index_to_world, level_of_image, to_array
+from svv.dvr.read.grids import check_precision, from_array, index_to_world, level_of_image, put_scalars, to_array
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -33,6 +34,9 @@ FAR = 1e4
 
 STEP = 1e-6
 """Width, relative to its values, below which a function is a step: it needs no resolution of its own."""
+
+LEVELS = 4096
+"""Range of whole numbers above which they are so close that VTK's ray casters need no reals between them."""
 
 FARTHEST = 1e15
 """Largest value of the stage: the square of its gradient is one in float32, too."""
@@ -65,12 +69,25 @@ class Stage:
     """Value of the volume that is 0 in ``image``. Subtracted first, it leaves differences of large values accurate."""
     appearance: Appearance
     """How the volume is shown apart from that; indices are those of ``image``, which carries it, too."""
+    settled: TransferFunction
+    """``tf`` for tables over these values (:mod:`svv.dvr.functions.jumps`)."""
 
     @property
     def voxel(self) -> float:
         """Size of a voxel in stage units: the cube root of its volume, but at most twice the smallest spacing."""
         spacing = np.array(self.image.GetSpacing())
         return float(min(np.cbrt(spacing.prod()), 2.0 * spacing.min()))
+
+    @property
+    def reals(self) -> vtkImageData:
+        """``image`` for VTK's ray casters, which would show whole numbers only between those of voxels."""
+        values = to_array(self.image)
+        if values.dtype.kind == "f" or float(values.max()) - float(values.min()) > LEVELS:
+            return self.image
+        image = vtkImageData()
+        image.ShallowCopy(self.image)
+        put_scalars(image, values.astype(np.float32).ravel(), self.image.GetPointData().GetScalars().GetName())
+        return image
 
     def staged(self, values: ArrayLike) -> Array:
         """Return values of the volume as they are in ``image``, in float64."""
@@ -152,8 +169,10 @@ def place_part(
     unit_distance = tf.unit_distance or unit_distance_for(level_of_image(whole))
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
     put(staged, shown)
-    mapped = tf.mapped(gain, 0.0, zero)
-    return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, zero, shown)
+    low, high = span or (float(cropped.min()), float(cropped.max()))
+    # Before the values are mapped, which rounds them.
+    mapped, exact = (one.mapped(gain, 0.0, zero) for one in (tf, settled(tf, high - low)))
+    return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, zero, shown, exact)
 
 
 def visible_cells(

@@ -10,7 +10,8 @@ from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.large import Opened
-from svv.dvr.draw.views import open_caster, rig_of
+from svv.dvr.draw.rig import rig_of
+from svv.dvr.draw.views import open_caster
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.options.making import ViewOptions
 

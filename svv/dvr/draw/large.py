@@ -17,9 +17,11 @@ from svv.bricks.opened import open_bricks
 from svv.bricks.source import ArraySource, Level, Source, check_finite
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
-from svv.dvr.draw.appearance import Appearance
+from svv.dvr.draw.appearance import Appearance, without_interpolation
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import Stage
+from svv.dvr.draw.table_size import ENTRIES, entries_for
+from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.read.grids import from_array, level_of_image, own_unit_distance, set_geometry, to_array
 from svv.dvr.read.volumes import read_volume
@@ -35,19 +37,15 @@ if TYPE_CHECKING:
 VTK_BYTES = 5
 """Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""
 
+REAL_BYTES = 4
+"""Least number of bytes of a value in the last copy, see :data:`svv.dvr.draw.frame.LEVELS`."""
+
 OVERVIEW = 512
 """Maximum number of voxels along the longest side of the level from which the visible part and the training's
 classified volume are found."""
 
 OVERVIEW_BYTES = 300_000_000
 """Maximum size of the same level in bytes."""
-
-ENTRIES = 1 << 14
-"""Number of entries of the table of colours and opacities."""
-
-MOST_ENTRIES, TRIED, UNRESOLVED = 1 << 20, 4096, 0.01
-"""Most entries; number of voxels whose colours and opacities decide how many are needed; and the error, as a fraction
-of the opacity, above which there are too few."""
 
 MOST_WIDTHS = 100.0
 """Range of the values, in widths of what a function tells apart, beyond which tables of VTK do not resolve that."""
@@ -72,12 +70,18 @@ class LargeVolume:
         memory: Bytes that its bricks may take in memory.
         name: Name in messages.
         overview: The volume itself, if it is small and in memory anyway.
+        nearest: Whether its voxels are shown without interpolation; those of coarser levels must be voxels then, too.
     """
 
     def __init__(
-        self, source: Source, memory: int, name: str = "The volume", overview: vtkImageData | None = None
+        self,
+        source: Source,
+        memory: int,
+        name: str = "The volume",
+        overview: vtkImageData | None = None,
+        nearest: bool = False,
     ) -> None:
-        self.source, self.memory, self.name = source, memory, name
+        self.source, self.memory, self.name, self.nearest = source, memory, name, nearest
         if overview is not None:
             self.overview = overview
 
@@ -102,7 +106,7 @@ class LargeVolume:
         check_finite(values, self.name)
         image = from_array(values, name=self.name)
         set_geometry(image, level.axes, level.origin)
-        return image
+        return without_interpolation(image) if self.nearest else image
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -150,6 +154,8 @@ class BrickMapper:
     def __init__(self, volume: LargeVolume, tf: TransferFunction, stage: Stage, shading: Shading, step: float) -> None:
         from svv.bricks.caster import Look
 
+        first, last = tf.told_apart(*volume.range)
+        tf = settled(tf, last - first)
         assert tf.unit_distance is not None
         self._volume, self._stage = volume, stage
         whole, ranges = seen_of(volume, tf)
@@ -195,29 +201,6 @@ def seen_of(volume: LargeVolume, tf: TransferFunction) -> tuple[tuple[float, flo
     return (low, high), np.where(ranges <= low, -np.inf, np.where(ranges >= high, np.inf, ranges))
 
 
-def entries_for(tf: TransferFunction, low: float, high: float, voxels: NDArray[np.number]) -> int:
-    """Return how many entries a table from ``low`` to ``high`` needs to show voxels as the function does.
-
-    More are needed if the function varies at both ends of a wide range, such as on a logarithmic scale.
-    """
-    entries, span = ENTRIES, high - low
-    tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
-    tried = tried[(tried >= low) & (tried <= high)]
-
-    def light(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        opacity = tf.opacity_at(values)[:, None]
-        return np.concatenate([tf.colour_at(values) * opacity, opacity], axis=1)
-
-    exact = light(tried)
-    while span > 0.0 and exact.any() and entries < MOST_ENTRIES:
-        step = span / (entries - 1)
-        error = np.abs(light(low + np.rint((tried - low) / step) * step) - exact)
-        if error.mean() <= UNRESOLVED * exact[:, 3].mean():
-            break
-        entries *= 4
-    return entries
-
-
 def straight(drawn: NDArray[np.float32]) -> Pixels:
     """Convert colours times opacity and opacity (h, w, 4) to 8-bit levels with straight alpha."""
     pixels: Pixels = np.zeros(drawn.shape, np.uint8)
@@ -240,6 +223,7 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
     channel: str | int | None = None,
     time: int | None = None,
     resample_to: int | None = None,
+    nearest: bool = False,
 ) -> vtkImageData | LargeVolume:
     """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
 
@@ -257,6 +241,8 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
         channel: See :func:`svv.dvr.read.volumes.read_volume`.
         time: See there.
         resample_to: See :func:`svv.dvr.read.volumes.read_volume`.
+        nearest: Whether its voxels are shown without interpolation, as labels need. Coarser levels for drawing by
+            bricks then consist of voxels, not of means, and the file's own are not used.
 
     Raises:
         BadInput: See there.
@@ -267,18 +253,18 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
     progress(0.0, "Reading the volume")
     choice = Choice(None if channel is None else str(channel), time)
     source = open_bricks(file, dims, dtype, spacing, None, array, choice) if mapper in ("auto", "bricks") else None
-    if source is None:
-        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
-    needed = vtk_bytes(source)
-    if mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY:
-        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
+    needed = 0 if source is None else vtk_bytes(source)
+    is_small = mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY
+    if source is None or is_small:
+        image = read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
+        return without_interpolation(image) if nearest else image
     if mapper == "auto" and needed > allowed:
         progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
-    if len(source.levels) == 1:
+    if len(source.levels) == 1 or nearest:
         from svv.bricks.pyramid import with_pyramid
 
-        source = with_pyramid(source, file, progress, (array, choice.channel, choice.time))
-    return LargeVolume(source, allowed // 2, file.name)
+        source = with_pyramid(source, file, progress, (array, choice.channel, choice.time), nearest)
+    return LargeVolume(source, allowed // 2, file.name, nearest=nearest)
 
 
 READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
@@ -287,7 +273,8 @@ READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
 
 def vtk_bytes(source: Source) -> int:
     """Return the memory in bytes that drawing a volume with VTK takes."""
-    return source.levels[0].voxels * (3 * source.dtype.itemsize + VTK_BYTES)
+    size = source.dtype.itemsize
+    return source.levels[0].voxels * (2 * size + max(size, REAL_BYTES) + VTK_BYTES)
 
 
 def memory_allowed(gigabytes: float | None) -> int:
@@ -308,7 +295,7 @@ def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
     level = level_of_image(image)
     values: NDArray[np.number] = to_array(image)
     source = ArraySource(values, level.axes, level.origin)
-    return LargeVolume(source, memory, overview=image)
+    return LargeVolume(source, memory, overview=image, nearest=Appearance.of(image).nearest)
 
 
 def quickest(

@@ -10,7 +10,8 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.geometry.box import Box
 from svv.core.volumes.classified import grid_shape
-from svv.dvr.draw.classify import averaged, extinction, hide, resampled
+from svv.dvr.draw.averaging import averaged
+from svv.dvr.draw.classify import as_voxels_are, extinction, hide, resampled
 from svv.dvr.draw.frame import place_part
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
@@ -45,5 +46,5 @@ def exponents_over(
             values = resampled(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
             hide(stage, box, cells, values)
         known, sigma = extinction(stage, box, *stage.staged((low, high)).tolist())
-        found.append(averaged(values, known, sigma, [0], stage.appearance.nearest)[0])
+        found.append(averaged(values, known, sigma, [0], as_voxels_are(stage, box, known))[0])
     return stage.of_volume(values).astype(np.float32).T, found

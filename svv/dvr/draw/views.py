@@ -6,32 +6,35 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkVersion
-from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.bricks.source import Level
 from svv.core.colour.shading import Shading
-from svv.core.geometry.cameras import Camera, CameraRig, sphere_cameras
+from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.core.sharing import ALONE
 from svv.core.volumes.classified import ClassifiedVolume
 from svv.dvr.draw.casters import CpuMapper, GpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.classify import classified
 from svv.dvr.draw.fitting import fitted_to
 from svv.dvr.draw.frame import Stage, set_stage
-from svv.dvr.draw.large import BrickMapper, LargeVolume, open_volume
+from svv.dvr.draw.given import given_volume
+from svv.dvr.draw.large import BrickMapper, LargeVolume
+from svv.dvr.draw.record import grid_of, told_of
+from svv.dvr.draw.rig import FOV, FRAMING, rig_of
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.grids import as_volume, assumed_of
+from svv.dvr.read.grids import assumed_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
 from svv.io.views.empty_views import empty_views
 from svv.io.views.view_meta import ViewMeta, VolumeGrid
 from svv.io.views.viewset import ViewSet
-from svv.options.making import ViewOptions
+from svv.options.making import MapperName, ViewOptions
 
 Caster = CpuMapper | GpuMapper | BrickMapper
 """A ray caster."""
@@ -67,57 +70,54 @@ show something: rays would miss what is thinner, such as single bright voxels, o
 MAX_SAMPLES = 3000
 """Maximum number of samples along a ray; it limits the effect of a tiny spacing along one axis."""
 
-FRAMING = 4.0311 / (0.516 * np.sqrt(3.0))
-"""Camera distance / half the diagonal of the visible box, as in the views published with StyleRF-VolVis."""
-
-FOV = np.pi / 6
-"""Horizontal angle of view in radians to which ``FRAMING`` applies."""
-
 ORBIT = 181
 """Number of views on the test path, see ``orbit_cameras``."""
 
 
 def render_views(
-    image: vtkImageData | LargeVolume,
+    image: vtkDataObject | LargeVolume,
     tf: TransferFunction,
     cameras: Sequence[Camera],
     mapper: str = "auto",
     shading: Shading | None = None,
     step: float | None = None,
     progress: Progress = silent,
+    nearest: bool = False,
 ) -> NDArray[np.uint8]:
     """Render a volume from cameras of the same image size.
 
     Args:
-        image: Volume with one-component point scalars (see ``as_volume``), any spacing, origin and direction matrix; or
-            a large volume, which is always drawn by bricks.
+        image: A volume, as for :func:`make_views`. A large one is always drawn by bricks.
         tf: Transfer function for the image's values.
         cameras: Cameras in the world units of the image.
         mapper: ``auto``, ``gpu``, ``cpu`` or ``bricks``.
-        shading: Shading of the volume; by default a headlight with ParaView's coefficients.
+        shading: Shading of the volume; by default the function's, or a headlight with ParaView's coefficients.
         step: Sample distance in voxels (see ``Stage.voxel``), the same in all views; by default ``default_step``.
         progress: Called after each view.
+        nearest: Whether to show each voxel's own value, without interpolation, as labels need.
 
     Returns:
         uint8 levels with straight alpha. (n, height, width, 4)
 
     Raises:
-        BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
-            it is ``gpu`` and OpenGL is not available.
+        BadInput: The volume is rejected by ``given_volume``, the transfer function shows nothing or only a box, cameras
+            differ in size, the mapper is unknown, or it is ``gpu`` and OpenGL is not available.
     """
-    fit = fitted_to(image, tf, mapper, rescale=False)
+    volume = given_volume(image, nearest, ViewOptions(mapper=cast("MapperName", mapper)))
+    fit = fitted_to(volume, tf, mapper, rescale=False)
     stage = set_stage(fit.opened.image, fit.tf)
-    caster, _ = open_caster(stage, fit.mapper, shading or Shading(), step, fit.opened.caster(fit.tf))
+    caster, _ = open_caster(stage, fit.mapper, shading or tf.shading or Shading(), step, fit.opened.caster(fit.tf))
     return drawn(caster, cameras, progress)
 
 
-def make_views(
-    volume: vtkImageData | LargeVolume | str | Path,
+def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views are drawn
+    volume: vtkDataObject | LargeVolume | str | Path,
     tf: TransferFunction | str | Path | None = None,
     options: ViewOptions = ViewOptions(test=0),
     *,
     shading: Shading | None = None,
     rescale: bool | None = None,
+    nearest: bool = False,
     name: str | None = None,
     kept: DrawnViews | None = None,
     progress: Progress = silent,
@@ -126,12 +126,15 @@ def make_views(
     """Render the views of a volume that a scene is trained on and those that it is tested on.
 
     Args:
-        volume: A file (see ``open_volume``), a large volume, or an image, which may be a ``pyvista.ImageData``.
-        tf: A transfer function, or its JSON file; by default two ranges of the histogram.
+        volume: A file (see ``open_volume``), a large volume, or an image or grid of VTK or PyVista; a grid that is no
+            image is resampled.
+        tf: A transfer function, or its file (see ``TransferFunction.read``); by default two ranges of the histogram.
         options: Number, size and rendering of the views. Training views lie on a sphere around the volume (see
             ``geodesic_directions``), test views on the path of 181 (see ``orbit_cameras``), first and last included.
-        shading: Shading of the volume; by default a headlight with ParaView's coefficients.
+        shading: Shading of the volume; by default the function's, or a headlight with ParaView's coefficients.
         rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
+        nearest: Whether to show each voxel's own value, without interpolation, as labels need; otherwise as the image
+            says (:mod:`svv.dvr.draw.appearance`), and interpolated by default.
         name: Name of the volume, for the record; by default its file name.
         kept: Where views are kept while they are drawn, and taken from if they are there. If several processes draw,
             only the first one returns all views; the others' lack those that they did not draw.
@@ -139,8 +142,8 @@ def make_views(
         changes: Fields of the options by name, such as ``size=400``.
 
     Returns:
-        The training views and the test views (None if ``test`` is 0). ``meta`` records how they were made; the training
-        views also contain the classified volume.
+        The training views and the test views (None if ``test`` is 0). ``meta`` records how they were made, and
+        ``meta.assumed`` what may look otherwise than expected; the training views also contain the classified volume.
 
     Raises:
         BadInput: An option is out of range, or ``read_volume``, ``TransferFunction`` or ``render_views`` rejects an
@@ -156,22 +159,21 @@ def make_views(
     began = time.monotonic()
     progress(0.0, "Reading the volume")
     named = Path(volume).name if isinstance(volume, (str, Path)) else "volume"
-    if isinstance(volume, vtkImageData):
-        volume = as_volume(volume)
-    elif not isinstance(volume, LargeVolume):
-        volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
+    ready = given_volume(volume, nearest, asked, part(progress, 0.0, 0.3))
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
-    said = volume.source.assumed if isinstance(volume, LargeVolume) else assumed_of(volume)
-    fit = fitted_to(volume, tf, asked.mapper, asked.memory, rescale)
+    said = ready.source.assumed if isinstance(ready, LargeVolume) else assumed_of(ready)
+    fit = fitted_to(ready, tf, asked.mapper, asked.memory, rescale)
     opened, fitted = fit.opened, fit.tf
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
-    notes = (said, *fit.notes) if said else fit.notes
+    notes = (*filter(None, [said]), *fit.notes, *told_of(opened.image, fitted))
     subject = Subject(
-        stage, grid, opened.whole, title, fitted, fit.rescaled, caster=opened.caster(fitted), kept=kept, notes=notes
+        stage, grid, opened.whole, title, fitted, fit.rescaled, notes, caster=opened.caster(fitted), kept=kept
     )
-    return views_of(subject, asked, shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0))
+    return views_of(
+        subject, asked, shading or fitted.shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0)
+    )
 
 
 @dataclass(frozen=True)
@@ -187,13 +189,13 @@ class Subject:
     """Transfer function for the volume's own values."""
     tf_rescaled: bool = False
     """Whether the function was stretched over the data's range."""
+    notes: tuple[str, ...] = ()
+    """Sentences on what may look otherwise than expected."""
     classify: Callable[[Stage], ClassifiedVolume] = classified
     caster: Making | None = None
     """Ray caster that must draw this volume; None for the one that the options name."""
     kept: DrawnViews | None = None
     """Where views are kept while they are drawn."""
-    notes: tuple[str, ...] = ()
-    """What the user should know, in sentences."""
 
 
 def views_of(
@@ -220,6 +222,7 @@ def views_of(
         mapper=caster.name,
         vtk=vtkVersion.GetVTKVersion(),
         seconds=round(time.monotonic() - began, 3),
+        nearest=stage.appearance.nearest or None,
     )
     names = tuple(f"r_{i:04d}" for i in range(n))
     train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)
@@ -367,33 +370,3 @@ def _image(caster: Caster, camera: Camera, number: int, kept: DrawnViews | None)
         image = caster.render(camera)
         kept.put(number, image)
     return image
-
-
-def rig_of(asked: ViewOptions, stage: Stage, whole: Level) -> CameraRig:
-    """Return the cameras around what is visible, or around the whole volume."""
-    fov = float(np.radians(asked.fov))
-    centre, half = stage.centre, 0.5 * stage.visible_size
-    if asked.frame == "whole":
-        last = np.array(whole.shape[::-1]) - 1
-        centre, half = whole.origin + 0.5 * whole.axes @ last, 0.5 * last * whole.spacing
-    # With a narrower angle of view, cameras are farther away, so the volume fills the same part of the image.
-    radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
-    x, y, z = (float(v) for v in centre)
-    rig = CameraRig((x, y, z), radius, fov)
-    return replace(rig, span_x=rig.view_width) if asked.projection == "orthographic" else rig
-
-
-def grid_of(level: Level, kind: str, span: tuple[float, float]) -> VolumeGrid:
-    """Return the record of a grid whose values have a type and a range."""
-    (a, b, c), (d, e, f), (g, h, i) = (level.axes / level.spacing).tolist()
-    z, y, x = level.shape
-    sx, sy, sz = level.spacing.tolist()
-    ox, oy, oz = level.origin.tolist()
-    return VolumeGrid(
-        dimensions=(x, y, z),
-        spacing=(sx, sy, sz),
-        origin=(ox, oy, oz),
-        direction=((a, b, c), (d, e, f), (g, h, i)),
-        type=kind,
-        range=span,
-    )

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict
+from itertools import pairwise
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.core.json_values import Json, number_in
+from svv.dvr.functions import prolab
 from svv.dvr.functions.scales import Points
 from svv.errors import BadInput
+
+Colour = tuple[float, ...]
+
+PROLAB = "ProLab"
+"""A colour space of VTK 9.5 and later."""
 
 SAMPLES = 256
 """Colours that replace those between two points if they are interpolated in a way that we do not know."""
 
-OUTSIDE = (("Below", 0), ("Above", -1))
-"""Words in the names of the properties for colours beyond the points, and the index of the point they follow."""
+OUTSIDE: tuple[tuple[Literal["Below", "Above"], Literal["below", "above"]], ...] = (
+    ("Below", "below"),
+    ("Above", "above"),
+)
+"""Words in the names of the properties for colours beyond the points, and the names of the fields."""
 
 
 class ColourFields(TypedDict):
@@ -26,6 +36,8 @@ class ColourFields(TypedDict):
     space: str
     hsv_wrap: bool
     log_scale: bool
+    below: Colour | None
+    above: Colour | None
 
 
 class Fields(ColourFields):
@@ -78,10 +90,13 @@ def fields_of_preset(preset: Json, name: str) -> Fields:
         opacities = _quadruples(preset["Points"], "Points", name)
     else:
         opacities = ((colours[0][0], 0.0, 0.5, 0.0), (colours[-1][0], 1.0, 0.5, 0.0))
-    for word, at in OUTSIDE:
-        if preset.get(f"Use{word}RangeColor"):
-            colours = beyond(colours, at, preset.get(f"{word}RangeColor"), name)
+    outside = {
+        key: _colour(preset.get(f"{word}RangeColor"), name) if preset.get(f"Use{word}RangeColor") else None
+        for word, key in OUTSIDE
+    }
     space = str(preset.get("ColorSpace", "RGB"))
+    if space == PROLAB:
+        colours, space = prolab.between(colours, SAMPLES, log), "RGB"
     return {
         "colours": colours,
         "opacities": opacities,
@@ -90,6 +105,8 @@ def fields_of_preset(preset: Json, name: str) -> Fields:
         "space": {"CIELAB": "Lab", "LAB": "Lab"}.get(space, space),
         "hsv_wrap": bool(preset.get("HSVWrap")),
         "log_scale": log,
+        "below": outside["below"],
+        "above": outside["above"],
         "log_opacity": bool(preset.get("OpacityUseLogScale", log)),
         "placed": placed,
     }
@@ -110,24 +127,33 @@ def fields_of_colours(colour: vtkColorTransferFunction, spaces: Sequence[str]) -
     if number >= len(spaces) or not straight:
         low, high = plain.GetRange()
         between = np.geomspace if log and low > 0 else np.linspace
-        values = np.unique(np.clip([*(v for v, *_ in points), *between(low, high, SAMPLES)], low, high))
+        middles = [a[0] + a[4] * (b[0] - a[0]) for a, b in pairwise(nodes) if a[5] > 0.0]  # a sharp one is a jump
+        near = [np.nextafter(value, value + side) for value in middles for side in (-1.0, 1.0)]
+        values = np.unique(
+            np.clip([*(v for v, *_ in points), *between(low, high, SAMPLES), *middles, *near], low, high)
+        )
         points, number = tuple((float(v), *plain.GetColor(float(v))) for v in values), 0
-    for word, at in OUTSIDE:
+    outside: dict[str, Colour | None] = dict.fromkeys(("below", "above"))
+    for word, key in OUTSIDE:
         if getattr(colour, f"GetUse{word}RangeColor")():
-            points = beyond(points, at, getattr(colour, f"Get{word}RangeColor")(), "the colour map")
-    return {"colours": points, "space": spaces[number], "hsv_wrap": bool(plain.GetHSVWrap()), "log_scale": log}
+            outside[key] = tuple(getattr(colour, f"Get{word}RangeColor")())
+    if not colour.GetClamping():
+        outside = dict.fromkeys(outside, (0.0, 0.0, 0.0))
+    return {
+        "colours": points, "space": spaces[number], "hsv_wrap": bool(plain.GetHSVWrap()), "log_scale": log,
+        "below": outside["below"], "above": outside["above"],
+    }  # fmt: skip
 
 
-def beyond(colours: Points, at: int, colour: object, name: str) -> Points:
-    """Return points that jump to another colour before the first one (``at`` = 0) or behind the last one (-1).
+def _colour(colour: object, name: str) -> Colour:
+    """Return a colour beyond the range.
 
     Raises:
         BadInput: The colour is not one of three numbers.
     """
     if not isinstance(colour, Sequence) or isinstance(colour, str) or len(colour) != 3:
         raise BadInput(f"The colours of '{name}' above and below its range need three numbers, not {colour}.")
-    end = (colours[at][0], *colour)
-    return (end, *colours) if at == 0 else (*colours, end)
+    return tuple(float(number_in(level, f"A colour of '{name}'")) for level in colour)
 
 
 def _quadruples(numbers: object, key: str, name: str) -> Points:

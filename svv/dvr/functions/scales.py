@@ -19,6 +19,9 @@ from svv.errors import BadInput
 Points = tuple[tuple[float, ...], ...]
 """Points of a function, four numbers each, the first of which is the value."""
 
+LARGEST_VALUE = 1e100
+"""Largest value of a point; differences of larger ones are not numbers any more."""
+
 MOST_POINTS = 5000
 """Most points of a function; VTK looks each value up by going through them all."""
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,14 @@ from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.bricks.source import Level
+from svv.core.colour.shading import Shading
 from svv.core.interval_text import interval_text
 from svv.core.json_values import parsed
 from svv.core.volumes.opacity_code import unit_distance
-from svv.dvr.functions import presets, scales
+from svv.dvr.functions import jumps, presets, scales, slicer
+from svv.dvr.functions.bumps import points_of_bumps
 from svv.dvr.functions.colour_paths import colours_at
-from svv.dvr.functions.scales import MOST_POINTS, Points, own_range
+from svv.dvr.functions.scales import LARGEST_VALUE, MOST_POINTS, Points, own_range
 from svv.errors import BadInput
 
 COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
@@ -31,12 +32,6 @@ COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
 
 OPAQUE = 0.99
 """A function that is nowhere below this opacity shows only the volume's box."""
-
-HUES = ((0.15, 0.45, 0.95), (1.0, 0.55, 0.15), (0.25, 0.8, 0.4), (0.9, 0.2, 0.5))
-"""Colours for ranges that are given without one, in this order."""
-
-LARGEST_VALUE = 1e100
-"""Largest value of a point; differences of larger ones are not numbers any more."""
 
 BETWEEN = 17
 """Number of pieces into which the interval between two points is divided."""
@@ -63,6 +58,10 @@ class TransferFunction:
         log_opacity: Whether opacities are.
         placed: Whether the points are at values of the data. A preset without opacity points has none of its own: it
             is always stretched over the data's range.
+        below: Red, green and blue of what is smaller than the first colour's value; None for the first colour.
+        above: Of what is larger than the last one's.
+        shading: How the program that wrote the function shades; None if it does not say.
+        notes: Sentences on what it asks for that is drawn otherwise.
 
     Raises:
         BadInput: There are no points, values are not finite or not ascending, numbers are outside [0, 1], or the
@@ -83,6 +82,10 @@ class TransferFunction:
     log_scale: bool = False
     log_opacity: bool = False
     placed: bool = True
+    below: tuple[float, ...] | None = None
+    above: tuple[float, ...] | None = None
+    shading: Shading | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for kind in ("colours", "opacities"):
@@ -103,6 +106,9 @@ class TransferFunction:
             if points[:, 1:].min() < 0 or points[:, 1:].max() > 1:
                 raise BadInput(f"The {kind} of '{self.name}' must lie between 0 and 1.")
             object.__setattr__(self, kind, tuple(tuple(float(x) for x in point) for point in points))
+        for outside in (self.below, self.above):
+            if outside is not None and not (len(outside) == 3 and all(0.0 <= level <= 1.0 for level in outside)):
+                raise BadInput(f"The colours of '{self.name}' beyond its range must be three numbers between 0 and 1.")
         if self.space not in COLOUR_SPACES:
             raise BadInput(f"'{self.name}' has the colour space {self.space}; use one of {', '.join(COLOUR_SPACES)}.")
         if self.unit_distance is not None and not (np.isfinite(self.unit_distance) and self.unit_distance > 0):
@@ -215,16 +221,24 @@ class TransferFunction:
         return first, last
 
     def opacity_at(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Return the opacities per unit distance of these values, as VTK interpolates them."""
+        """Return the opacities per unit distance of these values, as VTK interpolates them.
+
+        At two points of one value, that is the opacity of the second (:mod:`svv.dvr.functions.jumps`).
+        """
         function = self.to_vtk()[1]
         values = np.asarray(values, dtype=np.float64)
+        values = np.where(np.isin(values, jumps.doubled(self.opacities)), np.nextafter(values, np.inf), values)
         return np.array([function.GetValue(float(v)) for v in values.ravel()]).reshape(values.shape)
 
     def colour_at(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Return the colours (..., 3) of these values, as VTK interpolates them."""
+        """Return the colours (..., 3) of these values, as VTK interpolates them; of the first of two at one value."""
         values = np.asarray(values, dtype=np.float64)
         if self.space == "Lab/CIEDE2000":  # VTK takes too long for each
-            return colours_at(np.array(self.colours), values.ravel(), self.log_scale).reshape(*values.shape, 3)
+            found = colours_at(np.array(self.colours), values.ravel(), self.log_scale).reshape(*values.shape, 3)
+            beyond = ((self.below, values < self.colours[0][0]), (self.above, values > self.colours[-1][0]))
+            for colour, there in beyond:
+                found[there] = found[there] if colour is None else colour
+            return found
         function = self.to_vtk()[0]
         return np.array([function.GetColor(float(v)) for v in values.ravel()]).reshape(*values.shape, 3)
 
@@ -247,6 +261,12 @@ class TransferFunction:
         opacity.SetUseLogScale(self.log_opacity)
         for value, *rgb in self.colours:
             colour.AddRGBPoint(value, *rgb)
+        if self.below is not None:
+            colour.SetBelowRangeColor(*self.below)
+            colour.UseBelowRangeColorOn()
+        if self.above is not None:
+            colour.SetAboveRangeColor(*self.above)
+            colour.UseAboveRangeColorOn()
         for point in self.opacities:
             opacity.AddPoint(*point)
         return colour, opacity
@@ -264,6 +284,9 @@ class TransferFunction:
             preset["ScalarOpacityUnitDistance"] = self.unit_distance
         if self.hsv_wrap:
             preset["HSVWrap"] = 1
+        for word, outside in (("Below", self.below), ("Above", self.above)):
+            if outside is not None:
+                preset |= {f"Use{word}RangeColor": 1, f"{word}RangeColor": list(outside)}
         if self.log_scale or self.log_opacity:  # ParaView applies the first to both
             preset |= {"UseLogScale": int(self.log_scale), "OpacityUseLogScale": int(self.log_opacity)}
         return preset
@@ -309,23 +332,36 @@ class TransferFunction:
         for i in range(opacity.GetSize()):
             opacity.GetNodeValue(i, node := [0.0] * 4)
             opacities.append(tuple(node))
+        if not opacity.GetClamping():  # nothing is shown beyond the points
+            (first, *_), (last, *_) = opacities[0], opacities[-1]
+            opacities = [(first, 0.0, 0.5, 0.0), *opacities, (last, 0.0, 0.5, 0.0)]
         log = bool(opacity.GetUseLogScale())
         return cls(opacities=tuple(opacities), unit_distance=unit_distance, name=name, log_opacity=log, **fields)
 
     @classmethod
     def read(cls, path: str | Path) -> TransferFunction:
-        """Read a function from a JSON file, see ``from_dict``.
+        """Read a function from a JSON file, see ``from_dict``, or a volume property of 3D Slicer, .vp or .vp.json.
 
         Raises:
             BadInput: The file does not exist, is not JSON, or is rejected by ``from_dict``.
         """
         try:
-            data = parsed(Path(path).read_bytes())
+            content = Path(path).read_bytes()
+            if Path(path).name.lower().endswith(".vp"):
+                return cls._of_slicer(slicer.parsed_vp(content, Path(path).name), Path(path).name)
+            data = parsed(content)
         except OSError as error:
             raise BadInput(f"Cannot read the transfer function {path}: {error.strerror or error}.") from error
         except ValueError as error:
             raise BadInput(f"The transfer function {path} is not valid JSON ({error}).") from error
+        if isinstance(data, Mapping) and "volumeProperties" in data:
+            return cls._of_slicer(slicer.parsed_json(data, Path(path).name), Path(path).name)
         return cls.from_dict(data, Path(path).name)
+
+    @classmethod
+    def _of_slicer(cls, found: slicer.VolumeProperty, name: str) -> TransferFunction:
+        made = cls.from_vtk(found.colour, found.opacity, found.unit_distance, name)
+        return replace(made, shading=found.shading, notes=found.notes)
 
     @classmethod
     def from_bumps(
@@ -344,31 +380,7 @@ class TransferFunction:
         Raises:
             BadInput: There is no bump, a bump lacks a number, or the function does not fit the class.
         """
-        try:
-            shapes = sorted(
-                (float(b["centre"]), 0.5 * float(b["width"]), float(b["opacity"]), tuple(b.get("colour", ())))
-                for b in bumps
-            )
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
-            raise BadInput(f"Each bump of '{name}' needs the numbers centre, width and opacity.") from None
-        if any(not abs(number) <= LARGEST_VALUE for bump in shapes for number in bump[:3]):
-            raise BadInput(f"The centres, widths and opacities of the bumps of '{name}' must be finite numbers.")
-        if not shapes or min(half for _, half, _, _ in shapes) <= 0:
-            raise BadInput(f"'{name}' needs at least one bump, and each bump a width above 0.")
-        feet = [(c + side * half) for c, half, _, _ in shapes for side in (-1, 0, 1)]
-        between = [0.5 * (a + b) for a, b in pairwise(sorted(feet))]
-        values = np.unique(feet + between)
-        if len(values) > MOST_POINTS:
-            raise BadInput(f"'{name}' has {len(shapes)} bumps, too many: leave some out.")
-        with np.errstate(all="ignore"):  # far from a narrow bump, quotients may exceed any number
-            height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
-        height = height.round(12)  # exactly 0 at the foot of a bump, despite rounding errors
-        opacities = tuple((float(v), float(o), 0.5, 0.0) for v, o in zip(values, height))
-        hues = [colour or HUES[i % len(HUES)] for i, (*_, colour) in enumerate(shapes)]
-        centres = [c for c, *_ in shapes]
-        edges = [min(feet), *(0.5 * (a + b) for a, b in pairwise(centres)), max(feet)]
-        colours = tuple((edge, *hues[i]) for i in range(len(shapes)) for edge in (edges[i], edges[i + 1]))
-        return cls(colours, opacities, unit_distance, name)
+        return cls(*points_of_bumps(bumps, name), unit_distance, name)
 
 
 def unit_distance_for(level: Level) -> float:

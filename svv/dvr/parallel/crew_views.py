@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
-from svv.dvr.draw.views import Subject, drawn, grid_of, open_caster, views_of
+from svv.dvr.draw.record import grid_of
+from svv.dvr.draw.views import Subject, drawn, open_caster, views_of
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.parallel.crew import Crew, CrewMapper
 from svv.dvr.read.grids import level_of_image

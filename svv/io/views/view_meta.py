@@ -92,8 +92,8 @@ class VolumeGrid:
 class ViewMeta:
     """Metadata on how the images of a view set were made; it is empty for sets from other programs.
 
-    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields; ``assumed`` only if
-    there is something to say.
+    Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields, ``nearest`` and
+    ``assumed`` only if there is something to say.
     """
 
     volume: str | None = None
@@ -119,11 +119,13 @@ class ViewMeta:
     """Version of VTK."""
     seconds: float | None = None
     """Time taken to make the views, in seconds."""
+    nearest: bool | None = None
+    """True if each voxel's own value was shown, without interpolation."""
     assumed: str | None = None
-    """Sentences on what was assumed or changed. When images of another program were read: which pixels count as empty
-    if they had no alpha, and how they were resampled. When a volume was drawn: what its file does not tell, such as the
-    size of a voxel, outliers among its values, another ray caster than the one that was asked for, and views that show
-    nothing."""
+    """Sentences on what was assumed or changed, or may look otherwise than expected. When images of another program
+    were read: which pixels count as empty if they had no alpha, and how they were resampled. When a volume was drawn:
+    what its file does not tell, such as the size of a voxel, outliers among its values, another ray caster than the one
+    that was asked for, labels that are interpolated, and views that show nothing."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 
@@ -156,6 +158,7 @@ class ViewMeta:
             mapper=read("mapper", text_in),
             vtk=read("vtk", text_in),
             seconds=read("seconds", number_in),
+            nearest=read("nearest", switch_in),
             assumed=read("assumed", text_in),
         )
         return replace(meta, other=_left(values, meta.to_json()))
@@ -174,6 +177,7 @@ class ViewMeta:
             "mapper": self.mapper,
             "vtk": self.vtk,
             "seconds": self.seconds,
+            "nearest": self.nearest,
             "assumed": self.assumed,
         }
         return _joined({key: value for key, value in own.items() if value is not None}, self.other)

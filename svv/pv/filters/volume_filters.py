@@ -123,7 +123,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             self.kept("written", (key_in(name), folder), write)
         self.show(train, outputs, key_in(name))
         said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
-        said += f" {train.meta.assumed}" if train.meta.assumed else ""
+        said = " ".join(filter(None, [said, train.meta.assumed]))
         return said + told_of(inputs[0], self.values) + self.note + self.steps.told(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Data]) -> None:
@@ -194,7 +194,9 @@ class StyleRFTrain(DividedInput, Beside):
             put_scene(scene, outputs[0])
         self.kept("table", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
-        said = " ".join([said, *scene.made.get("warnings", [])])
+        said = " ".join(
+            [said, *scene.made.get("warnings", []), scene.made.get("source", {}).get("assumed") or ""]
+        ).rstrip()
         return said + told_of(inputs[0], self.values) + self.note + told
 
     def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:

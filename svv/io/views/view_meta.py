@@ -120,9 +120,9 @@ class ViewMeta:
     seconds: float | None = None
     """Time taken to make the views, in seconds."""
     assumed: str | None = None
-    """Sentences on what was assumed or changed. When images of another program were read: which pixels count as empty if
-    they had no alpha, and how they were resampled. When a volume was drawn: outliers among its values, another ray caster
-    than the one that was asked for, and views that show nothing."""
+    """Sentences on what was assumed or changed. When images of another program were read: which pixels count as empty
+    if they had no alpha, and how they were resampled. When a volume was drawn: outliers among its values, another ray
+    caster than the one that was asked for, and views that show nothing."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 

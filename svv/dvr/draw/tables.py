@@ -19,7 +19,8 @@ CPU_ENTRIES = 1 << 15
 """Entries of the table of VTK's CPU ray caster, which takes the nearest one."""
 
 LOST = 1e-4
-"""Part of a value's place in that table by which VTK's interpolation in 15-bit numbers falls short."""
+"""Part of a value's place in that table by which VTK's interpolation in 15-bit numbers falls short. (On the
+GPU, all places are half an entry off at most: the ends of the values are the outer edges of the end's texels.)"""
 
 GPU_ENTRIES, GPU_LEAST = 1 << 14, 1 << 10
 """Most and fewest entries of a table of VTK's GPU ray caster, which interpolates (see :func:`refine_tables`)."""
@@ -30,7 +31,10 @@ TRIED, INSIDE, RANGES = 4096, 64, 64
 UNRESOLVED = 0.01
 """Mean error of colour and opacity, as a fraction of the opacity, above which a table has too few entries."""
 
-WIDTHS = 100.0
+SHIFTED = 0.0025
+"""Shift of all values in a table, as a fraction of the width of what is told apart or of most voxels' values."""
+
+WIDTHS = 16.0
 """Distance from what a function tells apart, in its width, to which values are limited where nothing else draws."""
 
 
@@ -57,6 +61,10 @@ def is_resolved(
     tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
     within = np.unique(np.clip(np.rint(within), low, high)) if whole else within
     entries = min(_entries(caster, tf), int(high - low) + 1) if whole else _entries(caster, tf)
+    if tried.size:
+        shift = LOST * (last - low) if caster == "cpu" else 0.5 * (high - low) / entries
+        if shift > SHIFTED * max(last - first, float(np.subtract(*np.percentile(tried, (99.5, 0.5))))):
+            return False
     found = (_error(caster, tf, span, entries, values) for values in (within, tried) if values.size)
     return all(error <= UNRESOLVED for error in found)
 
@@ -121,9 +129,9 @@ def _error(caster: str, tf: TransferFunction, span: tuple[float, float], entries
     low, high = span
     share, step = (values - low) / (high - low), (high - low) / (entries - 1)
     if caster == "cpu":
-        found = light(low + np.rint(share * (1.0 - LOST) * (entries - 1)) * step)
-    else:  # the ends of the values are the outer edges of the first and the last texel, whose middles have the colours
-        place = np.clip(share * entries - 0.5, 0.0, entries - 1.0)
+        found = light(low + np.rint(share * (entries - 1)) * step)
+    else:
+        place = share * (entries - 1)
         part = (place - np.floor(place))[:, None]
         found = light(low + np.floor(place) * step) * (1.0 - part) + light(low + np.ceil(place) * step) * part
     aside = 1e-6 * (values.max() - values.min())  # a value at a jump may have the colour of either side

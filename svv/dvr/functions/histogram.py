@@ -163,8 +163,7 @@ def stretched_said(image: vtkImageData, usual: UsualRange, tf: TransferFunction)
         return None
     return (
         f"{usual}. Stretched over all of them, '{tf.name}' shows {now:.2%} of the voxels, over the others it would "
-        f'show {then:.2%}: place its points at values of the data (with "Points" in its file), or replace the values '
-        "beyond."
+        f'show {then:.2%}: give it "Points" at values of the data, or replace what lies beyond.'
     )
 
 

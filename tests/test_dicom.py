@@ -20,7 +20,7 @@ from pydicom.sequence import Sequence  # noqa: E402
 from pydicom.uid import RLELossless  # noqa: E402
 
 from svv.bricks.opened import open_bricks  # noqa: E402
-from svv.dvr.read.grids import to_array  # noqa: E402
+from svv.dvr.read.grids import assumed_of, to_array  # noqa: E402
 from svv.dvr.read.volumes import read_here  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 from tests.reference_files import dicom_slice  # noqa: E402
@@ -151,3 +151,21 @@ def test_the_package_that_dicom_needs_is_named(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setitem(sys.modules, "pydicom", None)
     with pytest.raises(BadInput, match=r"needs the package pydicom: pip install 'svv\[standalone\]'\.$"):
         read_here(folder)
+
+
+def test_slices_without_sizes_are_said(tmp_path: Path) -> None:
+    def without(keys: str) -> Callable[[int, Any], None]:
+        def change(_: int, data: Any) -> None:
+            for key in keys.split():
+                if key in data:
+                    delattr(data, key)
+
+        return change
+
+    places = [(0, 0, 3 * k) for k in range(4)]
+    assert assumed_of(read_here(scan(tmp_path / "all", places))) is None
+    volume = read_here(scan(tmp_path / "pixels", places, without("PixelSpacing")))
+    assert "pixels: no voxel size found along x, y: 1 x 1 (--spacing" in str(assumed_of(volume))
+    bare = without("PixelSpacing ImagePositionPatient SpacingBetweenSlices SliceThickness")
+    volume = read_here(scan(tmp_path / "bare", places, bare))
+    assert "bare: no voxel size found: 1 x 1 x 1 (--spacing" in str(assumed_of(volume))

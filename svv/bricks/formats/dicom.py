@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.chunked import package
+from svv.bricks.formats.places import no_size
 from svv.bricks.formats.stored import damaged
 from svv.bricks.source import ORTHOGONAL_TOLERANCE, Array, ArraySource, level_of
 from svv.errors import BadInput
@@ -98,7 +99,17 @@ def _read(pydicom: ModuleType, path: Path, choice: Choice, array: str | None) ->
     shown = [place[time] for place in places]
     origin = shown[0].position if shown[0].position is not None else np.zeros(3)
     level_of((len(shown), int(shown[0].data.Rows), int(shown[0].data.Columns)), steps, origin, path.name)
-    return ArraySource(_values(pydicom, shown), steps, origin, path.name)
+    source = ArraySource(_values(pydicom, shown), steps, origin, path.name)
+    if without := _unsized(shown[0]):
+        source.assumed = no_size(path.name, without, np.linalg.norm(steps, axis=0))
+    return source
+
+
+def _unsized(one: Slice) -> str:
+    """Return the axes among x, y, z along which a slice tells no size of a voxel."""
+    keys = {element.keyword for element in one.data.iterall() if not element.is_empty}
+    between = one.position is not None or keys & {"SpacingBetweenSlices", "SliceThickness"}
+    return ("" if "PixelSpacing" in keys else "xy") + ("" if between else "z")
 
 
 def _series(path: Path, heads: Sequence[tuple[Path, Dataset]], array: str | None) -> list[tuple[Path, Dataset]]:

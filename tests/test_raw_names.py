@@ -74,3 +74,13 @@ def test_text_of_tecplot_is_read_by_vtk(tmp_path: Path) -> None:
     volume = read_here(tmp_path / "t.dat", array="rho")
     assert to_array(volume).max() == pytest.approx(5 + 40 + 300, abs=1)
     np.testing.assert_allclose(volume.GetBounds(), (0, 5, 0, 4, 0, 3), atol=1e-4)
+
+
+def test_other_files_that_end_in_hdr_are_named(tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.save(nibabel.AnalyzeImage(letter().T.astype("i2"), np.eye(4)), tmp_path / "a.hdr")
+    with pytest.raises(BadInput, match=r"a.hdr is an Analyze 7.5 file, which does not say which of its sides is left"):
+        read_here(tmp_path / "a.hdr")
+    (tmp_path / "e.hdr").write_text("ENVI\nsamples = 22\nlines = 18\nbands = 14\ndata type = 2\n" + "; more\n" * 50)
+    with pytest.raises(BadInput, match=r"e.hdr is a header of ENVI: name the file with the values, with --dims"):
+        read_here(tmp_path / "e.hdr")

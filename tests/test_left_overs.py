@@ -21,7 +21,7 @@ from svv.options.cinema import ExportOptions
 from svv.render.cinema import write_database
 from svv.render.frames import orbit, write_frames, write_frames_of
 from tests.cube import cube_scene
-from tests.test_kills import fog_views
+from tests.ranked import fog_views
 
 
 @pytest.fixture

@@ -119,11 +119,13 @@ def _address(filter: object) -> str:
 @atexit.register
 def _end() -> None:
     """End a script with an exit code that says so if it leaves filters that do not show what they were asked to."""
+    if not _wrong:
+        return
     import paraview
     from paraview.modules.vtkRemotingCore import vtkProcessModule
 
     scripts = (vtkProcessModule.PROCESS_CLIENT, vtkProcessModule.PROCESS_BATCH)
-    if not _wrong or paraview.fromGUI or vtkProcessModule.GetProcessType() not in scripts:
+    if paraview.fromGUI or vtkProcessModule.GetProcessType() not in scripts:
         return
     print(f"svv: {next(iter(_wrong.values()))}", file=sys.stderr)
     for stream in (sys.stdout, sys.stderr):

@@ -261,6 +261,7 @@ def test_signed_values_of_imagej_are_signed(packing: str | None, tmp_path: Path)
     source = open_bricks(path)
     assert source is not None
     np.testing.assert_array_equal(source.read(0, (1, 2, 3), (5, 9, 8)), V[1:5, 2:9, 3:8] - 100)
+    assert (source.assumed or "").endswith("ImageJ's calibration of values is applied: 1 x stored -32768.")
     (tmp_path / "slices").mkdir()
     for number, page in enumerate(stored):
         calibrated(tmp_path / "slices" / f"{number}.tif", 0, page, compression=packing)

@@ -132,19 +132,27 @@ def open_tiff(path: Path, choice: Choice = Choice(), array: str | None = None, w
         size = voxel_size(opened, series, path.name)
         sides = pick.sides(series.shape)
         level = level_of(sides, np.diag(size), np.zeros(3), path.name)
-        source = _read(path, opened, series, pick, level, whole)
+        scale = calibration(opened, series.dtype, path.name)
+        source = _read(path, opened, series, pick, level, whole, scale)
         without = unsized(opened, series)
     if source is None:
         opened.close()
     else:
-        source.assumed = no_size(path.name, without, size) if without else None
+        source.assumed = _assumed(no_size(path.name, without, size) if without else None, scale)
         finalize(source, opened.close)
     return source
 
 
-def _read(path: Path, opened: TiffFile, series: TiffPageSeries, pick: Pick, level: Level, whole: bool) -> Source | None:
+def _read(
+    path: Path,
+    opened: TiffFile,
+    series: TiffPageSeries,
+    pick: Pick,
+    level: Level,
+    whole: bool,
+    scale: tuple[float, float],
+) -> Source | None:
     _check_complete(path, series)
-    scale = calibration(opened, series.dtype, path.name)
     if series.dataoffset is not None and series.keyframe.compression == 1:
         kind = np.dtype(series.dtype).newbyteorder(opened.byteorder)
         if path.stat().st_size < series.dataoffset + int(np.prod(series.shape, dtype=object)) * kind.itemsize:
@@ -168,6 +176,12 @@ def _read(path: Path, opened: TiffFile, series: TiffPageSeries, pick: Pick, leve
     if scale == (1.0, 0.0):
         return ArraySource(decoded, level.axes, level.origin, path.name)
     return Scaled(decoded, level.axes, level.origin, path.name, scale)
+
+
+def _assumed(size: str | None, scale: tuple[float, float]) -> str | None:
+    """Return what is said of the size of a voxel and of calibrated values."""
+    applied = f"ImageJ's calibration of values is applied: {scale[0]:g} x stored {scale[1]:+g}."
+    return " ".join(filter(None, [size, applied if scale != (1.0, 0.0) else None])) or None
 
 
 def _scaled(scale: tuple[float, float]) -> dict[str, float]:
@@ -261,7 +275,7 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     readers = [_slice(file, files[0], page, scale) for file in files]
     size = int(np.prod(page.shape)) * np.dtype(page.dtype).itemsize
     level = level_of((len(readers), *page.shape), np.diag(voxel), np.zeros(3), folder.name)
-    said, pages = no_size(folder.name, sizes=voxel), Pages(readers, size)
+    said, pages = _assumed(no_size(folder.name, sizes=voxel), scale), Pages(readers, size)
     return ChunkedSource(folder.name, [pages.read], page.dtype, [level], _scaled(scale), assumed=said)
 
 

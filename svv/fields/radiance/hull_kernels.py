@@ -138,7 +138,8 @@ def visual_hull(tables, rotations, positions, lenses, cells, reach, occupied):  
             and row of the principal point in mask pixels, and 1 if it is orthographic, otherwise 0. (N, 4)
         cells: Cells per box unit.
         reach: Radius of a cell's bounding sphere in box units.
-        occupied: Result, zeros: how many views contain the cell, at most :data:`svv.kernels.types.MOST_SEEN`; uint8. (X, Y, Z)
+        occupied: Result, zeros, uint8: how many views contain the cell, at most
+            :data:`svv.kernels.types.MOST_SEEN`. (X, Y, Z)
     """
     nx, ny, nz = occupied.shape
     at = (np.arange(max(nx, ny, nz)) + 0.5) / cells

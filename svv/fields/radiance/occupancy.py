@@ -241,9 +241,8 @@ def _believed(
 ) -> NDArray[np.uint8]:
     """Return which cells of a visual hull are believed: those that enough views contain, and what else pixels need.
 
-    What lies outside most frames is left by chance: the cones of the few views that contain it are hardly cut by others,
-    although nothing need be there. It is kept only where a visible pixel shows none of the cells that enough views
-    contain.
+    What lies outside most frames is left by chance: hardly any view cuts the cones of the few that contain it, although
+    nothing need be there. It is kept only where a visible pixel shows none of the cells that enough views contain.
 
     Args:
         counts: How many views contain each cell, 0 outside of the hull. (X, Y, Z)

@@ -71,7 +71,10 @@ APART, PAIRS_A_VIEW = (5.0, 2.0), 12
 MOSTLY_CUT = 0.5
 """Fraction of the views whose frames must cut the scene off for a sentence to say that nothing could be compared."""
 
-HARDLY_TELL = "hardly tell whether their cameras are right, because most frames cut the scene off: a few that show it whole would."
+HARDLY_TELL = (
+    "hardly tell whether their cameras are right, because most frames cut the scene off: a few that show it whole "
+    "would."
+)
 
 SPARSE = 8
 """Every so many-th pixel of a picture that is looked at first to see whether it shows anything."""

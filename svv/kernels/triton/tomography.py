@@ -29,7 +29,7 @@ def carved(  # type: ignore[no-untyped-def]
     tables, rotations, positions, lenses, sizes, number, height, width, ny, nz, count, occupied, FAR: tl.constexpr,
     MOST: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write how many views contain each of ``count`` cells whole, at most ``MOST``; 0 if one of these shows nothing there.
+    """Write how many views contain each of ``count`` cells whole, at most ``MOST``; 0 if one shows nothing there.
 
     ``sizes`` (2,) float64: cells per box unit, and their reach; ``height``, ``width``: of the tables.
     """
@@ -156,7 +156,7 @@ def projected_back(  # type: ignore[no-untyped-def]
 def visual_hull(
     tables: Tensor, cameras: tuple[Tensor, Tensor, Tensor], cells: float, reach: float, shape: Sequence[int]
 ) -> Tensor:
-    """Return how many views contain the cells that masks leave; see :meth:`svv.kernels.types.TomographyKernels.visual_hull`."""
+    """Count the views of cells that masks leave; see :meth:`svv.kernels.types.TomographyKernels.visual_hull`."""
     occupied = torch.empty(*shape, dtype=torch.uint8, device=tables.device)
     sizes = torch.tensor([cells, reach], dtype=torch.float64, device=tables.device)
     rotations, positions, lenses = (t.contiguous() for t in cameras)

@@ -78,7 +78,7 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
     assumed = None
     if options.black is None:
         pictures, metas = read_pictures(files, part(progress, 0.02, 0.9))
-        images, assumed = transparent(pictures, files)
+        images, assumed = transparent(pictures, files, None if options.alpha == "auto" else options.alpha)
     else:
         images = read_pair(files, _partners(table, whole, options.black, wanted), part(progress, 0.02, 0.9))
     size = images.shape[2], images.shape[1]

@@ -33,6 +33,7 @@ from svv.render.figures.framing import (
 from svv.render.figures.layout import Line
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
+from svv.render.pictures import in_words
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
@@ -117,6 +118,7 @@ def figure(
     if not 1 <= len(every) <= MOST_PANELS:
         raise BadInput(f"A figure has 1 to {MOST_PANELS} panels, not {len(every)}.")
     drawing = Drawing([_placed(panel, options) for panel in every], options, progress)
+    drawing.figure.set_label(". ".join(dict.fromkeys(in_words(p.scene, options.network) for p in every)))
     if out is not None:
         write_figure(drawing.figure, out, told_of(drawing.seen))
     progress(1.0, "figure")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
@@ -143,7 +144,11 @@ def test_a_notebook_keeps_the_regions_names_as_the_text_of_the_picture(cube: Sce
     formatters = pytest.importorskip("IPython.core.formatters")
     scene = cube.edited(0, name='bone "A" & <b>').hidden(1).hidden(2)
     shown = svv.show(scene, camera=oblique(), size=SIZE, off_screen=True)
-    data, metadata = formatters.DisplayFormatter().format(shown, include=["image/png"])
+    data, metadata = formatters.DisplayFormatter().format(shown)
+    assert set(data) == {"image/png", "text/html", "text/plain"}
+    html = data["text/html"]
+    assert '<img alt="A rendering of 1 region: bone &quot;A&quot; &amp; &lt;b&gt;" ' in html
+    assert b64decode(html.partition("base64,")[2].partition('"')[0]) == data["image/png"]
     assert metadata == {"image/png": {"alt": 'A rendering of 1 region: bone "A" & <b>'}}
     np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(data["image/png"]))), np.asarray(shown))
 

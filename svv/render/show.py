@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from html import escape
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -113,6 +115,14 @@ class _Shown(Image.Image):
 
     def _repr_png_(self) -> Any:
         return super()._repr_png_(), {"alt": self.alt}
+
+    def _repr_html_(self) -> str:
+        """Return HTML, which is preferred: JupyterLab and most templates of nbconvert ignore the text of a PNG."""
+        data = base64.b64encode(super()._repr_png_() or b"").decode()
+        return f'<img alt="{escape(self.alt)}" style="max-width: 100%" src="data:image/png;base64,{data}">'
+
+    def _repr_jpeg_(self) -> None:
+        """Offer no JPEG, which would be a third copy."""
 
 
 def widget(

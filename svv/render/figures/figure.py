@@ -35,6 +35,7 @@ from svv.render.figures.framing import (
 from svv.render.figures.layout import Line
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
+from svv.render.pictures import in_words
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
@@ -126,6 +127,7 @@ def figure(
     for number, why in enumerate(drawing.empty):
         if why:
             tell(f"Panel {ascii_lowercase[number]} is empty, because {why}.")
+    drawing.figure.set_label(". ".join(dict.fromkeys(in_words(p.scene, options.network) for p in every)))
     if out is not None:
         write_figure(drawing.figure, out, told_of(drawing.seen))
     progress(1.0, "figure")

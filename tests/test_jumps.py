@@ -215,7 +215,8 @@ VP = """1
 10
 14 -3024 0 -86.9767 0 45.3791 0.169643 139.919 0.589286 347.907 0.607143 1224.16 0.607143 3071 0.616071
 4 0 {gradient} 255 1
-28 -3024 0 0 0 -86.9767 0 0.25098 1 45.3791 1 0 0 139.919 1 0.894893 0.894893 347.907 1 1 0.25098 1224.16 1 1 1 3071 0.827451 0.658824 1
+28 -3024 0 0 0 -86.9767 0 0.25098 1 45.3791 1 0 0 139.919 1 0.894893 0.894893 347.907 1 1 0.25098 1224.16 1 1 1 \
+3071 0.827451 0.658824 1
 """
 
 
@@ -225,7 +226,8 @@ def slicer_json(**part: object) -> dict:
         "lighting": {"ambient": 0.3, "diffuse": 0.6, "specular": 0.5, "specularPower": 40.0},
         "scalarOpacityUnitDistance": 2.5,
         "scalarOpacity": {"points": [
-            {"x": 0.0, "y": 0.0, "midpoint": 0.2, "sharpness": 0.6}, {"x": 100.0, "y": 0.7, "midpoint": 0.5, "sharpness": 0.0},
+            {"x": 0.0, "y": 0.0, "midpoint": 0.2, "sharpness": 0.6},
+            {"x": 100.0, "y": 0.7, "midpoint": 0.5, "sharpness": 0.0},
         ]},
         "gradientOpacity": {"points": [{"x": 0.0, "y": 1.0, "midpoint": 0.5, "sharpness": 0.0}]},
         "rgbTransferFunction": {"points": [
@@ -256,7 +258,7 @@ def test_a_text_file_of_slicer_is_read(tmp_path: Path) -> None:
 )
 def test_a_damaged_file_of_slicer_is_refused_in_a_sentence(content: str, tmp_path: Path) -> None:
     (tmp_path / "x.vp").write_text(content)
-    with pytest.raises(BadInput, match="x.vp"):
+    with pytest.raises(BadInput, match=r"x\.vp"):
         TransferFunction.read(tmp_path / "x.vp")
 
 
@@ -309,6 +311,7 @@ def test_views_of_labels_are_told_of_and_drawn_without_interpolation(mapper: str
     assert np.abs(again.astype(float) - plain.images).mean() < 0.5
     # What training begins with follows the same rule: nothing is at the vertices inside label 7, or on its edge.
     known = plain.classified
+    assert known is not None
     seen = known.exponent > known.exponent.min()
     assert seen.any()
     ends = np.argwhere(seen) / known.cells * known.box.size + known.box.low

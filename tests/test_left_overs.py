@@ -87,16 +87,19 @@ def test_a_stopped_run_does_not_mix_two_scenes(scene: Scene, tmp_path: Path) -> 
     assert len(names(tmp_path)) == 6 and there.items() <= contents(tmp_path).items()
 
 
-def test_pictures_of_others_are_refused_and_stay(scene: Scene, tmp_path: Path) -> None:
-    write_frames(tmp_path, scene, cameras(scene, 4))
-    for own in ("0001.png", "0009.png"):
-        write_png(tmp_path / own, np.zeros((8, 8, 3), np.uint8))
+@pytest.mark.parametrize("ours", [False, True])
+def test_pictures_of_others_are_refused_and_stay(scene: Scene, tmp_path: Path, ours: bool) -> None:
+    if ours:
+        write_frames(tmp_path, scene, cameras(scene, 4))
+    for theirs in ("0007.png", "0009.png"):
+        write_png(tmp_path / theirs, np.zeros((8, 8, 3), np.uint8))
     before = contents(tmp_path)
     for write in (
         lambda: write_frames(tmp_path, scene, cameras(scene, 3)),
         lambda: write_frames_of({tmp_path: scene}, cameras(scene, 3)),
+        *([] if ours else [lambda: write_frames(tmp_path, scene, cameras(scene, 12))]),
     ):
-        with pytest.raises(BadInput, match=r"did not write as frames \(0001\.png, 0009\.png\): choose another folder"):
+        with pytest.raises(BadInput, match=r"did not write as frames \(0007\.png, 0009\.png\): choose another folder"):
             write()
     assert contents(tmp_path) == before
 

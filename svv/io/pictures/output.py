@@ -104,12 +104,15 @@ def remove_other_frames(folder: Path, count: int, made: Mapping[int, str]) -> No
             below ``count`` that are not listed belong to another process of the same run, and are left alone.
 
     Raises:
-        BadInput: The folder has numbered PNGs that svv did not write; nothing is removed.
+        BadInput: The folder has numbered PNGs that svv did not write, and that are not to be replaced by frames of a
+            folder in which svv wrote others; nothing is removed.
     """
     try:
         found = {int(path.stem): path for path in folder.iterdir() if is_frame(path)}
         told = {number: made_of(path) for number, path in found.items()}
-        others = sorted(path.name for number, path in found.items() if not told[number] and path.exists())
+        ours = any(told.values())  # a frame that is damaged, or was replaced, is made again
+        unknown = [number for number in found if not told[number] and not (ours and number < count)]
+        others = sorted(found[number].name for number in unknown if found[number].exists())
         if others:
             raise BadInput(
                 f"{folder} has pictures that svv did not write as frames ({', '.join(others[:3])}"

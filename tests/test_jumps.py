@@ -95,7 +95,7 @@ def test_the_type_of_the_values_makes_no_difference(kind: type, mapper: str) -> 
 def test_labels_at_a_step_of_colour_show_the_first_point(space: str, mapper: str) -> None:
     colours = ((0.0, 1.0, 0.0, 0.0), (3.0, 1.0, 0.0, 0.0), (3.0, 0.0, 0.0, 1.0), (9.0, 0.0, 0.0, 1.0))
     tf = TransferFunction(colours, opacities((0, 1), (1, 0.9)), 1.0, space=space)
-    assert tf.colour_at(3.0).tolist() == pytest.approx([1, 0, 0], abs=1e-6)
+    assert tf.colour_at(3.0).tolist() == pytest.approx([1, 0, 0], abs=1e-3)
     shown = centre(of_one_value(3, 9, np.uint8), tf, mapper)
     np.testing.assert_allclose(shown[:3], 255 * tf.colour_at(3.0), atol=4)
 

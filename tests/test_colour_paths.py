@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("vtkmodules")
 
+from svv.dvr.functions.colour_paths import colours_at
 from svv.dvr.functions.transfer_functions import TransferFunction
 
 OPACITIES = ((0.0, 0.0, 0.5, 0.0), (200.0, 0.5, 0.5, 0.0))

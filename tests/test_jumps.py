@@ -305,7 +305,7 @@ def test_views_of_labels_are_told_of_and_drawn_without_interpolation(mapper: str
     only[0, 0, 0] = 7  # the same range
     alone, _ = make_views(from_array(only), tf, nearest=True, **how)
     share, expected = ((views.images[..., 3] > 20).mean() for views in (plain, alone))
-    assert 0 < share == pytest.approx(expected, rel=0.02) < 0.5 * (smooth.images[..., 3] > 20).mean()
+    assert share == pytest.approx(expected, rel=0.02) and 0 < share < 0.5 * (smooth.images[..., 3] > 20).mean()
     again = render_views(from_array(labels), tf, plain.cameras, mapper, nearest=True)
     assert np.abs(again.astype(float) - plain.images).mean() < 0.5
     # What training begins with follows the same rule: nothing is at the vertices inside label 7, or on its edge.

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("vtkmodules")
 
+from svv.dvr.functions.colour_paths import colours_at
 from svv.dvr.functions.transfer_functions import TransferFunction
 
 OPACITIES = ((0.0, 0.0, 0.5, 0.0), (200.0, 0.5, 0.5, 0.0))
@@ -23,3 +24,9 @@ def test_many_colours_between_points_are_those_of_vtk(log: bool) -> None:
         np.testing.assert_allclose(colour, vtk.GetColor(float(value)), atol=2 / 255)
     ends = function.colour_at([2.0, 90.0, 200.0])  # a path's own ends are a little off the points
     np.testing.assert_allclose(ends, [vtk.GetColor(value) for value in (2.0, 90.0, 200.0)], atol=7 / 255)
+
+
+def test_equal_colours_have_nothing_between_them() -> None:
+    points = np.array([[0.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [2.0, 0.999, 0.0, 0.0]])
+    shown = colours_at(points, np.array([0.5, 1.5]))  # VTK itself does not come back
+    np.testing.assert_allclose(shown, [[1.0, 0.0, 0.0], [0.9995, 0.0, 0.0]], atol=1e-3)

@@ -19,7 +19,7 @@ from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.appearance import Appearance, without_interpolation
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
-from svv.dvr.draw.frame import Stage
+from svv.dvr.draw.frame import STEP, Stage
 from svv.dvr.draw.table_size import ENTRIES, entries_for
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
@@ -155,6 +155,8 @@ class BrickMapper:
         from svv.bricks.caster import Look
 
         first, last = tf.told_apart(*volume.range)
+        if last - first <= STEP * max(abs(first), abs(last)):  # one label alone
+            first, last = volume.range
         tf = settled(tf, last - first)
         assert tf.unit_distance is not None
         self._volume, self._stage = volume, stage

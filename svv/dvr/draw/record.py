@@ -23,9 +23,9 @@ SEEN, ALIKE = 0.02, 0.1
 """Opacities above which something is seen, and differences of colours that are not."""
 
 INTERPOLATED = (
-    "The volume has only {count} values, as labels have, and is drawn with interpolation, so that {value:.3g}, which "
-    "is shown otherwise, appears between neighbours of {low:g} and {high:g}, too: add --nearest to show each voxel's "
-    "own value (Python: nearest=True; ParaView: Interpolation Type Nearest)."
+    "The volume has only {count} values, as labels have, and is drawn with interpolation: {value:.3g}, which is shown "
+    "otherwise, appears between neighbours of {low:g} and {high:g}, too. Add --nearest to show each voxel's own value "
+    "(Python: nearest=True; ParaView: Interpolation Type Nearest)."
 )
 LEFT_HANDED = (
     "The axes of the volume are left-handed. It is drawn in its place; ParaView and PyVista themselves show next to "

@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
+CLOSE = 2.0 / 255.0
+"""Difference of colours below which there is nothing between them on VTK's lattice."""
+
 Array = NDArray[np.float64]
 Colour = tuple[float, ...]
 
@@ -47,6 +50,8 @@ def colours_at(points: Array, values: Array, log: bool = False) -> Array:
 @lru_cache(64)
 def _path(first: Colour, last: Colour) -> Array:
     """Return evenly spaced colours from one to another. (``ENTRIES``, 3)"""
+    if max(abs(a - b) for a, b in zip(first, last, strict=True)) < CLOSE:  # VTK would search for a path for ever
+        return np.linspace(first, last, ENTRIES)
     function = vtkColorTransferFunction()
     function.SetColorSpaceToLabCIEDE2000()
     function.AddRGBPoint(0.0, *first)

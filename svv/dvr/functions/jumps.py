@@ -34,6 +34,9 @@ PLATEAU = 3.0
 ROOM = 0.2
 """Part of the way to the nearest other point that a plateau with its slope may take."""
 
+PATHS, BETWEEN = "Lab/CIEDE2000", 512
+"""Colour space in which VTK finds no path between equal colours, and colours that replace its paths."""
+
 SAME, ALIKE = 1e-6, 1e-3
 """Distance of two points, relative to their values and to the width, at which they make a jump; and difference of
 colours and opacities that is none."""
@@ -55,6 +58,9 @@ def settled(tf: TransferFunction, width: float) -> TransferFunction:
         The function itself if it does not jump; otherwise one without two points of one value, whose colours and
         opacities hold beyond its points.
     """
+    if tf.space == PATHS:
+        colours = _along_paths(tf.colours, tf.colour_at)
+        tf = replace(tf, colours=colours, space="RGB")
     first, last = tf.range
     slope = max((width or last - first or 1.0) / SLOPES, 2.0 * float(np.spacing(max(abs(first), abs(last)))))
     sharp = [a[0] + a[2] * (b[0] - a[0]) for a, b in pairwise(tf.opacities) if a[3] > 0]
@@ -66,6 +72,14 @@ def settled(tf: TransferFunction, width: float) -> TransferFunction:
         return tf
     space = "RGB" if tf.space == "Step" else tf.space
     return replace(tf, colours=colours, opacities=opacities, space=space, below=None, above=None)
+
+
+def _along_paths(points: Points, at: Callable[[Array], Array]) -> Points:
+    """Return points for the space RGB instead of those whose colours VTK would search paths between, for each entry."""
+    values = np.unique([point[0] for point in points])
+    between = np.unique(np.linspace(values[:-1], values[1:], 2 + BETWEEN // len(points))[1:-1])
+    inner = [(float(value), *colour) for value, colour in zip(between, at(between))]
+    return tuple(sorted([*points, *inner], key=lambda point: float(point[0])))
 
 
 def _parted(

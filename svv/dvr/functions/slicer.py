@@ -93,6 +93,8 @@ def parsed_json(data: Mapping[str, Any], name: str) -> VolumeProperty:
         unit = _number(part.get("scalarOpacityUnitDistance", UNIT), name)
         shading = Shading(bool(part.get("shade", False)), ambient, diffuse, specular, power)
         nearest = whole.get("interpolationType", "linear") == "nearest"
+    except BadInput:
+        raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         why = f"it lacks {error}" if isinstance(error, KeyError) else "an entry has another form"
         raise BadInput(DAMAGED.format(name=name, why=why)) from None

@@ -206,3 +206,11 @@ def test_commands_tell_and_refuse(tmp_path: Path) -> None:
     tf = ["--tf", str(tmp_path / "plain.json")]
     made = CliRunner().invoke(app, ["views", str(tmp_path / "hot.npy"), *tf, "-o", str(tmp_path / "views"), *small])
     assert made.exit_code == 0 and "1 voxel of 17,160 (at 1e+09) lies far beyond the others" in made.output
+    assert "of 4 views (r_0000, " in made.output or "None of the 4 views shows anything" in made.output
+    none = ViewSet.read(tmp_path / "views", "train")
+    replace(none, images=np.zeros_like(none.images)).write(tmp_path / "none", "train")
+    for arguments in (["train", "-o", str(tmp_path / "a.svv")], ["run", "-o", str(tmp_path / "out")]):
+        refused = CliRunner().invoke(app, [arguments[0], str(tmp_path / "none"), *arguments[1:], "--preset", "draft"])
+        assert isinstance(refused.exception, BadInput) or refused.exit_code == 2
+        assert "None of the 4 views shows anything" in f"{refused.exception} {refused.output}"
+    assert not (tmp_path / "a.svv").exists()

@@ -34,9 +34,8 @@ def in_words(scene: Scene, network: str | None = None) -> str:
         scene: The scene.
         network: Network that draws the picture; by default the last one that the scene has.
 
-    >>> from svv.render.pictures import in_words
-    >>> in_words(scene.edited(0, name="core"))
-    'A rendering of 2 regions: core, region 1'
+    Returns:
+        Such as 'A rendering of 2 regions: core, region 1', without regions that are hidden.
     """
     kind = "painting" if (network or scene.networks[-1]) == "styled" else "rendering"
     names = [region.name or f"region {number}" for number, region in enumerate(scene.regions) if not region.hidden]

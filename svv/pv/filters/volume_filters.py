@@ -361,6 +361,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             return regions_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}"
+        said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed")]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))

@@ -121,7 +121,7 @@ def test_auto_takes_bricks_if_vtk_needs_too_much_memory(tmp_path: Path) -> None:
     said: list[str] = []
     volume = open_volume(file, memory=0.25, progress=lambda fraction, label: said.append(label))
     assert isinstance(volume, LargeVolume)
-    assert any("Drawing by bricks: VTK would need 0.3 GB, more than 0.2 GB" in label for label in said)
+    assert any("Drawing by bricks: VTK would need 0.5 GB, more than 0.2 GB" in label for label in said)
     assert volume.memory == 125_000_000
     assert not isinstance(open_volume(file, memory=1.0), LargeVolume)
     assert not isinstance(open_volume(file, memory=0.25, mapper="cpu"), LargeVolume)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera, look_at
+from svv.dvr.draw.appearance import Appearance
+from svv.dvr.draw.large import LargeVolume, open_volume
 from svv.dvr.draw.views import make_views, render_views
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.prolab import between
@@ -348,3 +351,49 @@ def test_left_handed_axes_are_told_of() -> None:
     assert make_views(image, tf, n=3, size=16)[0].meta.assumed is None
     image.SetDirectionMatrix(1, 0, 0, 0, -1, 0, 0, 0, 1)
     assert "left-handed" in str(make_views(image, tf, n=3, size=16)[0].meta.assumed)
+
+
+def test_coarser_levels_of_large_labels_are_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SVV_PYRAMIDS", str(tmp_path / "pyramids"))
+    labels = np.random.default_rng(0).choice(np.array([0, 7, 200], np.uint8), (140, 70, 40))
+    np.save(tmp_path / "labels.npy", labels)
+    volume = open_volume(tmp_path / "labels.npy", mapper="bricks", nearest=True)
+    assert isinstance(volume, LargeVolume) and len(volume.source.levels) > 1 and Appearance.of(volume.overview).nearest
+    for number, level in enumerate(volume.source.levels):
+        values = volume.source.read(number, (0, 0, 0), level.shape)
+        assert set(np.unique(values)) == {0, 7, 200}
+    means = open_volume(tmp_path / "labels.npy", mapper="bricks")
+    assert isinstance(means, LargeVolume)
+    assert len(np.unique(means.source.read(1, (0, 0, 0), means.source.levels[1].shape))) > 3  # another pyramid
+    with pytest.raises(BadInput, match="nearest=True"):
+        make_views(means, nearest=True, n=3, size=16)
+
+
+@pytest.mark.parametrize(
+    "kind", ["rectilinear", "structured", "unstructured", "blocks", "image", "sheared", "nan", "array", "word"]
+)
+def test_grids_of_every_kind_are_drawn_or_refused_in_a_sentence(kind: str) -> None:
+    pyvista = pytest.importorskip("pyvista")
+    image = pyvista.Wavelet(extent=(-6, 6, -6, 6, -6, 6))
+    given: Any = {
+        "rectilinear": image.cast_to_rectilinear_grid(), "structured": image.cast_to_structured_grid(),
+        "unstructured": image.cast_to_unstructured_grid(), "blocks": pyvista.MultiBlock([image]), "image": image,
+        "array": np.zeros((4, 4, 4)), "word": 7,
+    }.get(kind, image.copy())  # fmt: skip
+    if kind == "sheared":
+        given.direction_matrix = np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1.0]])
+    if kind == "nan":
+        given["RTData"][5] = np.nan
+    low, high = image["RTData"].min(), image["RTData"].max()
+    tf = TransferFunction(((low, 0, 0, 1), (high, 1, 0, 0)), opacities((low, 0), (high, 0.5)), 3.0)
+    draw = (
+        lambda: make_views(given, tf, n=3, size=24, rescale=False)[0].images,
+        lambda: render_views(given, tf, make_views(image, tf, n=3, size=24)[0].cameras, "bricks"),
+    )
+    words = {"sheared": "perpendicular", "nan": "NaN", "array": "pyvista.wrap", "word": "of the type int"}
+    for one in draw:
+        if kind in words:
+            with pytest.raises(BadInput, match=words[kind]):
+                one()
+        else:
+            assert one()[..., 3].max() > 50

@@ -20,7 +20,7 @@ ARRAY = (
     "svv.dvr.read.grids.from_array(array, spacing=(x, y, z)) for one indexed [z, y, x], or pyvista.wrap(array) for "
     "[x, y, z]."
 )
-OTHER = "A volume is a file, a VTK or PyVista image or grid, or blocks of these, not a {kind}."
+OTHER = "A volume is a file, a VTK or PyVista image or grid, or blocks of these, not one of the type {kind}."
 MEANS = (
     "The large volume has coarser levels of mean values, which no voxel has: open it with open_volume(path, "
     "nearest=True)."

@@ -9,7 +9,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.bricks.source import Level
 from svv.dvr.draw.appearance import Appearance
 from svv.dvr.functions import slicer
-from svv.dvr.functions.jumps import doubled
+from svv.dvr.functions.scales import doubled
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import index_to_world, to_array
 from svv.io.views.view_meta import VolumeGrid

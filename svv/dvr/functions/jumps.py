@@ -11,15 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from svv.dvr.functions.scales import MOST_POINTS, Points
-
-if TYPE_CHECKING:
-    from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.functions.transfer_functions import TransferFunction
 
 Array = NDArray[np.float64]
 Point = tuple[float, ...]
@@ -40,11 +37,6 @@ PATHS, BETWEEN = "Lab/CIEDE2000", 512
 SAME, ALIKE = 1e-6, 1e-3
 """Distance of two points, relative to their values and to the width, at which they make a jump; and difference of
 colours and opacities that is none."""
-
-
-def doubled(points: Points) -> list[float]:
-    """Return the values at which points jump, because two of them have it."""
-    return [a[0] for a, b in pairwise(points) if a[0] == b[0]]
 
 
 def settled(tf: TransferFunction, width: float) -> TransferFunction:

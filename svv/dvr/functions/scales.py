@@ -35,6 +35,11 @@ def own_range(points: Points) -> tuple[float, float]:
     return points[0][0], points[-1][0]
 
 
+def doubled(points: Points) -> list[float]:
+    """Return the values at which points jump, because two of them have it."""
+    return [a[0] for a, b in pairwise(points) if a[0] == b[0]]
+
+
 def stretched(points: Points, low: float, high: float, log: bool = False) -> Points:
     """Return points stretched from their own range over another one, as ParaView does with *Use preset range* off.
 

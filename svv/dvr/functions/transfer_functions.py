@@ -21,7 +21,7 @@ from svv.core.colour.shading import Shading
 from svv.core.interval_text import interval_text
 from svv.core.json_values import parsed
 from svv.core.volumes.opacity_code import unit_distance
-from svv.dvr.functions import jumps, presets, scales, slicer
+from svv.dvr.functions import presets, scales, slicer
 from svv.dvr.functions.bumps import points_of_bumps
 from svv.dvr.functions.colour_paths import colours_at
 from svv.dvr.functions.scales import LARGEST_VALUE, MOST_POINTS, Points, own_range
@@ -227,7 +227,7 @@ class TransferFunction:
         """
         function = self.to_vtk()[1]
         values = np.asarray(values, dtype=np.float64)
-        values = np.where(np.isin(values, jumps.doubled(self.opacities)), np.nextafter(values, np.inf), values)
+        values = np.where(np.isin(values, scales.doubled(self.opacities)), np.nextafter(values, np.inf), values)
         return np.array([function.GetValue(float(v)) for v in values.ravel()]).reshape(values.shape)
 
     def colour_at(self, values: ArrayLike) -> NDArray[np.float64]:

@@ -367,6 +367,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         note = LOST.format(lost=self.lost) if self.lost else self.note
         said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{note}"
+        said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed")]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))

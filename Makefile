@@ -4,7 +4,7 @@
 #   make test       style, types and tests, including those in ParaView
 #   make test-slow  the longest tests, which make test leaves out, laws with new random examples, and the tests in ParaView
 #                   each in a process that is started for it
-#   make test-processors   the tests outside ParaView with the arithmetic of other CPUs
+#   make test-processors   the tests with the arithmetic of other CPUs
 #   make coverage   all tests, and a report of the lines and branches that they miss, as pages in build/coverage
 #   make docs       the documentation, as pages in build/docs
 #   make paraview   the packages that ParaView needs to run svv; PARAVIEW=DIR names a ParaView unpacked in DIR
@@ -58,13 +58,14 @@ test-slow: paraview browser
 	SVV_TESTS_FORK=0 $(PYTEST) -m "not slow" tests/paraview
 
 # Every CPU rounds sums in a different order, and some have half precision. These runs imitate a CPU without AVX on one
-# thread, one with AVX2 on two threads, and one with AMX.
-test-processors: $(TOOLS)
+# thread, one with AVX2 on two threads, and one with AMX, that last one in ParaView, too.
+test-processors: $(TOOLS) paraview
 	ATEN_CPU_CAPABILITY=default ONEDNN_MAX_CPU_ISA=SSE41 MKL_CBWR=COMPATIBLE OPENBLAS_CORETYPE=Nehalem \
 		NUMBA_CPU_NAME=generic NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTEST) --ignore=tests/paraview
 	ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2 NUMBA_NUM_THREADS=2 OMP_NUM_THREADS=2 \
 		$(PYTEST) --ignore=tests/paraview
 	$(PYTEST) --ignore=tests/paraview -p tests.amx
+	$(PYTEST) -p tests.amx -m "not slow" tests/paraview
 
 coverage: $(TOOLS) paraview browser openvdb
 	$(PYTEST) --cov --cov-report=html:build/coverage --cov-report=term:skip-covered

@@ -39,7 +39,7 @@ def render(chosen) -> None:
     """Render the orbit frame by frame."""
     from svv.fields.scene.scene import Scene
     from svv.io.files.atomic import check_writable, make_folder
-    from svv.io.pictures.output import write_mp4, write_png
+    from svv.io.pictures.output import remove_other_frames, write_mp4, write_png
     from svv.progress import shown
     from svv.render.frames import orbit
     from svv.render.pictures import over_white, sheet
@@ -68,8 +68,9 @@ def render(chosen) -> None:
             write_mp4(chosen.out, frames(progress), chosen.fps)
         else:
             folder = make_folder(chosen.out)
+            remove_other_frames(folder, 0, {})
             for number, picture in enumerate(frames(progress)):
-                write_png(folder / f"{number:04d}.png", picture)
+                write_png(folder / f"{number:04d}.png", picture, made="render_orbit.py")
     print(chosen.out)
 
 

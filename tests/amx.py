@@ -1,17 +1,20 @@
-"""Pytest plugin: simulate a CPU that multiplies bfloat16 matrices in hardware, as one with AMX does.
+"""Pytest plugin: imitate a CPU that multiplies bfloat16 matrices in hardware, as one with AMX does.
 
-With ``python -m pytest -p tests.amx``, networks that allow it use half precision, and the results of the hardware are
-computed in float32. This is slow, and exact up to rounding: products of two bfloat16 numbers are exact in float32.
+With ``python -m pytest -p tests.amx``, networks that allow it use half precision, also in the processes that tests
+start, pvpython among them; those read ``imitated/sitecustomize.py``. The results of the hardware are computed in
+float32. This is slow, and exact up to rounding: products of two bfloat16 numbers are exact in float32.
 """
 
 from __future__ import annotations
 
-from functools import cache
+import os
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from svv.kernels.numba import bfloat16
+IMITATED = str(Path(__file__).resolve().parent / "imitated")
+"""Folder on PYTHONPATH that makes a Python load this module after torch."""
 
 
 def linear(x: Tensor, weight: Tensor, bias: None, activation: str, *_: object) -> Tensor:
@@ -21,4 +24,9 @@ def linear(x: Tensor, weight: Tensor, bias: None, activation: str, *_: object) -
 
 
 torch.ops.mkldnn._linear_pointwise = linear  # type: ignore[attr-defined]
-bfloat16.cpu_has_bfloat16 = cache(lambda: True)
+torch.cpu.get_capabilities = lambda: {"amx_bf16": True}  # type: ignore[assignment]
+for name in ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA"):  # which may hold back the real one
+    os.environ.pop(name, None)
+paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+if IMITATED not in paths:
+    os.environ["PYTHONPATH"] = os.pathsep.join([IMITATED, *filter(None, paths)])

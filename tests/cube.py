@@ -9,11 +9,13 @@ import torch
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, CameraRig
+from svv.core.rounding import NETWORKS
 from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.splitting import regions_in_cells
 
 
 def cube_scene(seed: int = 0) -> Scene:
@@ -79,6 +81,24 @@ def cube_camera(size: int = 24) -> Camera:
     pose = np.eye(4)
     pose[2, 3] = 3.0
     return Camera(pose, 0.5, size, size)
+
+
+def clear_place(scene: Scene, region: int) -> tuple[float, float, float]:
+    """The centre of the cell that is most clearly a region's, in world coordinates: those of the box less .5.
+
+    The regions of the cube lie about at random, many by a margin that half precision does not see. There, a test would
+    depend on the processor.
+    """
+    assert scene.palette_network is not None
+    cells, found, _ = regions_in_cells(scene)
+    centres = (np.argwhere(found == region) + 0.5) / cells
+    with torch.no_grad():
+        weights = scene.palette_network.material(torch.from_numpy(centres.astype(np.float32)))[1].numpy()
+    others = np.delete(weights, region, axis=1).max(axis=1)
+    margin = weights[:, region] - others
+    assert margin.max() > NETWORKS[torch.bfloat16]
+    x, y, z = (centres[margin.argmax()] - 0.5).tolist()
+    return x, y, z
 
 
 def faint(scene: Scene, factor: float = 0.3) -> Scene:

@@ -263,3 +263,34 @@ def test_pictures_that_show_nothing_are_named() -> None:
     images[[5, 9]] = 0
     assert (check(images=images).doubt or "").startswith("The pictures r_5, r_9 show nothing")
     assert check(images=images * 0).doubt is None  # training says so
+
+
+def fog(camera: Camera, balls: tuple[tuple[tuple[float, float, float], float, float], ...]) -> NDArray[np.uint8]:
+    """Balls of fog, white, by the lengths of rays within them: centre, radius and extinction of each."""
+    origins, directions = camera.rays()
+    depth = np.zeros(directions.shape[:2])
+    for centre, radius, extinction in balls:
+        apart = np.linalg.norm(np.cross(np.array(centre) - origins, directions), axis=-1)
+        depth += 2.0 * extinction * np.sqrt(np.maximum(radius**2 - apart**2, 0.0))
+    alpha = np.rint(255.0 * (1.0 - np.exp(-depth))).astype(np.uint8)
+    return np.dstack([np.full((*alpha.shape, 3), 255, np.uint8), alpha])
+
+
+FOG = (((-0.3, 0.0, 0.0), 0.6, 3.0), ((0.55, 0.3, 0.3), 0.35, 6.0))
+
+
+@pytest.mark.parametrize("fovs", [(0.73, 0.55, 0.43), (0.45, 0.4, 0.38)])
+def test_views_that_cut_fog_off_are_neither_confirmed_nor_denied(fovs: tuple[float, ...]) -> None:
+    """What is dense along the rays of a view that cuts its outline off says nothing against it, or against the set."""
+    cameras = [
+        replace(camera, fov_x=fovs[k % 3]) for k, camera in enumerate(sphere_cameras(24, (0.0, 0.0, 0.0), 3.2, 0.5, 80))
+    ]
+    images = np.stack([fog(camera, FOG) for camera in cameras])
+    said = check(cameras, images)
+    if fovs[0] > 0.7:  # some are whole
+        assert said.found is not None and said.doubt is None
+        wrong = [*cameras[:9], cameras[12], *cameras[10:]]
+        assert "The picture r_9 disagrees" in str(check(wrong, images).doubt)
+    else:
+        assert "may contradict" not in str(said.doubt) and "disagree" not in str(said.doubt)
+        assert said.found is not None or "hardly tell whether their cameras are right" in str(said.doubt)

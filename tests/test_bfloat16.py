@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import torch
@@ -96,15 +97,49 @@ def test_a_processor_without_it_takes_float32(monkeypatch: pytest.MonkeyPatch) -
         assert torch.equal(network(x), Network.apply(x, *network.parameters()))
 
 
-def test_a_processor_that_is_held_back_takes_float32() -> None:
-    """The processor has the units, but torch's library is told to use none newer than SSE 4.1."""
-    ask = (
-        "import torch; torch.cpu.get_capabilities = lambda: {'amx_bf16': True}; "
-        "from svv.kernels.numba.bfloat16 import cpu_has_bfloat16; print(cpu_has_bfloat16())"
+@pytest.mark.parametrize("name", ["ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA"])
+@pytest.mark.parametrize(
+    ("most", "allowed"),
+    [("SSE41", False), ("AVX2_VNNI_2", False), ("AVX512_CORE", False), ("avx512_core_bf16", False),
+     ("AVX512_CORE_FP16", False), ("AVX10_1_512", False), ("AVX512_CORE_AMX", True), ("AVX10_1_512_AMX_FP16", True),
+     ("ALL", True), ("default", True), ("", True)],
+)  # fmt: skip
+def test_a_processor_that_is_held_back_takes_float32(
+    name: str, most: str, allowed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The processor has the units; oneDNN is told how new its instructions may be (its documentation, "ISA controls").
+
+    From AVX-512 on, it multiplies bfloat16 matrices without the units, too, with other sums and more slowly.
+    """
+    for other in ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA"):
+        monkeypatch.delenv(other, raising=False)
+    monkeypatch.setenv(name, most)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": True}, raising=False)
+    assert cpu_has_bfloat16.__wrapped__() == allowed
+
+
+@pytest.mark.parametrize("most", ["SSE41", "AVX512_CORE", "AVX512_CORE_BF16", "AVX512_CORE_AMX", "no such name"])
+def test_what_is_said_of_the_processor_is_what_onednn_does(most: str) -> None:
+    """oneDNN prints which of its implementations it takes: those of the units have "amx" in their names."""
+    multiply = (
+        "import torch; x = torch.zeros(1024, 16, dtype=torch.bfloat16);"
+        "from svv.kernels.numba.bfloat16 import cpu_has_bfloat16; print('said', cpu_has_bfloat16(), flush=True);"
+        "torch.ops.mkldnn._linear_pointwise(x, x[:16], None, 'none', [], '')"  # an error where it has nothing for them
     )
-    environment = os.environ | {"ONEDNN_MAX_CPU_ISA": "SSE41"}
+    environment = os.environ | {"ONEDNN_MAX_CPU_ISA": most, "ONEDNN_VERBOSE": "1"}
+    alone = [sys.executable, "-I", "-c", multiply]  # -I: nothing is imitated
+    found = subprocess.run(alone, env=environment, capture_output=True, text=True)
+    used = any("_amx" in line for line in found.stdout.splitlines() if "exec,cpu" in line)
+    assert f"said {used}" in found.stdout, found.stderr
+
+
+def test_what_is_imitated_is_imitated_in_processes_too() -> None:
+    """As the tests in ParaView need it, which runs them in programs of its own."""
+    ask = "from svv.kernels.numba.bfloat16 import cpu_has_bfloat16; print(cpu_has_bfloat16())"
+    paths = os.pathsep.join([str(Path(__file__).parent / "imitated"), os.environ["PYTHONPATH"]])
+    environment = os.environ | {"PYTHONPATH": paths, "ONEDNN_MAX_CPU_ISA": "SSE41"}
     found = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "False"
+    assert found.stdout.strip() == "True"
 
 
 def test_extinctions_are_never_rough() -> None:

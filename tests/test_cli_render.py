@@ -30,6 +30,8 @@ class Rendering:
 class Region:
     colour: tuple[float, float, float]
     edited_colour: tuple[float, float, float] | None = None
+    opacity: float = 1.0
+    hidden: bool = False
 
 
 class Ball:

@@ -189,6 +189,7 @@ def test_a_page_needs_nothing_beside_it(tmp_path: Path) -> None:
     assert sources.open == []
     assert [link.split(",")[0] for link in sources.links] == ["data:video/mp4;base64", "data:image/jpeg;base64"]
     assert "url(" not in text
+    assert 'aria-label="A title, seen from all around"' in text and 'alt="Heading &amp; more"' in text
     for expected in ("Heading &amp; more", "Training &lt;1&gt;", "1 min 10 s", "2.00 GB", "background:#ff0000"):
         assert expected in text
 

@@ -20,7 +20,7 @@ from pydicom.sequence import Sequence  # noqa: E402
 from pydicom.uid import RLELossless  # noqa: E402
 
 from svv.bricks.opened import open_bricks  # noqa: E402
-from svv.dvr.read.grids import to_array  # noqa: E402
+from svv.dvr.read.grids import assumed_of, to_array  # noqa: E402
 from svv.dvr.read.volumes import read_here  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 from tests.reference_files import dicom_slice  # noqa: E402
@@ -111,8 +111,26 @@ def wide(k: int, data: Any) -> None:
 
 
 BAD_SCANS: dict[str, tuple[list[Any], Callable[[int, Any], None], str]] = {
-    "a slice is missing": ([(0, 0, z) for z in (0, 1, 3, 4)], lambda k, data: None, "uneven distances .1 to 2 mm."),
-    "a tilted gantry": ([(0, k, k) for k in range(4)], lambda k, data: None, "not perpendicular"),
+    "a slice is missing": (
+        [(0, 0, z) for z in (0, 1, 3, 4)],
+        lambda k, data: None,
+        "uneven distances .1 to 2 mm.: 1 slice is missing, 1 between IM1 and IM2. Add what is missing",
+    ),
+    "slices are missing": (
+        [(0, 0, 2.5 * z) for z in (0, 1, 3, 4, 5, 8, 9)],
+        lambda k, data: None,
+        "3 slices are missing, 1 between IM1 and IM2, 2 between IM4 and IM5",
+    ),
+    "uneven places": (
+        [(0, 0, z) for z in (0, 1, 2.4, 3, 4.7)],
+        lambda k, data: None,
+        "resample the volume to even ones",
+    ),
+    "a tilted gantry": (
+        [(0, k, k) for k in range(4)],
+        lambda k, data: None,
+        r"gantry .45.0 degrees.*not perp.*dcm2niix",
+    ),
     "one slice": ([(0, 0, 0)], lambda k, data: None, "is a single slice: name the folder"),
     "other pixels": ([(0, 0, k) for k in range(4)], wide, "differs in size or direction"),
     "one place": ([(0, 0, 0)] * 4, lambda k, data: None, "at the same place"),
@@ -133,3 +151,21 @@ def test_the_package_that_dicom_needs_is_named(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setitem(sys.modules, "pydicom", None)
     with pytest.raises(BadInput, match=r"needs the package pydicom: pip install 'svv\[standalone\]'\.$"):
         read_here(folder)
+
+
+def test_slices_without_sizes_are_said(tmp_path: Path) -> None:
+    def without(keys: str) -> Callable[[int, Any], None]:
+        def change(_: int, data: Any) -> None:
+            for key in keys.split():
+                if key in data:
+                    delattr(data, key)
+
+        return change
+
+    places = [(0, 0, 3 * k) for k in range(4)]
+    assert assumed_of(read_here(scan(tmp_path / "all", places))) is None
+    volume = read_here(scan(tmp_path / "pixels", places, without("PixelSpacing")))
+    assert "pixels: no voxel size found along x, y: 1 x 1 (--spacing" in str(assumed_of(volume))
+    bare = without("PixelSpacing ImagePositionPatient SpacingBetweenSlices SliceThickness")
+    volume = read_here(scan(tmp_path / "bare", places, bare))
+    assert "bare: no voxel size found: 1 x 1 x 1 (--spacing" in str(assumed_of(volume))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import re
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -115,13 +117,46 @@ def test_tiff_with_lzw(tmp_path: Path) -> None:
     np.testing.assert_array_equal(to_array(read_volume(tmp_path / "v.tif")), array)
 
 
-def test_slc(tmp_path: Path) -> None:
-    array = values("u1")
-    head = b"11111 5 6 7 8 1.5 2.0 2.5 1 0 0 0\n1 1 X"
-    (tmp_path / "v.slc").write_bytes(head + b"rgb" + array.tobytes())
+def encoded(values: bytes) -> bytes:
+    """Encode a slice of an .slc volume: three or more equal values become a run, others stay as they are; 0 ends it."""
+    parts = re.finditer(rb"(?s)(.)\1{2,126}|(?:(?!(.)\2\2).){1,127}", values)
+    found = [bytes([len(p[0]), p[0][0]]) if p[1] else bytes([128 + len(p[0])]) + p[0] for p in parts]
+    return b"".join([*found, bytes(1)])
+
+
+def slc(values: np.ndarray, compression: int = 0, ends: Callable[[bytes], bytes] = encoded, bits: int = 8) -> bytes:
+    """Return the content of an .slc file; its icon has one pixel."""
+    z, y, x = values.shape
+    slices = [page.tobytes() for page in values]
+    body = [f"{len(code)} X".encode() + code for code in map(ends, slices)] if compression else slices
+    return f"11111 {x} {y} {z} {bits} 1.5 2.0 2.5 1 0 0 {compression}\n1 1 X".encode() + b"rgb" + b"".join(body)
+
+
+SLICES = np.where(np.random.default_rng(0).random((7, 30, 20)) < 0.5, 9, values("u1", (7, 30, 20)))
+"""Runs, and values that differ."""
+
+
+@pytest.mark.parametrize("compression", [0, 1])
+@pytest.mark.parametrize("array", [values("u1"), SLICES, np.sort(SLICES, axis=0), SLICES[:, :2, :2]])
+def test_slc(tmp_path: Path, array: np.ndarray, compression: int) -> None:
+    (tmp_path / "v.slc").write_bytes(slc(array, compression))
     read = read_volume(tmp_path / "v.slc")
     np.testing.assert_array_equal(to_array(read), array)
     assert read.GetSpacing() == (1.5, 2.0, 2.5)
+
+
+def test_slices_of_an_slc_file_that_lack_their_last_voxel_are_the_same_whenever_they_are_read(tmp_path: Path) -> None:
+    """As the format's usual encoder writes them; VTK's reader would return what was in memory."""
+    (tmp_path / "v.slc").write_bytes(slc(SLICES, 1, lambda page: encoded(page[:-1])))
+    expected = SLICES.copy()
+    expected[:, -1, -1] = expected[:, -1, -2]
+    for _ in range(2):
+        np.testing.assert_array_equal(to_array(read_volume(tmp_path / "v.slc")), expected)
+
+
+def test_an_slc_slice_without_an_end_mark_is_read(tmp_path: Path) -> None:
+    (tmp_path / "v.slc").write_bytes(slc(SLICES, 1, lambda page: encoded(page)[:-1]))
+    np.testing.assert_array_equal(to_array(read_volume(tmp_path / "v.slc")), SLICES)
 
 
 @pytest.mark.parametrize("name", ["v.vti", "v.mha", "v.nrrd", "v.nii", "v.nii.gz"])
@@ -288,6 +323,14 @@ BAD = {
     "truncated nifti": (truncated(vtkNIFTIImageWriter(), "v.nii"), "damaged"),
     "truncated nrrd": (truncated_nrrd, "damaged"),
     "truncated tiff": (truncated_tiff, "damaged"),
+    "truncated slc": (save("v.slc", slc(SLICES)[:-1]), "damaged"),
+    "truncated slc in a slice": (save("v.slc", slc(SLICES, 1)[:-9]), "damaged"),
+    "truncated slc after a slice": (save("v.slc", slc(SLICES[:-1], 1).replace(b" 6 8 ", b" 7 8 ")), "damaged"),
+    "slc slice too short": (save("v.slc", slc(SLICES, 1, lambda page: encoded(page[:-2]))), "damaged"),
+    "slc slice too long": (save("v.slc", slc(SLICES, 1, lambda page: encoded(page + page[:1]))), "damaged"),
+    "slc without slices": (save("v.slc", slc(SLICES[:0])), "damaged"),
+    "slc of 16 bits": (save("v.slc", slc(SLICES, bits=16)), "16 bits per voxel"),
+    "slc too large": (save("v.slc", slc(SLICES).replace(b"20 30 7", b"90000 90000 90000")), "memory"),
     "data gone": (save("v.mhd", MHD.format("5 6 7")), "gone.raw, which does not exist"),
     "too large": (save("v.mhd", MHD.format("90000 90000 90000")), "memory"),
     "too large vti": (save("v.vti", VTI.format(n=99999)), "memory"),

@@ -344,3 +344,17 @@ def test_a_figure_of_ones_own_is_written_whole(cube: Scene, tmp_path: Path) -> N
     figure.text(0.5, 0.5, "mine")
     write_figure(figure, tmp_path / "a.svg")
     assert ">mine<" in (tmp_path / "a.svg").read_text()
+
+
+def test_files_of_figures_say_what_they_show(named: Scene, tmp_path: Path) -> None:
+    words = "A rendering of 3 regions: bone, soft tissue, region 2"
+    figure = svv.figure([named, named], tmp_path / "a.svg", **SMALL)
+    svv.figure(named, tmp_path / "a.png", **SMALL)
+    svv.figure(named, tmp_path / "a.pdf", **SMALL)
+    assert f"<title>{words}</title>" in (tmp_path / "a.svg").read_text()
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.info["Description"] == words
+    assert f"/Subject ({words})".encode() in (tmp_path / "a.pdf").read_bytes()
+    figure.set_label("My own <words>")
+    write_figure(figure, tmp_path / "b.svg")
+    assert "<title>My own &lt;words&gt;</title>" in (tmp_path / "b.svg").read_text()

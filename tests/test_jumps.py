@@ -313,6 +313,7 @@ def test_views_of_labels_are_told_of_and_drawn_without_interpolation(mapper: str
     assert np.abs(again.astype(float) - plain.images).mean() < 0.5
     # What training begins with follows the same rule: nothing is at the vertices inside label 7, or on its edge.
     known = plain.classified
+    assert known is not None
     seen = known.exponent > known.exponent.min()
     assert seen.any()
     ends = np.argwhere(seen) / known.cells * known.box.size + known.box.low

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,8 @@ try:
 except ImportError:
     import pyopenvdb as vdb
 path, folder, shape = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
-grids, told = vdb.readAll(path)[0], {}
+grids, about = vdb.readAll(path)
+told = {}
 for grid in grids:
     array = np.zeros(shape if grid.name == "density" else shape + [3], np.float32)
     grid.copyToArray(array)
@@ -37,6 +39,7 @@ for grid in grids:
     first, last = grid.evalActiveVoxelBoundingBox()
     told[grid.name] = {"class": str(grid.gridClass), "type": grid.valueTypeName, "active": grid.activeVoxelCount(),
                        "places": [list(grid.transform.indexToWorld(at)) for at in ((0, 0, 0), (2, 1, 0))],
+                       "unit": about["world_units"],
                        "inside": min(first) >= 0 and all(a < b for a, b in zip(last, shape))}
 print(json.dumps(told))
 """
@@ -92,6 +95,34 @@ def test_extinction_is_in_world_units(python: str, tmp_path: Path) -> None:
     coloured = colour.max(axis=-1) > 0
     assert coloured[empty & beside].mean() > 0.99, "programs interpolate colours at the border"
     assert coloured[empty].mean() < 0.5, "the rest is not stored"
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-9, 3e-5, 1e-4, 1.0, 1e4, 3e4, 1e9, 1e15])
+def test_volumes_of_all_sizes_are_kept(python: str, tmp_path: Path, size: float) -> None:
+    """What is read back is the volume, in a unit that the file and the sentence tell."""
+    cube = bake(cube_scene(), BakeOptions(resolution=16))
+    origin = tuple(float(x) * size / cube.grid.spacing for x in cube.grid.origin)
+    volume = replace(cube, grid=replace(cube.grid, origin=origin, spacing=size))
+    notes = write_vdb(tmp_path / "cube.vdb", volume)
+    told, density, _ = read(python, tmp_path / "cube.vdb", volume)
+    unit = told["density"]["unit"]
+    assert notes == ([] if 1e-4 <= size <= 1e4 else [
+        f"A unit of the file is {unit:g} world units, because OpenVDB and Blender do not keep such voxels."
+    ])  # fmt: skip
+    assert 1e-4 <= size / unit <= 1e4
+    for grid in told.values():
+        corner = np.array(origin)
+        np.testing.assert_allclose(
+            np.array(grid["places"]) * unit, [corner, corner + np.array([2, 1, 0]) * size], rtol=1e-6, atol=1e-6 * size
+        )
+    codes = volume.rgba[..., 3].transpose(2, 1, 0)
+    np.testing.assert_allclose(density / unit * volume.grid.unit_distance, depths(volume.most)[codes], rtol=1e-5)
+
+
+def test_a_volume_far_from_the_origin_is_told(python: str, tmp_path: Path) -> None:
+    cube = bake(cube_scene(), BakeOptions(resolution=16))
+    far = replace(cube, grid=replace(cube.grid, origin=(0.0, 2e6 * cube.grid.spacing, 0.0)))
+    assert ["so far from the origin" in note for note in write_vdb(tmp_path / "far.vdb", far)] == [True]
 
 
 def test_command(python: str, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ pyvista = pytest.importorskip("pyvista")
 
 from svv.dvr.draw.views import make_views  # noqa: E402
 from svv.dvr.read.grids import as_volume, index_to_world, to_array  # noqa: E402
-from svv.dvr.read.volumes import read_volume  # noqa: E402
+from svv.dvr.read.volumes import read_here, read_volume  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
 
 SHAPE = (4, 5, 6)
@@ -122,3 +122,88 @@ def test_an_image_of_pyvista_is_a_volume() -> None:
     np.testing.assert_allclose(index_to_world(volume), index_to_world(image))
     train, _ = make_views(image, None, n=12, size=16, mapper="cpu")
     assert len(train) == 12
+
+
+def xdmf(path: Path, geometry: str, times: int = 1) -> Path:
+    """Write a grid of 6 x 5 x 4 points as programs without PyVista do: without a time unless there are several."""
+    spaces = {
+        "ORIGIN_DXDYDZ": ('"3DCoRectMesh"', ["100 0 -1", "0.3 2 0.5"]),
+        "VXVYVZ": ('"3DRectMesh"', [" ".join(map(str, planes(k, *at))) for k, at in enumerate(PLACES)]),
+    }
+    kind, items = spaces[geometry]
+    data = "".join(f'<DataItem Dimensions="{len(i.split())}" Format="XML" Precision="8">{i}</DataItem>' for i in items)
+
+    def grid(k: int) -> str:
+        numbers = " ".join(str(x) for x in (values() + k).ravel())
+        time = f'<Time Value="{k}"/>' if times > 1 else ""
+        return (
+            f'<Grid Name="g">{time}<Topology TopologyType={kind} Dimensions="4 5 6"/>'
+            f'<Geometry GeometryType="{geometry}">{data}</Geometry>'
+            '<Attribute Name="density" AttributeType="Scalar" Center="Node"><DataItem Dimensions="4 5 6"'
+            f' NumberType="Int" Format="XML">{numbers}</DataItem></Attribute></Grid>'
+        )
+
+    grids = "".join(grid(k) for k in range(times))
+    if times > 1:
+        grids = f'<Grid Name="all" GridType="Collection" CollectionType="Temporal">{grids}</Grid>'
+    path.write_text(f'<?xml version="1.0"?><Xdmf Version="3.0"><Domain>{grids}</Domain></Xdmf>')
+    return path
+
+
+PLACES = ((-1.0, 0.5), (0.0, 2.0), (100.0, 0.3))
+"""First place and step along x, y, z."""
+
+
+@pytest.mark.parametrize("read", [read_here, read_volume])
+@pytest.mark.parametrize("geometry", ["ORIGIN_DXDYDZ", "VXVYVZ"])
+@pytest.mark.parametrize("name", ["v.xdmf", "v.xmf", "V.XDMF"])
+def test_xdmf_without_a_time(name: str, geometry: str, read: Any, tmp_path: Path) -> None:
+    volume = read(xdmf(tmp_path / name, geometry))
+    np.testing.assert_array_equal(to_array(volume), values())
+    np.testing.assert_allclose(volume.GetSpacing(), [step for _, step in PLACES])
+    np.testing.assert_allclose(volume.GetOrigin(), [start for start, _ in PLACES])
+
+
+def test_time_points_of_a_reader_of_vtk_are_asked_for(tmp_path: Path) -> None:
+    path = xdmf(tmp_path / "v.xdmf", "ORIGIN_DXDYDZ", times=3)
+    with pytest.raises(BadInput, match=r"^v.xdmf has 3 time points \(0 to 2\): choose one with --time\.$"):
+        read_volume(path)
+    for k in range(3):
+        np.testing.assert_array_equal(to_array(read_volume(path, time=k)), values() + k)
+    with pytest.raises(BadInput, match="has no time point 3; it has 3 time points"):
+        read_volume(path, time=3)
+    with pytest.raises(BadInput, match="has neither channels nor time points: leave out --time"):
+        read_volume(xdmf(tmp_path / "one.xdmf", "ORIGIN_DXDYDZ"), time=1)
+
+
+def test_ensight_files_are_named_by_their_case(tmp_path: Path) -> None:
+    """EnSight's readers have another name for the name of the file than all others."""
+    (tmp_path / "v.case").write_text(
+        "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: v.geo\nVARIABLE\nscalar per node: density v.scl\n"
+    )
+    sides = "".join(f"{n:10d}" for n in SHAPE[::-1])
+    start, steps = ("\n".join(f"{place[k]:12.5e}" for place in PLACES) for k in (0, 1))
+    (tmp_path / "v.geo").write_text(
+        "a grid\nof points\nnode id assign\nelement id assign\npart\n         1\npart\nblock uniform\n"
+        f"{sides}\n{start}\n{steps}\n"
+    )
+    numbers = "\n".join(f"{x:12.5e}" for x in values().ravel())
+    (tmp_path / "v.scl").write_text(f"density\npart\n{1:10d}\nblock\n{numbers}\n")
+    volume = read_volume(tmp_path / "v.case")
+    ends = [(start, start + step * (n - 1)) for (start, step), n in zip(PLACES, SHAPE[::-1])]
+    np.testing.assert_allclose(volume.GetBounds(), np.ravel(ends), atol=1e-4)
+
+
+@pytest.mark.parametrize("raised", [TypeError("object of type 'NoneType' has no len()"), AttributeError()])
+def test_an_exception_of_a_wrapper_is_no_damage(
+    raised: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise raised
+
+    rectilinear(planes(0, -1.0, 0.5)).save(tmp_path / "grid.vtr")
+    monkeypatch.setattr(pyvista, "get_reader", failing)
+    with pytest.raises(
+        BadInput, match=rf"its reader failed \({type(raised).__name__}.*not mean that the file is damaged"
+    ):
+        read_here(tmp_path / "grid.vtr")

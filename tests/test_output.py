@@ -22,7 +22,8 @@ from svv.io.pictures.output import (
     write_region_png,
     write_vti,
 )
-from tests.movies import frames_of
+from tests.browser import program
+from tests.movies import firefox, frames_of, shown_by, tags_of
 
 H, W = 5, 7
 
@@ -125,6 +126,54 @@ def test_a_movie_has_the_frames_that_went_in(tmp_path: Path) -> None:
     for frame, grey in zip(frames, greys, strict=True):
         np.testing.assert_allclose(frame.mean(), grey, atol=3)
     assert [p.name for p in tmp_path.iterdir()] == ["m.mp4"]
+
+
+SATURATED = np.array(
+    [[[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]], [[0, 255, 255], [255, 0, 255], [250, 35, 99], [128] * 3]],
+    np.uint8,
+)
+"""Colours that are off by up to 39 levels where a movie is read by another matrix than it was written by. (2, 4, 3)"""
+
+SIZES = ((61, 41), (200, 200), (800, 800), (1920, 1080))
+"""Widths and heights of movies: odd ones, and on both sides of the 720 rows from which Chromium guesses otherwise."""
+
+
+@pytest.fixture(scope="module")
+def patches(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Movies of the saturated colours, two rows of four."""
+    folder = tmp_path_factory.mktemp("movies")
+    for width, height in SIZES:
+        frame = SATURATED[np.arange(height) * 2 // height][:, np.arange(width) * 4 // width]
+        write_mp4(folder / f"{width}.mp4", [frame] * 6, fps=10)
+    return [folder / f"{width}.mp4" for width, _ in SIZES]
+
+
+def assert_colours_of_frames(shown: list[np.ndarray]) -> None:
+    """Within 3 levels in the middle of each patch; what an odd size grows by repeats the last row and column."""
+    for (width, height), frame in zip(SIZES, shown, strict=True):
+        assert frame.shape == (height + height % 2, width + width % 2, 3)
+        rows, columns = np.array([1, 3]) * height // 4, np.array([1, 3, 5, 7]) * width // 8
+        off = np.abs(frame[np.ix_(rows, columns)].astype(int) - SATURATED)
+        assert off.max() <= 3, (width, height, off.max((0, 1)))
+        for beyond, last in ((frame[height:, columns], SATURATED[1]), (frame[rows, width:], SATURATED[:, 3:])):
+            assert np.abs(beyond.astype(int) - last).max(initial=0) <= 3
+
+
+def test_a_movie_is_tagged_with_the_colours_that_it_has(patches: list[Path]) -> None:
+    for movie in patches:  # sRGB's primaries and transfer function; BT.601's matrix and limited range, as converted
+        assert tags_of(movie) == {"primaries": 1, "transfer": 13, "matrix": 6, "full range": 0}
+    assert_colours_of_frames([frames_of(movie)[3] for movie in patches])
+
+
+@pytest.mark.skipif(program() is None, reason="no browser here; Debian: sudo apt-get install chromium")
+def test_chromium_shows_a_movie_in_the_colours_of_its_frames(patches: list[Path]) -> None:
+    assert_colours_of_frames(shown_by(str(program()), patches))
+
+
+@pytest.mark.slow  # Chromium's test holds the same law, and Firefox is installed by hand
+@pytest.mark.skipif(firefox() is None, reason="no Firefox here; Debian: sudo apt-get install firefox-esr")
+def test_firefox_shows_a_movie_in_the_colours_of_its_frames(patches: list[Path]) -> None:
+    assert_colours_of_frames(shown_by(str(firefox()), patches))
 
 
 def test_a_movie_without_frames_or_place_is_one_sentence(tmp_path: Path) -> None:

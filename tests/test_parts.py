@@ -22,7 +22,7 @@ from svv.fields.scene.scene import Rendering, Scene
 from svv.train.paint.ink import PAPER, Ink
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
-from tests.cube import cube_camera, cube_paint, lit_cube_scene
+from tests.cube import clear_place, cube_camera, cube_paint, lit_cube_scene
 from tests.loose_balls import LEFT, RIGHT, TOP, from_front, from_left, in_world, loose_balls
 
 ROUNDOFF = 2e-6
@@ -367,7 +367,7 @@ def test_a_scene_of_the_papers_hash_grid_is_split(cube: Scene) -> None:
     palette = PaletteField(settings, cube.occupancy, base.geometry_width, cube.palette_network.colours)  # type: ignore[union-attr]
     palette.encoding.randomize(5.0, torch.Generator().manual_seed(1))
     scene = replace(cube, settings=settings, base=base, palette_network=palette.requires_grad_(False))
-    parts = scene.split_at(scene.point_at(cube_camera(), (12, 12)), level=1.0)
+    parts = scene.split_at(clear_place(scene, 0), level=1.0)
     assert len(parts.regions) == 4
     np.testing.assert_allclose(parts.render(cube_camera()).rgba, scene.render(cube_camera()).rgba, atol=1e-6)
     hidden = parts.hidden(3).render(cube_camera()).rgba

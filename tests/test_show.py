@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -20,7 +22,9 @@ from svv.core.frame_rate import AIM  # noqa: E402
 from svv.core.geometry.cameras import Camera, look_at  # noqa: E402
 from svv.fields.scene.scene import Scene  # noqa: E402
 from svv.io.pictures.output import write_vti  # noqa: E402
+from svv.render.pictures import in_words  # noqa: E402
 from svv.render.show import SceneFollower  # noqa: E402
+from tests.cube import cube_paint  # noqa: E402
 from tests.stand_in_learning import StandIn  # noqa: E402
 
 SIZE = (64, 48)
@@ -132,6 +136,31 @@ def test_in_a_notebook_the_picture_stands_below_the_cell(cube: Scene, monkeypatc
     monkeypatch.setitem(sys.modules, "pyvista", None)  # not even asked for
     shown = svv.show(cube, camera=oblique(), size=SIZE, background=GREY)
     assert_same_picture(np.asarray(shown), rendered(cube, oblique()))
+    assert shown is not None and shown.copy().size == SIZE
+
+
+def test_a_notebook_keeps_the_regions_names_as_the_text_of_the_picture(cube: Scene) -> None:
+    """IPython's own formatter says what a notebook's file has; exporters take the text from there."""
+    formatters = pytest.importorskip("IPython.core.formatters")
+    scene = cube.edited(0, name='bone "A" & <b>').hidden(1).hidden(2)
+    shown = svv.show(scene, camera=oblique(), size=SIZE, off_screen=True)
+    data, metadata = formatters.DisplayFormatter().format(shown)
+    assert set(data) == {"image/png", "text/html", "text/plain"}
+    html = data["text/html"]
+    assert '<img alt="A rendering of 1 region: bone &quot;A&quot; &amp; &lt;b&gt;" ' in html
+    assert b64decode(html.partition("base64,")[2].partition('"')[0]) == data["image/png"]
+    assert metadata == {"image/png": {"alt": 'A rendering of 1 region: bone "A" & <b>'}}
+    np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(data["image/png"]))), np.asarray(shown))
+
+
+def test_pictures_are_told_in_words(cube: Scene) -> None:
+    assert in_words(cube) == "A rendering of 3 regions: region 0, region 1, region 2"
+    assert in_words(cube.hidden(0).hidden(1).hidden(2)) == "A rendering of a scene, all of whose regions are hidden"
+    painted = cube.painted(cube_paint(cube, 1), {0: "oil"}, {}, "oil")
+    assert in_words(painted) == "A painting of 3 regions: region 0, region 1, region 2"
+    assert in_words(painted, "pcn") == "A rendering of 3 regions: region 0, region 1, region 2"
+    many = replace(cube, regions=cube.regions * 5)
+    assert in_words(many).endswith("region 11 and 3 more")
 
 
 def test_what_is_missing_is_said(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -164,7 +164,9 @@ def test_channels_of_imagej_packed_by_libtiff(tmp_path: Path) -> None:
     volume = read_here(tmp_path / "v.tif", channel="1")
     np.testing.assert_array_equal(to_array(volume), U[:6] + 1000)
     assert volume.GetSpacing() == (0.5, 0.5, 2.0)
-    assert open_bricks(tmp_path / "v.tif", choice=Choice("1")) is None
+    source = open_bricks(tmp_path / "v.tif", choice=Choice("1"))
+    assert source is not None
+    np.testing.assert_array_equal(source.read(0, (1, 2, 3), (5, 9, 8)), U[1:5, 2:9, 3:8] + 1000)
 
 
 def test_units_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
@@ -239,3 +241,39 @@ def test_pixels_of_plain_pages_that_are_not_square_keep_their_shape(
         tiff(tmp_path / "slices" / f"{number}.tif", page, metadata=None, resolution=resolution, **GREY)
     for volume in (path, tmp_path / "slices"):
         np.testing.assert_allclose(read_here(volume).GetSpacing(), (1.0, spacing, 1.0))
+
+
+def calibrated(path: Path, function: int, values: np.ndarray = U, **how: Any) -> Path:
+    """A file as ImageJ writes it: ``cf``, ``c0`` and ``c1`` in the description are its calibration of values."""
+    told = {"spacing": 2.0, "axes": "ZYX", "cf": function, "c0": -32768.0, "c1": 1.0, "vunit": "Gray Value"}
+    told["axes"] = "ZYX"[3 - values.ndim :]
+    return tiff(path, values, imagej=True, metadata=told, **how)
+
+
+@pytest.mark.parametrize("packing", [None, "zlib"])
+def test_signed_values_of_imagej_are_signed(packing: str | None, tmp_path: Path) -> None:
+    """ImageJ stores a CT's values 32768 larger than they are."""
+    stored = U + np.uint16(32768 - 100)
+    path = calibrated(tmp_path / "v.tif", 0, stored, compression=packing)
+    volume = read_here(path)
+    np.testing.assert_array_equal(to_array(volume), V - 100)
+    assert volume.GetSpacing()[2] == 2.0
+    source = open_bricks(path)
+    assert source is not None
+    np.testing.assert_array_equal(source.read(0, (1, 2, 3), (5, 9, 8)), V[1:5, 2:9, 3:8] - 100)
+    assert (source.assumed or "").endswith("ImageJ's calibration of values is applied: 1 x stored -32768.")
+    (tmp_path / "slices").mkdir()
+    for number, page in enumerate(stored):
+        calibrated(tmp_path / "slices" / f"{number}.tif", 0, page, compression=packing)
+    np.testing.assert_array_equal(to_array(read_here(tmp_path / "slices")), V - 100)
+    tiff(tmp_path / "slices" / "7.tif", stored[7], imagej=True)
+    with pytest.raises(BadInput, match=r"7.tif has values that ImageJ calibrates otherwise than those of 0.tif"):
+        read_here(tmp_path / "slices")
+
+
+def test_other_calibrations_of_imagej(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"calibrates by a curve \(its function 7\), which is not reproduced: convert"):
+        read_here(calibrated(tmp_path / "curve.tif", 7))
+    np.testing.assert_array_equal(to_array(read_here(calibrated(tmp_path / "none.tif", 20))), U)
+    real = calibrated(tmp_path / "real.tif", 0, U.astype(np.float32))
+    np.testing.assert_array_equal(to_array(read_here(real)), U)

@@ -13,8 +13,10 @@ from PIL import Image
 
 from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled
+from svv.io.pictures.gamma import as_srgb
 from svv.io.views.view_meta import ViewMeta
 from svv.io.views.viewset import ViewSet, files_of
+from tests.test_gamma import png
 
 META = ViewMeta(bounds=((0, 1, 2), (3, 4, 5)), other={"of": "the test"})
 
@@ -237,19 +239,73 @@ def test_alpha_of_255_everywhere_is_none(tmp_path: Path) -> None:
     assert read.meta.assumed is not None and "no alpha but 255 everywhere" in read.meta.assumed
 
 
-@pytest.mark.parametrize("brightness", [1.0, 0.5, 0.1, 0.0])
-def test_colours_multiplied_by_alpha_are_noticed_and_dark_ones_are_not(brightness: float, tmp_path: Path) -> None:
-    """Taken as they are, they make what is translucent too dark, which nothing said."""
-    alpha = np.rint(np.clip(300 - 8 * np.hypot(*(np.indices((80, 80)) - 40)), 0, 255))
+def translucent(brightness: float, fade: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """A picture whose alpha falls off towards its edge, straight and multiplied by alpha."""
+    alpha = np.rint(fade * np.clip(300 - 8 * np.hypot(*(np.indices((80, 80)) - 40)), 0, 255))
     colour = brightness * np.array([250.0, 180.0, 60.0])
     straight = np.dstack([np.broadcast_to(np.rint(colour), (80, 80, 3)), alpha]).astype(np.uint8)
-    multiplied = np.dstack([np.rint(colour * alpha[..., None] / 255), alpha]).astype(np.uint8)
+    return straight, np.dstack([np.rint(colour * alpha[..., None] / 255), alpha]).astype(np.uint8)
+
+
+@pytest.mark.parametrize("brightness", [1.0, 0.5, 0.1, 0.0])
+@pytest.mark.parametrize("fade", [1.0, 0.6])
+def test_colours_multiplied_by_alpha_are_divided_by_it(brightness: float, fade: float, tmp_path: Path) -> None:
+    """Taken as they are, they make what is translucent too dark."""
+    straight, multiplied = translucent(brightness, fade)
     for folder, image in ((tmp_path / "straight", straight), (tmp_path / "multiplied", multiplied)):
         foreign(folder, [image] * 3)
         read = ViewSet.read(folder)
-        assert np.array_equal(read.images[0], image)
-        said = "multiplied by alpha" in (read.meta.assumed or "")
-        assert said == (folder.name == "multiplied" and brightness >= 0.5)
+        assert np.array_equal(read.images[0, ..., 3], image[..., 3])
+        if folder.name == "multiplied" and brightness > 0:
+            assert 'write "alpha": "straight" beside "frames"' in str(read.meta.assumed)
+            again = read.images[0, ..., :3] * (image[..., 3:] / 255.0)
+            assert np.abs(again - image[..., :3]).max() <= 0.51
+            opaque = image[..., 3] > 100
+            assert np.abs(read.images[0].astype(int) - straight)[opaque].max() <= 2
+        else:
+            assert np.array_equal(read.images[0], image) and read.meta.assumed is None
+
+
+def test_dark_views_stay_straight_with_a_word_and_files_say_otherwise(tmp_path: Path) -> None:
+    """Colours of 12 at an alpha of 12 and more: never above it, but they do not grow with it, either."""
+    image, _ = translucent(0.048)
+    image[image[..., 3] < 12] = 0
+    _, multiplied = translucent(1.0)
+    foreign(tmp_path / "dark", [image] * 3)
+    read = ViewSet.read(tmp_path / "dark")
+    assert np.array_equal(read.images[0], image)
+    said = 'dark and straight; if they are multiplied by alpha, write "alpha": "premultiplied"'
+    assert said in str(read.meta.assumed)
+    foreign(tmp_path / "told", [image] * 3, alpha="premultiplied")
+    told = ViewSet.read(tmp_path / "told")
+    assert told.meta.assumed is None and told.images[0, 40, 40, 0] == 12 and told.images[0, 10, 40, 0] > 24
+    foreign(tmp_path / "kept", [multiplied] * 3, alpha="straight")
+    kept = ViewSet.read(tmp_path / "kept")
+    assert kept.meta.assumed is None and np.array_equal(kept.images[0], multiplied)
+    foreign(tmp_path / "odd", [image] * 3, alpha="associated")
+    with pytest.raises(BadInput, match='alpha must be "straight" or "premultiplied"'):
+        ViewSet.read(tmp_path / "odd")
+
+
+def test_alpha_of_0_or_255_is_the_same_either_way(tmp_path: Path) -> None:
+    image = np.zeros((40, 40, 4), np.uint8)
+    image[10:30, 10:30] = 90, 40, 20, 255
+    for name, keys in (("auto", {}), ("premultiplied", {"alpha": "premultiplied"})):
+        foreign(tmp_path / name, [image] * 3, **keys)
+        read = ViewSet.read(tmp_path / name)
+        assert np.array_equal(read.images[0], image) and read.meta.assumed is None
+
+
+def test_linear_views_are_told_and_divided_where_they_were_multiplied(tmp_path: Path) -> None:
+    """Of a linear picture, light was multiplied by alpha, not levels of sRGB."""
+    straight, multiplied = translucent(0.5)
+    foreign(tmp_path, [multiplied] * 3)
+    for file in (tmp_path / "train").iterdir():
+        png(file, multiplied)
+    read = ViewSet.read(tmp_path)
+    assert "3 of the 3 images are linear" in str(read.meta.assumed) and "premultiplied" in str(read.meta.assumed)
+    right = 255.0 * as_srgb(straight[..., :3] / 255.0, 1.0)
+    assert np.abs(read.images[0, ..., :3] - right)[straight[..., 3] > 128].max() < 4.0
 
 
 def test_a_logo_in_a_corner_leaves_the_background_uniform(tmp_path: Path) -> None:

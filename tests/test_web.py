@@ -261,6 +261,24 @@ def test_a_browser_that_cannot_draw_it_says_why_and_shows_the_orbit(
     opened.until("document.querySelector('video').currentTime > 0")
     assert not opened.page.get_by_role("img", name="cube, seen from the front").is_visible()
     assert not opened.page.get_by_role("button", name="Save picture").is_visible()
+    assert (
+        movie.get_attribute("aria-label")
+        == "cube, seen from all around. A rendering of 3 regions: region 0, region 1, region 2"
+    )
+
+
+def test_the_page_says_what_it_shows_to_those_who_do_not_see_it(open_page: Any, tmp_path: Path) -> None:
+    write_html(tmp_path / "evil.html", cube_scene().edited(0, name=EVIL), "a & b")
+    opened = open_page(tmp_path / "evil.html")
+    opened.ready()
+    words = f"A rendering of 3 regions: {EVIL}, region 1, region 2"
+    for element, name, start in (
+        ("canvas", "aria-label", "a & b: a picture to turn. "),
+        ("#movie", "aria-label", "a & b, seen from all around. "),
+        ("#front", "alt", "a & b, seen from the front. "),
+    ):
+        assert opened.page.locator(element).get_attribute(name) == start + words
+    assert opened.wrong == []
 
 
 def test_where_a_movie_cannot_be_played_there_is_a_picture(open_page: Any, cube_page: Path) -> None:

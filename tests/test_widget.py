@@ -165,6 +165,11 @@ def test_the_widget_takes_the_place_of_the_page(notebook: Opened, shown: SceneWi
     told(notebook, 0, 1)
     assert notebook.page.locator("iframe").count() == 2, "the other widget's page stays"
     assert notebook.page.locator("[data-svv]").count() == 1
+    titles = notebook.page.locator("iframe").evaluate_all("(frames) => frames.map((frame) => frame.title)")
+    assert sorted(titles) == [
+        '"><script>alert(1)</script>. A rendering of 2 regions: region 0, region 1',
+        "scene. A rendering of 2 regions: region 0, region 1",
+    ]
 
 
 def test_paintings_are_those_of_the_page(balls: Scene) -> None:

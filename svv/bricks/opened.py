@@ -8,13 +8,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
-from svv.bricks.formats.axes import Choice
-from svv.bricks.formats.chunked import is_zarr, open_hdf5, open_zarr
+from svv.bricks.formats.axes import Choice, check_alone
+from svv.bricks.formats.big_data_viewer import described
+from svv.bricks.formats.chunked import is_zarr, open_zarr
+from svv.bricks.formats.cube import cube_header
 from svv.bricks.formats.dicom import is_dicom, open_dicom
-from svv.bricks.formats.mapped import mapped, open_npy, open_vti, raw_layout
+from svv.bricks.formats.hdf5 import is_hdf5, open_hdf5
+from svv.bricks.formats.mapped import is_tecplot, mapped, open_npy, open_vti, raw_layout
 from svv.bricks.formats.meta_image import meta_header
+from svv.bricks.formats.minc import open_minc
+from svv.bricks.formats.netcdf import open_netcdf
 from svv.bricks.formats.nifti import nifti_header
 from svv.bricks.formats.nrrd import nrrd_header
+from svv.bricks.formats.places import no_size
 from svv.bricks.formats.stored import Stored
 from svv.bricks.formats.tiff import open_tiff
 from svv.bricks.source import Level, Source, level_of
@@ -22,6 +28,12 @@ from svv.errors import BadInput
 
 HDF5 = (".h5", ".hdf5", ".he5")
 """Endings of HDF5 files."""
+
+HDF5_INSIDE = (".hdf", ".nxs", ".nx5", ".ims", ".emd", ".hspy", ".mat", ".cmap")
+"""Endings of files that may be HDF5: NeXus, Imaris, electron microscopy, HyperSpy, MATLAB 7.3 and ChimeraX."""
+
+NETCDF = (".nc", ".nc3", ".nc4", ".cdf")
+"""Endings of netCDF files, of which newer ones are HDF5."""
 
 RAW = (".raw", ".bin", ".dat")
 """Endings of raw files."""
@@ -32,11 +44,12 @@ TIFF = (".tif", ".tiff")
 HEADERS: dict[str, Callable[[Path], Stored]] = {
     **dict.fromkeys((".mhd", ".mha"), meta_header),
     **dict.fromkeys((".nrrd", ".nhdr"), nrrd_header),
+    **dict.fromkeys((".cube", ".cub"), cube_header),
     **dict.fromkeys((".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), nifti_header),
 }
 """Readers of the headers of formats that consist of a header and values, by the ending."""
 
-BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .vti .npy .h5 .zarr .tif (or a folder of .tif)"
+BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .vti .npy .h5 .nc .zarr .tif (or a folder of .tif)"
 """Formats of which bricks can be read, if the values are stored as they are or in chunks."""
 
 
@@ -75,8 +88,12 @@ def open_bricks(
         source = _opened(file, (dims, dtype), array, choice, whole)
     except OSError as error:
         raise BadInput(f"Cannot read {file}: {error.strerror or error}.") from error
+    if source is not None and source.planes is not None and not whole:
+        return None  # uneven planes are resampled
     if source is None or (spacing is None and origin is None):
         return source
+    if spacing is not None:
+        source.assumed = None
     source.levels = [_moved(level, source.levels[0], spacing, origin, source.name) for level in source.levels]
     return source
 
@@ -94,8 +111,12 @@ def _opened(
         return open_tiff(file, choice, array, whole) if tiff else None
     if file.stat().st_size == 0:
         raise BadInput(f"{file} is empty.")
-    if name.endswith(HDF5):
+    if name.endswith(HDF5) or (name.endswith((*NETCDF, *HDF5_INSIDE)) and is_hdf5(file)):
         return open_hdf5(file, choice, array)
+    if name.endswith(NETCDF):
+        return open_netcdf(file, choice, array)
+    if name.endswith(".xml") and (found := described(file)):
+        return open_hdf5(found[1], choice, array)
     if name.endswith(TIFF):
         return open_tiff(file, choice, array, whole)
     if raw == (None, None) and is_dicom(file):
@@ -104,16 +125,24 @@ def _opened(
         stored = header(file)
         check_array(array, stored.title, file)
         return stored.source(choice, whole)
-    check_alone(choice, file)
+    if name.endswith(".mnc"):
+        check_array(array, file.stem, file)
+        return open_minc(file, choice)
     if name.endswith(".vti"):
+        check_alone(choice, file)
         return None if whole else open_vti(file, array)
-    if name.endswith(".npy"):
+    if name.endswith(RAW) and raw == (None, None) and is_tecplot(file):
+        return None
+    if name.endswith((".npy", *RAW)) or raw != (None, None):
+        check_alone(choice, file)
         check_array(array, file.stem, file)
-        return open_npy(file)
-    if name.endswith(RAW) or raw != (None, None):
-        check_array(array, file.stem, file)
-        size, kind = raw_layout(file, *raw)
-        return mapped(file, 0, kind, size[::-1], np.eye(3), (0.0, 0.0, 0.0))
+        if name.endswith(".npy"):
+            source = open_npy(file)
+        else:
+            size, kind = raw_layout(file, *raw)
+            source = mapped(file, 0, kind, size[::-1], np.eye(3), (0.0, 0.0, 0.0))
+        source.assumed = no_size(file.name)
+        return source
     return None
 
 
@@ -125,8 +154,13 @@ def header_reader(file: Path) -> Callable[[Path], Stored] | None:
 def data_files(file: Path) -> list[Path]:
     """Return the other files that a header refers to, such as the ``.raw`` file of an ``.mhd``.
 
-    A damaged header refers to none: reading it tells what is wrong.
+    So do the two files of BigDataViewer. A damaged header refers to none: reading it tells what is wrong.
     """
+    if file.suffix.lower() == ".xml" and file.is_file():
+        found = described(file)
+        return [] if found is None or not found[1].is_file() else [found[1]]
+    if file.name.lower().endswith(HDF5):
+        return [about for about in (file.with_suffix(".xml"),) if about.is_file()]
     read = header_reader(file) if file.is_file() else None
     try:
         return [] if read is None else [other for other in read(file).files if other != file and other.is_file()]
@@ -138,13 +172,6 @@ def check_array(array: str | None, title: str, file: Path) -> None:
     """Raise BadInput if an array is asked for that a file with a single array does not have."""
     if array not in (None, title):
         raise BadInput(f"{file.name} has no array '{array}'; it has {title}.")
-
-
-def check_alone(choice: Choice, file: Path) -> None:
-    """Raise BadInput if a channel or a time point is asked for of a file that has one volume alone."""
-    for option, value in (("--channel", choice.channel), ("--time", choice.time)):
-        if value is not None:
-            raise BadInput(f"{file.name} has neither channels nor time points: leave out {option}.")
 
 
 def _moved(

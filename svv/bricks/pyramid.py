@@ -55,6 +55,7 @@ class PyramidSource:
     def __init__(self, fine: Source, coarse: Sequence[MappedSource], low: float, high: float) -> None:
         self.name, self.dtype, self._parts = fine.name, fine.dtype, (fine, *coarse)
         self.levels: Sequence[Level] = (*fine.levels[:1], *(part.levels[0] for part in coarse))
+        self.assumed, self.planes = fine.assumed, fine.planes
         self.range = low, high
         """Smallest and largest value of the finest level."""
 

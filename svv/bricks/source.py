@@ -70,6 +70,14 @@ class Source(Protocol):
     levels: Sequence[Level]
     """Resolutions that the file contains, the finest first."""
 
+    assumed: str | None
+    """What was assumed because the file does not tell it, such as the size of a voxel, in sentences."""
+
+    @property
+    def planes(self) -> tuple[Array, Array, Array] | None:
+        """Places of the voxels along x, y and z, if some are not evenly spaced: the levels have their mean steps."""
+        ...
+
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box of a level. (stop - start)
 
@@ -135,6 +143,8 @@ class ArraySource:
         BadInput: See :func:`level_of` and :func:`native`.
     """
 
+    planes = None
+
     def __init__(
         self,
         values: NDArray[np.generic],
@@ -143,6 +153,7 @@ class ArraySource:
         name: str = "The volume",
     ) -> None:
         self.name, self.dtype, self._values = name, native(values.dtype, name), values
+        self.assumed: str | None = None
         axes, origin = np.eye(3) if axes is None else axes, np.zeros(3) if origin is None else origin
         self.levels: Sequence[Level] = (level_of(values.shape, axes, origin, name),)
 

@@ -2,8 +2,8 @@
 
 OpenVDB comes with a system or with Blender, seldom with the Python that runs svv, whose NumPy it may not fit; so
 :mod:`svv.render.baking.openvdb` runs this file. Arguments: a folder with ``density.npy`` float32 (X, Y, Z),
-``colour.npy`` float32 (X, Y, Z, 3) and ``told.json`` (``origin`` and ``spacing`` of the points in world units), and the
-file to write.
+``colour.npy`` float32 (X, Y, Z, 3) and ``told.json`` (``origin`` and ``spacing`` of the points, ``metadata`` of the
+file), and the file to write.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main(folder: str, out: str) -> None:
     density, colour = grid_of("density", vdb.FloatGrid), grid_of("colour", vdb.Vec3SGrid)
     density.name, density.gridClass = "density", vdb.GridClass.FOG_VOLUME
     colour.name, colour.saveFloatAsHalf = "Cd", True
-    vdb.write(out, grids=[density, colour], metadata={"creator": told["creator"]})
+    vdb.write(out, grids=[density, colour], metadata=told["metadata"])
 
 
 if __name__ == "__main__":

@@ -83,7 +83,7 @@ def write_page(path: Path, page: Page) -> None:
     body = [
         f"<header><h1>{escape(page.title)}</h1><p>{escape(page.text)}</p></header>",
         _numbers(page.numbers),
-        _movie(page.movie) if page.movie else "",
+        _movie(page.movie, page.title) if page.movie else "",
         _link(*page.link) if page.link else "",
         *(_picture(part) if isinstance(part, Picture) else _table(part) for part in page.parts),
         _facts(page.facts),
@@ -112,9 +112,11 @@ def _numbers(numbers: Sequence[tuple[str, str]]) -> str:
     return f'<div class="numbers">{cards}</div>' if cards else ""
 
 
-def _movie(file: Path) -> str:
+def _movie(file: Path, title: str) -> str:
     data = base64.b64encode(file.read_bytes()).decode()
-    return f'<video controls autoplay loop muted playsinline src="data:video/mp4;base64,{data}"></video>'
+    label = escape(f"{title}, seen from all around")
+    source = f"data:video/mp4;base64,{data}"
+    return f'<video controls autoplay loop muted playsinline aria-label="{label}" src="{source}"></video>'
 
 
 def _link(file: Path, text: str) -> str:

@@ -124,6 +124,8 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
         drawn = job.settings.views
         said = f"{drawn.n} for training, {drawn.test} for the scores, {drawn.size} x {drawn.size} pixels"
         facts.append(("Views", said))
+        if meta.assumed is not None:
+            facts.append(("Assumed", meta.assumed))
         facts.append(("Ray caster", f"VTK {meta.vtk}, {meta.mapper}, sample distance {distance:.4g}"))
     elif isinstance(job.source, ViewSource):
         facts.append(("Views", str(job.source.folder)))

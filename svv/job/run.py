@@ -50,7 +50,9 @@ def run_job(
     source.identity()
     for style in styles:
         read_style(style)
+    page = out / "report.html"
     job = Job(source, styles, out, settings, stages or Stages(out, show))
+    job.stages.page = page
     job.make_views()
     job.train()
     job.evaluate()
@@ -64,6 +66,5 @@ def run_job(
     job.share()
     job.orbits()
     job.movie()
-    page = out / "report.html"
     write_result(page, job)
     return page

@@ -21,7 +21,7 @@ from svv.io.files.keyed_results import key_of
 from svv.io.views.drawn_views import DrawnViews
 from svv.io.views.transforms import transforms_file
 from svv.io.views.view_meta import ViewMeta, known
-from svv.io.views.viewset import CLASSIFIED, ViewSet, files_of, read_meta
+from svv.io.views.viewset import CLASSIFIED, ViewSet, check_splits, files_of, read_meta, write_splits
 from svv.job.stages import fingerprint
 from svv.options.described import chosen
 from svv.options.making import ViewOptions
@@ -63,13 +63,12 @@ class Drawn(ABC):
         Returns:
             The metadata of the views.
         """
+        check_splits(folder)  # before the work, not after it
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
         kept = DrawnViews(folder / ".drawing", key_of("views", self.identity(), chosen(options)), sharing)
         train, unseen = self.draw(options, drawing, kept)
         if sharing.is_first:
-            train.write(folder, "train", part(writing, 0.0, 0.8))
-            if unseen is not None:
-                unseen.write(folder, "test", part(writing, 0.8, 1.0))
+            write_splits(folder, train, unseen, writing)
             kept.clear()
         return train.meta
 

@@ -2,7 +2,8 @@
 
 A job records the settings, outputs and cost of each stage in ``stages.json`` beside its results. Running the same
 command again skips every stage whose settings, inputs and files are unchanged; a changed setting repeats only the
-stages that depend on it.
+stages that depend on it. Results of stages that depended on what is no longer there are removed: the results in the
+folder always belong together.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from svv.measure import give_memory_back, measured
 READ_WHOLE = 1 << 30
 """Maximum bytes of an input file that is read to identify it."""
 
-COST = (("key", (str,)), ("title", (str,)), ("seconds", (int, float)), ("peak_rss_bytes", (int,)))
+COST = (("key", (str,)), ("title", (str,)), ("seconds", (int, float)), ("peak_rss_bytes", (int,)),
+        ("files", (list,)), ("after", (list,)))  # fmt: skip
 """What the record tells about a stage, and of which types."""
 
 Show = Callable[[str], AbstractContextManager[Progress]]
@@ -48,6 +50,8 @@ class Stages:
     def __init__(self, folder: Path, show: Show = unseen) -> None:
         self.folder = make_folder(folder)
         self.show = show
+        self.page: Path | None = None
+        """Page of the results of all stages, which is removed when one of them has been done again."""
         self.costs: dict[str, dict[str, object]] = {}
         self._keys: dict[str, str] = {}
         self._redone: set[str] = set()
@@ -68,7 +72,8 @@ class Stages:
             name: Name of the stage in ``stages.json``.
             title: Title shown to the user.
             settings: Everything that the results depend on besides the stages in ``after`` (JSON).
-            outputs: Files that exist once the stage is done.
+            outputs: Files in the folder that exist once the stage is done; all others that it wrote when it was done
+                before are removed.
             work: Called with ``progress``; writes the outputs.
             after: Names of the stages whose results this one uses; they must be done already.
 
@@ -82,7 +87,11 @@ class Stages:
         if done and fresh and done["key"] == key and all(path.exists() for path in outputs):
             self.costs[name] = done
             return False
-        if self._record.pop(name, None) is not None:  # a killed stage may leave the results of two settings
+        files = [str(path.relative_to(self.folder)) for path in outputs if path.is_relative_to(self.folder)]
+        same = [other for other, told in self._record.items() if other != name and set(told["files"]) & set(files)]
+        if done or same:  # a killed stage may leave the results of two settings
+            for stage in filter(self._record.get, (name, *same)):
+                self._record[stage] = {**self._record[stage], "key": ""}
             write_json(self.folder / "stages.json", self._record)
         try:
             with self.show(title) as progress, measured() as cost:
@@ -93,14 +102,30 @@ class Stages:
             raise
         give_memory_back()  # memory freed by one stage must not count towards the next one's peak
         self._redone.add(name)
+        for stage in (name, *same):
+            self._drop(stage, files)
+        if self.page is not None:
+            self.page.unlink(missing_ok=True)
         self.costs[name] = self._record[name] = {
             "key": key,
             "title": title,
             "seconds": round(cost.seconds, 2),
             "peak_rss_bytes": cost.peak_rss_bytes,
+            "files": files,
+            "after": list(after),
         }
         write_json(self.folder / "stages.json", self._record)
         return True
+
+    def _drop(self, name: str, keep: Sequence[str]) -> None:
+        """Remove what a stage wrote and what all stages wrote that depend on it, but for the files to keep."""
+        for file in self._record.pop(name, {"files": ()})["files"]:
+            path = self.folder / str(file)
+            if file not in keep and self.folder.resolve() in path.resolve().parents:
+                with suppress(OSError):
+                    path.unlink()
+        for later in [later for later, told in self._record.items() if name in told["after"]]:
+            self._drop(later, keep)
 
     def key(self, name: str) -> str:
         """Return the hash of a finished stage's settings and of everything that it depends on."""

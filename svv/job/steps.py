@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from svv.errors import Progress, part
 from svv.io.files.atomic import make_folder, write_json
 from svv.io.files.keyed_results import digest
-from svv.io.pictures.output import write_mp4, write_png, write_region_png
+from svv.io.pictures.output import is_frame, write_mp4, write_png, write_region_png
 from svv.io.pictures.style_picture import read_style
 from svv.io.scene_file import checkpoint_of, remove_checkpoints
 from svv.io.views.agreement import check_agreement
@@ -173,7 +173,8 @@ class Job:
             write_png(self.out / "regions.png", sheet(cropped([pictures]), labels))
 
         settings = {"size": self.settings.path.orbit_size}
-        self.stages.do("regions", "Regions", settings, [self.out / "regions.png"], work, ["train"])
+        files = [self.out / "regions.png", self.out / "region-map.png"]
+        self.stages.do("regions", "Regions", settings, files, work, ["train"])
 
     def recolour(self) -> None:
         """Shift the hue of every region."""
@@ -257,6 +258,8 @@ class Job:
             assert isinstance(source, Drawn)
             cameras, folder = orbit(self.scene_at(self.scene), s.orbit, s.orbit_size, s.orbit_size), self._frames(TRUTH)
             make_folder(folder)
+            for old in filter(is_frame, folder.iterdir()):  # of an orbit of more frames, or of another volume
+                old.unlink()
             files = [folder / f"{index:04d}.png" for index in range(s.orbit)]
             with ThreadPoolExecutor(usable_cpus()) as pool:
                 list(pool.map(write_png, files, source.truth(self.views, cameras, progress)))
@@ -266,13 +269,15 @@ class Job:
             cameras = orbit(next(iter(shown.values())), s.orbit, s.orbit_size, s.orbit_size)
             write_frames_of(shown, cameras, progress)
 
-        last = f"{s.orbit - 1:04d}.png"
+        frames = [f"{index:04d}.png" for index in range(s.orbit)]
         if TRUTH in columns:
-            self.stages.do(
-                f"orbit {TRUTH}", f"Orbit: {TRUTH}", settings, [self._frames(TRUTH) / last], draw, ["train", "views"]
-            )
+            files = [self._frames(TRUTH) / frame for frame in frames]
+            self.stages.do(f"orbit {TRUTH}", f"Orbit: {TRUTH}", settings, files, draw, ["train", "views"])
         stages = sorted({"train", *(stage for stage, path in columns.values() if path is not None)})
-        files, names = [folder / last for folder in scenes], ", ".join(label for label in columns if label != TRUTH)
+        files, names = (
+            [folder / frame for folder in scenes for frame in frames],
+            ", ".join(label for label in columns if label != TRUTH),
+        )
         self.stages.do("orbits", f"Orbits: {names}", {**settings, "of": names}, files, render, stages)
 
     def movie(self) -> None:

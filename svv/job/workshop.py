@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, silent
 from svv.options.making import PREFIX, PaintOptions, PresetName, TrainOptions, ViewOptions
 
 if TYPE_CHECKING:
@@ -77,28 +77,33 @@ class Workshop:
         return {"regions": regions, **{key: told[key] for key in keys}}
 
     def views(
-        self, volume: str, out: str, transfer_function: str | None = None, count: int = 42, size: int = 400
+        self,
+        volume: str,
+        out: str,
+        transfer_function: str | None = None,
+        count: int = 42,
+        size: int = 400,
+        progress: Progress = silent,
     ) -> str:
         """Draw training views of a volume (.vti, .nrrd, .nii.gz, .tif ...) into a folder."""
-        from svv.errors import silent
         from svv.job.source import VolumeSource
 
         tf = None if transfer_function is None else self.place(transfer_function)
         folder = self.place(out)
-        VolumeSource(self.place(volume), tf).make_views(folder, ViewOptions(n=count, test=0, size=size), silent)
+        VolumeSource(self.place(volume), tf).make_views(folder, ViewOptions(n=count, test=0, size=size), progress)
         return self.shown(folder)
 
-    def train(self, views: str, out: str, preset: PresetName = "fast") -> str:
+    def train(self, views: str, out: str, preset: PresetName = "fast", progress: Progress = silent) -> str:
         """Train a scene on a folder of views: draft takes seconds, fast and balanced minutes, best longer."""
         from svv.io.views.viewset import ViewSet
         from svv.train.pipeline import train_scene
 
         path = self._new_scene(out)
-        scene, _ = train_scene(ViewSet.read(self.place(views), "train"), TrainOptions(preset=preset))
+        scene, _ = train_scene(ViewSet.read(self.place(views), "train"), TrainOptions(preset=preset), progress)
         scene.save(path)
         return f"{self.shown(path)}: {len(scene.regions)} regions"
 
-    def edit(self, scene: str, say: str, out: str) -> list[str]:
+    def edit(self, scene: str, say: str, out: str, progress: Progress = silent) -> list[str]:
         """Edit a scene in words, such as "make the shell pale jade, thinner, hide the ring"; says what it understood.
 
         Names of regions or "region 0"; colours; thinner, opacity 0.4; hide, show, only; flat, outlined; light from the
@@ -107,7 +112,7 @@ class Workshop:
         from svv.render.words.say import say as spoken
 
         path = self._new_scene(out)
-        done = spoken(self._scene(scene), say)
+        done = spoken(self._scene(scene), say, progress)
         done.scene.save(path)
         return [*done.understood, self.shown(path)]
 
@@ -132,7 +137,9 @@ class Workshop:
         found |= {name: f"MatCap, {told}" for name, (_, told) in MATCAPS.items()}
         return found | {f"look {PREFIX}{name}": f"look, {look['title']}" for name, look in LOOKS.items()}
 
-    def stylize(self, scene: str, styles: list[str], out: str, preset: PresetName = "balanced") -> str:
+    def stylize(
+        self, scene: str, styles: list[str], out: str, preset: PresetName = "balanced", progress: Progress = silent
+    ) -> str:
         """Paint the regions of a scene, in turn, in styles: pictures, gallery:NAME or ink:NAME."""
         from svv.train.paint.ink import StyleInput, style_named
         from svv.train.pipeline import stylize_scene
@@ -140,7 +147,7 @@ class Workshop:
         path = self._new_scene(out)
         named = [style_named(self.source(style)) for style in styles]
         given = [StyleInput(style, label) for label, style in named]
-        stylize_scene(self._scene(scene), given, PaintOptions(preset=preset))[0].save(path)
+        stylize_scene(self._scene(scene), given, PaintOptions(preset=preset), progress)[0].save(path)
         return self.shown(path)
 
     def save_look(self, scene: str, out: str) -> str:
@@ -151,16 +158,24 @@ class Workshop:
         Look.of(self._scene(scene)).save(path)
         return self.shown(path)
 
-    def apply_look(self, look: str, scene: str, out: str) -> list[str]:
+    def apply_look(self, look: str, scene: str, out: str, progress: Progress = silent) -> list[str]:
         """Give a scene a look, from a file or gallery:NAME; says which regions matched."""
         from svv.render.looks.look import Look
 
         path, given = self._new_scene(out), Look.load(self.source(look))
-        done = given.applied(self._scene(scene))
+        done = given.applied(self._scene(scene), progress=progress)
         done.scene.save(path)
         return [*done.matches.said(given, done.scene), *done.notes, self.shown(path)]
 
-    def render(self, scene: str, out: str, azimuth: float = 0.0, elevation: float = 0.0, size: int = 512) -> str:
+    def render(
+        self,
+        scene: str,
+        out: str,
+        azimuth: float = 0.0,
+        elevation: float = 0.0,
+        size: int = 512,
+        progress: Progress = silent,
+    ) -> str:
         """Render a scene over white to a .png, from degrees to the right of and above its front."""
         from svv.core.colour.colour import WHITE
         from svv.render.frames import RenderSettings, write_view
@@ -170,21 +185,32 @@ class Workshop:
         path, loaded = self.place(out), self._scene(scene)
         if path.suffix.lower() != ".png":
             raise BadInput(f"A picture is a .png, not '{out}': choose another name.")
-        write_view(path, loaded, _camera(loaded, azimuth, elevation, size), RenderSettings(background=WHITE))
+        camera = _camera(loaded, azimuth, elevation, size)
+        write_view(path, loaded, camera, RenderSettings(background=WHITE), progress)
         return self.shown(path)
 
-    def figure(self, scenes: list[str], out: str, unit: str | None = None, value_unit: str | None = None) -> str:
+    def figure(
+        self,
+        scenes: list[str],
+        out: str,
+        unit: str | None = None,
+        value_unit: str | None = None,
+        progress: Progress = silent,
+    ) -> str:
         """Make a figure for a paper (.pdf, .svg, .png, .tiff): a panel for each scene, legend, scale bar and axes."""
         from svv.render.figures.figure import figure
 
         path = self.place(out)
-        figure([self._scene(scene) for scene in scenes], path, unit=unit, value_unit=value_unit)
+        figure([self._scene(scene) for scene in scenes], path, unit=unit, value_unit=value_unit, progress=progress)
         return self.shown(path)
 
     def _new_scene(self, name: str) -> Path:
+        from svv.io.files.atomic import check_writable
+
         path = self.place(name)
         if path.suffix != ".svv":
             raise BadInput(f"A scene is a .svv, not '{name}': choose another name.")
+        check_writable(path)
         return path
 
 
@@ -198,4 +224,5 @@ def _camera(scene: Scene, azimuth: float, elevation: float, size: int) -> Camera
 
 TOOLS = ("files", "info", "name", "edit", "styles", "stylize", "save_look", "apply_look", "render", "figure", "views",
          "train")  # fmt: skip
-"""Methods of :class:`Workshop` that are tools; their docstrings are what an assistant reads."""
+"""Methods of :class:`Workshop` that are tools; their docstrings are what an assistant reads. Those that take long tell
+their progress, and stop when it raises."""

@@ -182,13 +182,17 @@ class StrokeKernels(Protocol):
         """
 
 
+MOST_SEEN = 255
+"""Views up to which those that contain a cell of the visual hull are counted."""
+
+
 class TomographyKernels(Protocol):
     """What finds the visual hull and a first extinction from alpha; see :mod:`svv.train.base.tomography_kernels`."""
 
     def visual_hull(
         self, tables: Tensor, cameras: tuple[Tensor, Tensor, Tensor], cells: float, reach: float, shape: Sequence[int]
     ) -> Tensor:
-        """Return the cells that masks leave, uint8 (X, Y, Z) of this ``shape``.
+        """Return how many views contain each cell that masks leave, 0 for others, uint8 (X, Y, Z) of this ``shape``.
 
         ``tables`` (N, H + 1, W + 1) int32: summed-area tables of the masks; ``cameras``: rotations (N, 3, 3), positions
         (N, 3) and lenses (N, 4), float64; ``cells`` a box unit, of this ``reach``: all as in

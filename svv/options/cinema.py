@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from svv.options.described import Setting
 from svv.options.making import DeviceName, NetworkName
@@ -28,6 +28,8 @@ class DatabaseOptions:
     """Full vertical angle of view; by default estimated from the silhouettes."""
     parallel_scale: Annotated[float | None, Setting(metavar="S")] = None
     """Half the height of the images in world units, if the cameras are orthographic."""
+    alpha: Literal["auto", "straight", "premultiplied"] = "auto"
+    """Whether colours are multiplied by alpha (premultiplied) or not; auto looks at all translucent pixels."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed")] = False
     """Leave out what stands still on the screen: colour bars, axes, logos, text."""
     n: Annotated[int, Setting(least=3)] = 200

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -53,8 +54,10 @@ def write_database(
         BadInput: The path is something else than a database, or cannot be written, or the scene has no cameras or does
             not have that network.
     """
-    if path.exists() and not (path.is_dir() and ((path / TABLE).is_file() or not any(path.iterdir()))):
-        raise BadInput(f"{path} exists and is not a Cinema database; choose another name.")
+    if path.exists() and not (path.is_dir() and _only_ours(path)):
+        raise BadInput(
+            f"{path} exists and is not a Cinema database that svv wrote, or has other files; choose another name."
+        )
     if options.network is not None and options.network not in scene.networks:
         raise BadInput(f"The scene has no network '{options.network}', only {', '.join(scene.networks)}.")
     staging = path.with_name(f".{path.name}.partial")
@@ -76,6 +79,19 @@ def write_database(
     _write_table(staging / TABLE, rows)
     _move_in(staging, path)
     return len(views)
+
+
+def _only_ours(folder: Path) -> bool:
+    """Return whether a folder is empty, or has nothing but a database with the files that :func:`write_database` wrote.
+
+    Other programs' databases have no ``camera.json``, but for those of ``extract_views.py``, whose images are named
+    otherwise.
+    """
+    there = {file.name for file in folder.iterdir()}
+    ours = re.compile(r"\d{5}(_depth|_region_\d+)?\.png")
+    return not there or (
+        {TABLE, BESIDE} <= there and all(ours.fullmatch(name) for name in there - {TABLE, BESIDE, KEY})
+    )
 
 
 def _begin(staging: Path, scene: Scene, options: ExportOptions) -> None:

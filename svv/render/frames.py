@@ -22,6 +22,7 @@ from svv.io.pictures.output import (
     depth_picture,
     made_of,
     region_picture,
+    remove_other_frames,
     to_bytes,
     write_depth_png,
     write_mp4,
@@ -29,6 +30,7 @@ from svv.io.pictures.output import (
     write_region_png,
     write_vti,
 )
+from svv.render.emptiness import why_empty
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
@@ -115,8 +117,8 @@ def write_view(
     shown: RenderSettings = COLOURS,
     progress: Progress = silent,
     made: str = "",
-) -> None:
-    """Render one view into a file.
+) -> str:
+    """Render one view into a file; return why it shows nothing (:func:`why_empty`), '' if it shows something.
 
     Args:
         path: A .vti, which always contains colour, depth and regions, or a PNG.
@@ -129,21 +131,22 @@ def write_view(
     Raises:
         BadInput: The scene does not have that network, or the file cannot be written.
     """
-    _rendered(path, scene, camera, shown, progress, made)()
+    view, write = _rendered(path, scene, camera, shown, progress, made)
+    write()
+    return why_empty(scene, view.depth)
 
 
 def _rendered(
     path: Path, scene: Scene, camera: Camera, shown: RenderSettings, progress: Progress, made: str
-) -> Callable[[], None]:
-    """Render one view, and return what writes it into a file; see :func:`write_view`."""
+) -> tuple[Rendering, Callable[[], None]]:
+    """Render one view, and return it with what writes it into a file; see :func:`write_view`."""
     check_writable(path)
     colours = path.suffix.lower() == ".vti" or shown.what == "rgba"
     samples = (
         shown.samples if shown.samples is not None or colours else 1
     )  # edges of regions and depths have nothing to smooth
-    return partial(
-        _write, path, supersampled(scene, camera, shown.network, None, progress, samples), scene, shown, made
-    )
+    view = supersampled(scene, camera, shown.network, None, progress, samples)
+    return view, partial(_write, path, view, scene, shown, made)
 
 
 def _write(path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str) -> None:
@@ -187,14 +190,18 @@ def write_frames(
     """Render views into ``folder/0000.png`` and so on; see :func:`write_view`.
 
     Files that are there already and were made from the same scene, camera and settings are left as they are, so an
-    interrupted call can be repeated. With ``those``, only these of the views are rendered, and others may render the
-    rest.
+    interrupted call can be repeated. Other frames that this function wrote are removed first, so a folder never holds
+    the frames of two runs. With ``those``, only these of the views are rendered, and others may render the rest.
 
     Returns:
         The files, in the order of the cameras.
+
+    Raises:
+        BadInput: The folder has numbered pictures that this function did not write, or cannot be written.
     """
     frames = _Frames(folder, scene, shown)
     chosen = list(enumerate(cameras))[those]
+    frames.make_room(chosen, len(cameras))
 
     def drawn() -> Iterator[Callable[[], None]]:
         for index, (number, camera) in enumerate(chosen):
@@ -220,6 +227,8 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
 
     frames = [_Frames(folder, scene, COLOURS) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)
+    for each in frames:
+        each.make_room(list(enumerate(cameras)), len(cameras))
 
     def drawn() -> Iterator[Callable[[], None]]:
         for number, camera in enumerate(cameras):
@@ -256,12 +265,21 @@ class _Frames:
         """Return the file of a frame."""
         return self._folder / f"{number:04d}.png"
 
+    def make_room(self, views: Sequence[tuple[int, Camera]], count: int) -> None:
+        """Remove the frames of other runs: those of these views, and those beyond the number of all views."""
+        made = {number: self._made(number, camera) for number, camera in views}
+        remove_other_frames(self._folder, count, made)
+
     def drawn(self, number: int, camera: Camera, progress: Progress) -> Iterator[Callable[[], None]]:
         """Render a frame and yield what writes it, unless it is there."""
-        told = {field.name: getattr(camera, field.name) for field in fields(camera)}
-        made = key_of(self._look, told if self._steps is None else {**told, "step": self._steps[number]})
+        made = self._made(number, camera)
         if made_of(self.path(number)) != made:
-            yield _rendered(self.path(number), self._at(number), camera, self._shown, progress, made)
+            yield _rendered(self.path(number), self._at(number), camera, self._shown, progress, made)[1]
+
+    def _made(self, number: int, camera: Camera) -> str:
+        """Return what a frame says that it was made from."""
+        told = {field.name: getattr(camera, field.name) for field in fields(camera)}
+        return key_of(self._look, told if self._steps is None else {**told, "step": self._steps[number]})
 
 
 def _sharing(scenes: Sequence[Scene]) -> list[Scene]:

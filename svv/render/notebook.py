@@ -20,11 +20,12 @@ from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.scene import Scene
+from svv.render.pictures import in_words
 from svv.render.web.page import html_of, numbers_of, paintings_of
 from svv.train.run.learning import Learning
 
 FRAME = (
-    '<div data-svv="{name}"><iframe title="Scene" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0">'
+    '<div data-svv="{name}"><iframe title="{title}" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0">'
     "</iframe></div>"
 )
 """HTML that shows a page without Python, network, and the widget's own program, which removes it: exported notebooks
@@ -48,6 +49,7 @@ class SceneWidget(anywidget.AnyWidget):
     told = traitlets.Unicode().tag(sync=True)
     _camera = traitlets.Dict().tag(sync=True)
     _name = traitlets.Unicode().tag(sync=True)
+    _said = traitlets.Unicode().tag(sync=True)
 
     def __init__(
         self,
@@ -61,13 +63,13 @@ class SceneWidget(anywidget.AnyWidget):
         if isinstance(scene, Learning) and scene.done:
             scene = scene.wait()[0]
         if isinstance(scene, Learning):
-            super().__init__(page="", height=height, fraction=0.0, _name=uuid4().hex)
+            super().__init__(page="", height=height, fraction=0.0, _name=uuid4().hex, _said=title)
             self._scene: Scene | None = None
             self._number = 0
             scene.watch(partial(self._sharpen, title=title, background=background))
             return
         page = html_of(scene, title, title, background, progress).decode()
-        super().__init__(page=page, height=height, _name=uuid4().hex)
+        super().__init__(page=page, height=height, _name=uuid4().hex, _said=_said(title, scene))
         self._scene = scene
 
     def _sharpen(self, learning: Learning, title: str, background: Sequence[float]) -> None:
@@ -77,6 +79,7 @@ class SceneWidget(anywidget.AnyWidget):
             self._number, self._scene = found[0], learning.scene
             with self.hold_sync():
                 self.edits = {}  # they were of another scene
+                self._said = _said(title, self._scene)
                 self.page = found[1]
         self.fraction, self.told = learning.progress
         if learning.done:
@@ -84,7 +87,7 @@ class SceneWidget(anywidget.AnyWidget):
             try:
                 scene, _ = learning.wait()
                 if self._number != learning.number:  # it was done before its process heard that pages are wanted
-                    self._scene, self._number = scene, learning.number
+                    self._scene, self._number, self._said = scene, learning.number, _said(title, scene)
                     self.page = html_of(scene, title, title, background).decode()
             except BadInput as error:
                 self.told = str(error)
@@ -117,7 +120,7 @@ class SceneWidget(anywidget.AnyWidget):
 
     def _repr_html_(self) -> str:
         """Return the page itself, for where widgets are not shown."""
-        return FRAME.format(page=escape(self.page), height=self.height, name=self._name)
+        return FRAME.format(page=escape(self.page), height=self.height, name=self._name, title=escape(self._said))
 
     def _ipython_display_(self) -> None:
         """Display the page, and then the widget, which takes its place.
@@ -127,6 +130,11 @@ class SceneWidget(anywidget.AnyWidget):
         """
         display({"text/html": self._repr_html_()}, raw=True)
         display(*(self._repr_mimebundle_() or ({},))[:1], raw=True)
+
+
+def _said(title: str, scene: Scene | None) -> str:
+    """Return the title of a frame, by which those who do not see it tell what it shows."""
+    return title if scene is None else f"{title}. {in_words(scene)}"
 
 
 def _colour(told: Sequence[float] | None) -> tuple[float, float, float] | None:

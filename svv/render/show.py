@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from html import escape
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput, Progress, silent
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
-from svv.render.pictures import Picture
+from svv.render.pictures import Picture, in_words
 from svv.render.supersampled import supersampled
 from svv.train.run.learning import Learning
 
@@ -49,7 +51,8 @@ def show(
 ) -> Image.Image | None:
     """Show a scene in a window and turn it with the mouse; its picture is coarser while the mouse moves.
 
-    In a notebook, the picture is shown below the cell instead. A training in the background
+    In a notebook, the picture is shown below the cell instead, with the names of its regions as alternative text. A
+    training in the background
     (``train_scene(..., background=True)``) is shown as it sharpens, with a bar of its progress: in a window that can be
     closed at any time, in a notebook until it is done. Interrupting either lets it go on.
 
@@ -80,7 +83,9 @@ def show(
     if not off_screen and _in_notebook():
         picture = _picture(scene, first, network, background)
         if learning is not None:
-            picture = _sharpened_below(learning, picture, lambda newer: _picture(newer, first, network, background))
+            picture, scene = _sharpened_below(
+                learning, scene, picture, lambda newer: _picture(newer, first, network, background)
+            )
     else:
         pyvista = _pyvista()
         if not off_screen and not pyvista.system_supports_plotting():
@@ -93,7 +98,31 @@ def show(
         picture = follower.picture
     if screenshot is not None:
         write_png(screenshot, picture)
-    return None if not off_screen and not _in_notebook() else Image.fromarray(picture)
+    return None if not off_screen and not _in_notebook() else _Shown.of(picture, in_words(scene, network))
+
+
+class _Shown(Image.Image):
+    """A picture with alternative text, which notebooks keep beside it, also when they are exported."""
+
+    alt = ""
+
+    @classmethod
+    def of(cls, picture: Picture, alt: str) -> _Shown:
+        """Return a picture (h, w, 3) with its text."""
+        shown = cls()
+        shown.__dict__.update(Image.fromarray(picture).__dict__, alt=alt)
+        return shown
+
+    def _repr_png_(self) -> Any:
+        return super()._repr_png_(), {"alt": self.alt}
+
+    def _repr_html_(self) -> str:
+        """Return HTML, which is preferred: JupyterLab and most templates of nbconvert ignore the text of a PNG."""
+        data = base64.b64encode(super()._repr_png_() or b"").decode()
+        return f'<img alt="{escape(self.alt)}" style="max-width: 100%" src="data:image/png;base64,{data}">'
+
+    def _repr_jpeg_(self) -> None:
+        """Offer no JPEG, which would be a third copy."""
 
 
 def widget(
@@ -259,18 +288,25 @@ def first_scene_of(learning: Learning) -> Scene:
     return learning.wait()[0] if learning.scene is None else learning.scene
 
 
-def _sharpened_below(learning: Learning, picture: Picture, drawn: Callable[[Scene], Picture]) -> Picture:
-    """Show a picture below a notebook's cell, and newer ones in its place until the training is done."""
+def _sharpened_below(
+    learning: Learning, scene: Scene, picture: Picture, drawn: Callable[[Scene], Picture]
+) -> tuple[Picture, Scene]:
+    """Show a picture below a notebook's cell, and newer ones in its place until the training is done.
+
+    Returns:
+        The last picture, and its scene.
+    """
     from IPython.display import display
 
-    place, shown = display(Image.fromarray(picture), display_id=True), learning.number
+    place, shown = display(_Shown.of(picture, in_words(scene)), display_id=True), learning.number
     with _bar(learning) as look:
         while not learning.done or learning.number != shown:
             look()
             if learning.number != shown and learning.scene is not None:
-                shown, picture = learning.number, drawn(learning.scene)
-                place.update(Image.fromarray(picture))
-    return picture
+                shown, scene = learning.number, learning.scene
+                picture = drawn(scene)
+                place.update(_Shown.of(picture, in_words(scene)))
+    return picture, scene
 
 
 @contextmanager

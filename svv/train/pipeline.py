@@ -98,8 +98,8 @@ def train_scene(
         in [0, 1].
 
     Raises:
-        BadInput: There are fewer than 3 views, no point is visible in all of them, they contradict their cameras, an
-            option does not exist, or the time limit is not above 0.
+        BadInput: There are fewer than 3 views, none shows anything, no point is visible in all of them, they contradict
+            their cameras, an option does not exist, or the time limit is not above 0.
 
     >>> trained, report = svv.train_scene(views, "draft", time_limit=2.0)
     >>> trained.networks, sorted(report["seconds"])

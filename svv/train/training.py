@@ -21,6 +21,7 @@ from svv.fields.scene.scene import Scene
 from svv.fields.values.time_steps import TimeSteps
 from svv.fields.values.value_function import ValueFunction
 from svv.io.views.agreement import check_agreement
+from svv.io.views.empty_views import check_shown
 from svv.io.views.equal_views import equal_views
 from svv.io.views.viewset import ViewSet
 from svv.train.base.feature_levels import with_fewest_levels
@@ -79,8 +80,9 @@ class Training:
         self.notes: list[str] = []
         self.confidence: tuple[float, ...] = ()
         with self._timed("check"):
+            empty = ranks.once(lambda: check_shown(views))
             checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names))
-            told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views))
+            told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views)), empty
         self.warnings = [said for said in told if said is not None]
 
     @property

@@ -17,7 +17,7 @@ from svv.styles.gallery import gallery_picture
 from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
-from tests.cube import cube_scene, lit_cube_scene
+from tests.cube import clear_place, cube_scene, lit_cube_scene
 from tests.loose_balls import loose_balls
 
 
@@ -176,11 +176,7 @@ def test_a_palette_is_corrected_and_learned_again(inside, tmp_path: Path) -> Non
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.5, 48)
     images = np.stack([to_bytes(cube.render(camera).rgba) for camera in cameras])
     ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12))).write(tmp_path / "views", "train")
-    region, places = cube.render(cameras[3]).region, []
-    for number in (1, 2):
-        rows, columns = np.nonzero(region == number)
-        middle = len(rows) // 2
-        places.append(",".join(f"{v:.6f}" for v in cube.point_at(cameras[3], (columns[middle], rows[middle]))))
+    places = [",".join(f"{v:.6f}" for v in clear_place(cube, region)) for region in (1, 2)]
     (tmp_path / "points.txt").write_text("=".join(places))
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")

@@ -12,6 +12,8 @@ import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 from PIL import Image
 
+from tests.cube import cube_scene
+
 START = (
     VOLUME
     + """
@@ -217,3 +219,123 @@ assert scene(other) == first and other.KeptAs == train.KeptAs and "found in the 
 """,
         pvserver,
     )
+
+
+EDITED = """
+volume, display = shown()
+train = small(StyleRFTrain(Input=volume, Preset="draft", Settings=FEW))
+paint = StyleRFStylize(Input=train, StyleFiles=[files], Preset="draft")
+edit = StyleRFEdit(Input=paint, Region0Lighting=0.5)
+StyleRFRender(Input=edit, ImageSize=[40, 30], Frame=20)
+"""
+
+
+@pytest.mark.slow
+def test_what_a_state_lacks_is_said_by_all_filters_that_need_it(run: Run, pvpython, tmp_path: Path) -> None:
+    first, picture, cache = run(EDITED + SAVE, "first"), tmp_path / "halves.png", tmp_path / "cache"
+
+    def opened(then: str = "", load: str = LOAD) -> tuple[int, dict[str, Any], str]:
+        done = pvpython(
+            START + load + then, tmp_path, picture, "state.pvsm", environ={"SVV_CACHE": str(cache)}, check=False
+        )
+        with np.load(tmp_path / "state.pvsm.npz") as arrays:
+            told = {**json.loads((tmp_path / "state.pvsm.json").read_text()), "arrays": dict(arrays)}
+        return done.returncode, told, done.stdout + done.stderr
+
+    content = picture.read_bytes()
+    picture.unlink()
+    lost = f"There is no style picture {picture}: choose another under Style Files."
+    # The painting is in the cache: it is shown, and the picture that is gone is told.
+    for state in ("state.pvsm", "state.py"):
+        kept = run(LOAD, state, state)
+        assert kept["worked"] == [] and same(kept, first), kept["status"]
+        assert f"{lost} Until then, the painting that was made with it is shown" in kept["status"]["Stylize"]
+    # It cannot be painted anew; what is shown is an earlier result, and all filters behind say so.
+    code, told, said = opened("\nours()['Stylize'].PaintAgain()\ntold('state.pvsm')")
+    assert code == 2 and same(told, first) and told["worked"] == [], said
+    assert told["status"]["Stylize"] == lost
+    behind = f"StyleRF Stylize before this filter failed: {lost}"
+    for kind in ("Edit", "Render"):
+        assert told["status"][kind].endswith(f"This shows an earlier result: {behind}"), told["status"]
+    # The picture is found in another folder, if ParaView is told which.
+    (tmp_path / "moved").mkdir()
+    (tmp_path / "moved" / picture.name).write_bytes(content)
+    load = LOAD.replace('LoadState(out + "/" + state)', 'LoadState(out + "/" + state, out + "/moved")')
+    assert load != LOAD
+    code, told, said = opened(load=load)
+    assert code == 0 and same(told, first) and told["worked"] == [] and "There is no" not in str(told["status"]), said
+    # Neither the picture nor the painting: nothing is shown, not even the scene without paint.
+    for painting in cache.glob("painting-*"):
+        painting.unlink()
+    code, told, said = opened()
+    assert code == 2 and told["arrays"] == {} and told["worked"] == [], said
+    too = f"What was made with it is missing from {cache}, too."
+    assert told["status"]["Stylize"] == f"{lost} {too}"
+    assert {told["status"][kind] for kind in ("Edit", "Render")} == {f"{behind} {too}"}
+    assert said.count(behind) >= 3 and said.rstrip().endswith(f"svv: {behind} {too}"), said
+    # With the picture back, one button repairs everything.
+    picture.write_bytes(content)
+    code, told, said = opened("\nours()['Stylize'].PaintAgain()\ntold('state.pvsm')")
+    assert code == 0 and told["worked"] == ["stylize_scene"] and same(told, first), said
+    # Without a cache, all say what to do.
+    clear(cache)
+    code, told, said = opened()
+    assert code == 2 and told["arrays"] == {} and told["worked"] == [], said
+    missing = f"The scene that this state was saved with is missing from {cache}: press Take What Is Shown Now, and it"
+    assert told["status"]["Train"].startswith(missing)
+    for kind in ("Stylize", "Edit", "Render"):
+        assert told["status"][kind].startswith(f"StyleRF Train before this filter failed: {missing}"), told["status"]
+
+
+FILES = """
+import json, sys
+from paraview.simple import *
+out, step = sys.argv[1:]
+here = f"{out}/here"
+if step == "save":
+    scene = StyleRFScene(FileName=here + "/two.svv")
+    StyleRFViewsFolder(FileName=here + "/views/transforms_train.json")
+    StyleRFLook(Input=scene, LookFile=here + "/look.json")
+    StyleRFPalette(Input=scene, ViewsFile=here + "/views/transforms_train.json", SaveFile=here + "/new.svv")
+    StyleRFStylize(Input=scene, StyleFiles=[here + "/a.png", here + "/more/b.png"], Region0Mask=here + "/mask.png")
+    StyleRFRender(Input=scene, ImageSize=[16, 16])
+    SaveState(out + "/state.pvsm")
+else:
+    LoadState(out + "/state.pvsm", *([out + "/there"] if step == "there" else []))
+found = {source.SMProxy.GetXMLName(): source for source in GetSources().values()}
+names = ("FileName", "LookFile", "ViewsFile", "SaveFile", "StyleFiles", "Region0Mask")
+told = [source.GetProperty(name).GetData() for _, source in sorted(found.items()) for name in names
+        if source.SMProxy.GetProperty(name)]
+flat = [str(file) for one in told for file in ([one] if isinstance(one, str) else one) if file]
+render = found["StyleRFRender"]
+render.UpdatePipeline()
+render.UpdatePropertyInformation()
+with open(f"{out}/{step}.json", "w") as file:
+    json.dump([flat, render.GetPropertyValue("Status")], file)
+"""
+
+
+def test_files_of_a_state_are_found_in_another_folder_and_a_lost_scene_is_said_behind_its_reader(
+    pvpython, tmp_path: Path
+) -> None:
+    here = tmp_path / "here"
+    for folder in ("views", "more"):
+        (here / folder).mkdir(parents=True)
+    cube_scene().save(here / "two.svv")
+    files = {"two.svv", "views/transforms_train.json", "look.json", "a.png", "more/b.png", "mask.png"}
+    for name in files - {"two.svv"}:
+        (here / name).write_bytes(b"here")
+
+    def run(step: str, check: bool = True) -> tuple[set[str], str, int]:
+        done = pvpython(FILES, tmp_path, step, check=check)
+        found, said = json.loads((tmp_path / f"{step}.json").read_text())
+        return set(found), said, done.returncode
+
+    written = str(here / "new.svv")
+    found, said, _ = run("save")
+    assert found == {written, *(str(here / name) for name in files)} and said == "16 x 16 pixels."
+    here.rename(tmp_path / "there")
+    found, said, _ = run("there")
+    assert found == {written, *(str(tmp_path / "there" / name) for name in files)} and said == "16 x 16 pixels."
+    _, said, code = run("gone", check=False)
+    assert code == 2 and said.startswith("StyleRF Scene Reader before this filter failed: ") and "two.svv" in said

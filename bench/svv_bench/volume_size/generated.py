@@ -36,6 +36,9 @@ class GeneratedSource:
         BadInput: There are fewer than 16.
     """
 
+    assumed: str | None = None
+    planes = None
+
     def __init__(self, side: int) -> None:
         if side < 16:
             raise BadInput(f"The generated volume needs at least 16 voxels along each axis, not {side}.")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -30,14 +32,67 @@ METRES = {
 """Metres per unit of length, by its names in lower case."""
 
 
-SYNONYMS = {"time": "t", "frame": "t", "channel": "c", "band": "c", "depth": "z", "height": "y", "width": "x"}
-"""Names of axes that programs write out."""
+ROLES = {
+    "x": r"lon(gitude)?s?|\w+_lon(gitude)?|rlon|width|easting|west_east\w*|col(umn)?s?",
+    "y": r"lat(itude)?s?|\w+_lat(itude)?|rlat|northing|south_north\w*|rows?",
+    "z": r"(depth|z?lev|plev|pressure|isobaric|alt|elev|hybrid|sigma|bottom_top|layer|plane|slice|height_)\w*",
+    "t": r"\w*time\w*|frames?|dates?",
+    "c": r"c|channels?|bands?",
+}
+"""Patterns of names that programs give to the axes, besides the letters (:data:`LETTER`); lower case."""
+
+LETTER = r"(?:n|dim_?)?([xyzt])(?:_?(?:dim|axis|space|c|coord\w*|cent(?:er|re)s?|\d+))?"
+"""Pattern of names that consist of a letter and little else: x, nx, x_dim, XDim, x0, xspace."""
 
 
-def named(axes: Iterable[object]) -> list[str]:
-    """Return names of axes as :func:`picked` knows them."""
-    lower = [str(axis).strip().lower() for axis in axes]
-    return [SYNONYMS.get(axis, axis) for axis in lower]
+def role_of(name: str) -> str:
+    """Return which axis a name means: ``z``, ``y``, ``x``, ``c`` or ``t``; nothing if it is unknown or "height"."""
+    lower = name.strip().lower()
+    if found := re.fullmatch(LETTER, lower):
+        return found[1]
+    return next((role for role, pattern in ROLES.items() if re.fullmatch(pattern, lower)), "")
+
+
+def roles(names: Sequence[str], shape: Sequence[int], told: Sequence[str] = ()) -> tuple[list[str], str]:
+    """Return names of axes as :func:`picked` knows them, and what was assumed.
+
+    A height is a row's in pictures, which also have a width, and otherwise the vertical (climate and forecast metadata
+    conventions, section 4.3). Names that are unknown are kept, unless they are those of z, y and x, in this order, or
+    of the only one that is missing among these.
+
+    Args:
+        names: As the file has them; empty where it has none.
+        shape: Entries along each axis.
+        told: Roles that other attributes of the file tell; empty where they do not.
+    """
+    lower = [name.strip().lower() for name in names]
+    height = "y" if any(re.fullmatch("width", name) for name in lower) else "z"
+    found = [
+        role or (height if name == "height" else role_of(name))
+        for role, name in zip([*told, *[""] * len(lower)], lower)
+    ]
+    if not any(found):
+        found = [name if role.startswith("axis") and name else role for role, name in zip(unnamed(shape), lower)]
+        known = [k for k, role in enumerate(found) if role in ("z", "y", "x") and names[k]]
+    else:
+        missing = [role for role in "zyx" if role not in found]
+        known = [k for k, role in enumerate(found) if not role and shape[k] > 1]
+        if len(known) != len(missing) or len(missing) == 2:
+            known = []
+        for k, role in zip(known, missing):
+            found[k] = role
+        found = [role or name or f"axis {k}" for k, (role, name) in enumerate(zip(found, lower))]
+    known = [k for k in known if names[k]]
+    said = f"its axes {', '.join(names[k] for k in known)} are taken for {', '.join(found[k] for k in known)}"
+    return found, said if known else ""
+
+
+def unnamed(shape: Sequence[int]) -> list[str]:
+    """Return names for axes of which nothing is known: z, y, x if three of them have several entries."""
+    wide = [k for k, side in enumerate(shape) if side > 1]
+    if len(shape) == 3 or len(wide) != 3:
+        return [*(f"axis {k}" for k in range(len(shape) - 3)), *"zyx"[-len(shape) :]]
+    return [dict(zip(wide, "zyx")).get(k, f"axis {k}") for k in range(len(shape))]
 
 
 @dataclass(frozen=True)
@@ -122,6 +177,13 @@ def picked(axes: Sequence[str], shape: Sequence[int], choice: Choice, name: str,
     return Pick(fixed, (left.index("z"), left.index("y"), left.index("x")))
 
 
+def check_alone(choice: Choice, file: Path) -> None:
+    """Raise BadInput if a channel or a time point is asked for of a file that has one volume alone."""
+    for option, value in (("--channel", choice.channel), ("--time", choice.time)):
+        if value is not None:
+            raise BadInput(f"{file.name} has neither channels nor time points: leave out {option}.")
+
+
 def _side(axes: Sequence[str], shape: Sequence[int], axis: str) -> int:
     return int(shape[list(axes).index(axis)]) if axis in axes else 1
 
@@ -151,13 +213,23 @@ def _listed(axes: Sequence[str], shape: Sequence[int], axis: str, names: Sequenc
     return f"{count} {word}s ({listed})"
 
 
+def unit_of(text: str | None) -> str:
+    """Return a unit as :data:`METRES` has it: meters as meter, [n_m] as nm, degrees_north as degree."""
+    lower = (text or "").strip().lower()
+    if re.fullmatch(r"deg(ree)?s?(_?(north|east|n|e))?", lower):
+        return "degree"
+    lower = lower.strip("[]").replace("_", "") if lower.startswith("[") else lower
+    one = lower.removesuffix("s")
+    return one if lower not in METRES and one in METRES else lower
+
+
 def in_one_unit(sizes: ArrayLike, units: Sequence[str | None], name: str) -> NDArray[np.float64]:
     """Return lengths along x, y, z in the unit of the first of them.
 
     Raises:
         BadInput: They have different units, of which one is not a known unit of length.
     """
-    named = [(unit or "").strip().lower() for unit in units]
+    named = [unit_of(unit) for unit in units]
     if len(set(named)) == 1:
         return np.asarray(sizes, float)
     if not all(unit in METRES for unit in named):

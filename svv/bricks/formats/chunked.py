@@ -1,32 +1,29 @@
-"""Volumes in chunks: HDF5, Zarr and OME-Zarr."""
+"""Volumes in chunks: what they have in common, Zarr and OME-Zarr. HDF5 is in :mod:`svv.bricks.formats.hdf5`."""
 
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
+from itertools import product, takewhile
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from svv.bricks.formats.axes import Choice, in_one_unit, named, picked
+from svv.bricks.formats.axes import Choice, Indexed, in_one_unit, picked, role_of
+from svv.bricks.formats.places import Array, Axis, axis_of, no_size, placed, sized, text_of
 from svv.bricks.source import Box, Level, level_of, native, scaled_type
 from svv.core.json_values import parsed
 from svv.errors import BadInput
 
-if TYPE_CHECKING:
-    import h5py
-
 CHUNK_CACHE = 128 << 20
 """Bytes of decoded chunks or pages that are kept, since neighbouring boxes share them."""
-
-ELEMENT_SIZE = ("element_size_um", "spacing", "voxel_size", "resolution")
-"""Attributes of an HDF5 dataset that may hold the size of a voxel along z, y, x."""
 
 PACKED = {"scale_factor": 1.0, "add_offset": 0.0}
 """Attributes by which stored values are multiplied, and to which the products are added (climate and forecast metadata
@@ -35,8 +32,8 @@ conventions, section 8.1), and what stands for a missing one."""
 MISSING = ("_FillValue", "missing_value")
 """Attributes with stored values that stand for none (ibid., section 2.5.1)."""
 
-UNEVEN = 0.01
-"""Part of a step by which steps between voxels may differ: scales are often stored in single precision."""
+UNWRITTEN = 9.969209968386869e36
+"""What netCDF's libraries leave in real numbers that were not written, unless _FillValue is another number."""
 
 
 class ChunkedSource:
@@ -48,6 +45,8 @@ class ChunkedSource:
         dtype: Type of the values as stored.
         levels: The levels.
         attributes: Of the array, which may tell how its values are packed.
+        planes: Places of the voxels along x, y and z, if some are not evenly spaced.
+        assumed: What was assumed of the file, in sentences.
 
     Raises:
         BadInput: What the attributes tell are not numbers.
@@ -60,13 +59,22 @@ class ChunkedSource:
         dtype: DTypeLike,
         levels: Sequence[Level],
         attributes: Mapping[str, Any] = MappingProxyType({}),
+        planes: tuple[Array, Array, Array] | None = None,
+        assumed: str | None = None,
     ) -> None:
-        self.name, self._stored = name, native(dtype, name)
+        self.name, self._stored, self.planes, self.assumed = name, native(dtype, name), planes, assumed
+        self._unsigned = text_of(attributes.get("_Unsigned")).lower() == "true" and self._stored.kind == "i"
         self.levels: Sequence[Level] = tuple(levels)
         self._arrays = arrays
         (gain,), (shift,) = (_numbers(attributes, key, name) or (first,) for key, first in PACKED.items())
         self._scale = None if (gain, shift) == (1.0, 0.0) else (gain, shift)
         self._missing = {value: key for key in MISSING for value in _numbers(attributes, key, name)}
+        if self._stored.kind == "f" and "_FillValue" not in attributes:
+            self._missing.setdefault(UNWRITTEN, "_FillValue, by default,")
+        if self._unsigned:  # netCDF users' guide, attribute conventions: so are the values that stand for none
+            size = 8 * self._stored.itemsize
+            self._missing = {int(value) % (1 << size): key for value, key in self._missing.items()}
+            self._stored = np.dtype(f"u{self._stored.itemsize}")
         self.dtype = self._stored if self._scale is None else scaled_type(self._stored, *self._scale)
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
@@ -76,6 +84,8 @@ class ChunkedSource:
         except Exception as error:  # codecs and stores raise errors of all kinds
             where = " x ".join(f"{a}..{b - 1}" for a, b in zip(start[::-1], stop[::-1]))
             raise BadInput(f"Cannot read voxels {where} of {self.name}: {_said(error)}.") from error
+        if self._unsigned:
+            box = box.astype(self._stored)
         for value, key in self._missing.items():
             if (box == value).any():
                 raise BadInput(
@@ -121,110 +131,32 @@ def package(name: str, file: Path) -> ModuleType:
         raise BadInput(f"{file} needs the package {name}: pip install 'svv[{extra}]'.") from error
 
 
-def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -> ChunkedSource:  # noqa: B008 - frozen
-    """Open a dataset of an HDF5 file; by default the only or the largest one with three axes.
-
-    Further axes may be channels and times if the file names its axes: by ``axistags`` as ilastik writes them, or by
-    HDF5's labels of dimensions.
-
-    Raises:
-        BadInput: The file is damaged, has no such dataset, or h5py is not installed.
-    """
-    h5py = package("h5py", file)
-    try:
-        opened = h5py.File(file, "r", rdcc_nbytes=CHUNK_CACHE, rdcc_nslots=100_003)
-        data = _dataset(opened, file, array)
-        axes, size, origin = _axes_of_dataset(data, file)
-        shape, kind, told = data.shape, data.dtype, dict(data.attrs)
-    except BadInput:
-        raise
-    except Exception as error:  # damaged files make HDF5 raise all kinds of errors
-        raise BadInput(f"Cannot read {file}: it is damaged, incomplete, or not an HDF5 file.") from error
-    pick = picked(axes, shape, choice, file.name)
-    level = level_of(pick.sides(shape), np.diag(size), origin, file.name)
-    return ChunkedSource(file.name, [partial(pick.box, data)], kind, [level], told)
-
-
-def _dataset(opened: h5py.File, file: Path, array: str | None) -> h5py.Dataset:
-    """Return the dataset of a path, or the largest one with three axes.
+def source_of(  # noqa: PLR0913 - what files tell
+    name: str,
+    array: Indexed,
+    kind: DTypeLike,
+    shape: Sequence[int],
+    axes: Sequence[Axis],
+    choice: Choice,
+    attributes: Mapping[str, Any],
+    channels: Sequence[str] = (),
+    turn: Array | None = None,
+) -> ChunkedSource:
+    """Return a volume by what its file tells about the axes of an array; see :func:`svv.bricks.formats.places.placed`.
 
     Raises:
-        BadInput: There is none, or no path and several of the largest size.
+        BadInput: See there, :func:`svv.bricks.formats.axes.picked` and :func:`svv.bricks.source.level_of`.
     """
-    found: dict[str, h5py.Dataset] = {}
-
-    def note(name: str, item: object) -> None:
-        if isinstance(item, package("h5py", file).Dataset) and sum(side > 1 for side in item.shape or ()) >= 3:
-            found[name] = item
-
-    opened.visititems(note)
-    if not found or (array is not None and array.strip("/") not in found):
-        names = ", ".join(found) or "none"
-        wanted = f"no volume '{array}'" if array else "no dataset with three axes"
-        raise BadInput(f"{file} has {wanted}; datasets with three axes: {names}.")
-    if array is not None:
-        return found[array.strip("/")]
-    most = max(item.size for item in found.values())
-    largest = [name for name, item in found.items() if item.size == most]
-    if len(largest) > 1:
-        raise BadInput(f"{file} has several volumes of one size: name one of them ({', '.join(largest)}) with --array.")
-    return found[largest[0]]
-
-
-def _axes_of_dataset(data: h5py.Dataset, file: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the names of a dataset's axes, the size of a voxel, and the first voxel's place, along x, y, z both."""
-    size, origin = np.ones(3), np.zeros(3)
-    for key in ELEMENT_SIZE:
-        values = np.atleast_1d(np.asarray(data.attrs.get(key, ()), dtype=object))
-        if values.shape == (3,) and all(isinstance(v, (int, float, np.number)) for v in values):
-            size = values.astype(float)[::-1]
-            break
-    try:
-        tags = parsed(data.attrs["axistags"])["axes"]
-        names = named(tag["key"] for tag in tags)
-        steps = {str(tag["key"]).lower(): float(tag.get("resolution") or 0.0) for tag in tags}
-    except (KeyError, TypeError, ValueError):
-        names, steps = named(dimension.label for dimension in data.dims), {}
-    if len(names) != data.ndim or not set("zyx") <= set(names):
-        names, steps = unnamed(data.shape), {}
-    if all(steps.get(axis, 0.0) > 0.0 for axis in "xyz"):
-        size = np.array([steps[axis] for axis in "xyz"])
-    elif (size == 1.0).all() and set("zyx") <= set(names):
-        size, origin = _scaled([data.dims[names.index(axis)] for axis in "xyz"], file)
-    return names, size, origin
-
-
-def _scaled(dimensions: Sequence[h5py.DimensionProxy], file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the size of a voxel and the first voxel's place along x, y, z, by the scales attached to those axes.
-
-    Axes without a scale keep 1 and 0, and so do all if their units differ: degrees and metres make no place.
-
-    Raises:
-        BadInput: The voxels of an axis are not evenly spaced.
-    """
-    size, origin, units = np.ones(3), np.zeros(3), set()
-    for k, dimension in enumerate(dimensions):
-        values = np.asarray(dimension[0]) if len(dimension) else np.zeros(0)
-        if values.ndim != 1 or values.size < 2 or values.dtype.kind not in "iuf":
-            continue
-        steps = np.diff(values.astype(np.float64))
-        if not np.abs(steps - steps.mean()).max() < UNEVEN * np.abs(steps.mean()):
-            raise BadInput(f"{file} is not evenly spaced along its scale '{dimension[0].name}': resample it first.")
-        units.add(str(dimension[0].attrs.get("units", "")))
-        size[k], origin[k] = steps.mean(), values[0]
-    return (size, origin) if len(units) == 1 else (np.ones(3), np.zeros(3))
-
-
-def unnamed(shape: Sequence[int]) -> list[str]:
-    """Return names for axes of which nothing is known: z, y, x if three of them have several entries."""
-    wide = [k for k, side in enumerate(shape) if side > 1]
-    if len(shape) == 3 or len(wide) != 3:
-        return [*(f"axis {k}" for k in range(len(shape) - 3)), *"zyx"[-len(shape) :]]
-    return [dict(zip(wide, "zyx")).get(k, f"axis {k}") for k in range(len(shape))]
+    place = placed(axes, shape, name, turn)
+    pick = picked(place.names, shape, choice, name, channels)
+    level = level_of(pick.sides(shape), place.axes, place.origin, name)
+    return ChunkedSource(name, [partial(pick.box, array)], kind, [level], attributes, place.planes, place.assumed)
 
 
 def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = None) -> ChunkedSource:
     """Open a Zarr array (versions 2 and 3) or an OME-Zarr image with all its levels.
+
+    The axes of a plain array are placed by the arrays beside it that have their names, as xarray writes them.
 
     Args:
         folder: The array or group.
@@ -254,11 +186,70 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
         inside = ", ".join(sorted(opened)) or "none"
         raise BadInput(f"{folder} is a group of arrays: name one of them ({inside}) with --array.")
     told = getattr(getattr(opened, "metadata", None), "dimension_names", None) or attributes.get("_ARRAY_DIMENSIONS")
-    names = named(told or ())
-    axes = names if len(names) == opened.ndim and set("zyx") <= set(names) else unnamed(opened.shape)
-    pick = picked(axes, opened.shape, choice, folder.name)
-    level = level_of(pick.sides(opened.shape), np.eye(3), np.zeros(3), folder.name)
-    return ChunkedSource(folder.name, [partial(pick.box, opened)], opened.dtype, [level], attributes)
+    names = [str(name or "") for name in told or ()]
+    names = names if len(names) == opened.ndim else [""] * opened.ndim
+    place = folder / (array or "").strip("/")
+    try:
+        # The nearest first: inner groups inherit coordinates.
+        groups = [zarr.open(str(above), mode="r") for above in takewhile(is_zarr, place.parents)]
+        axes = sized([_axis(groups, *one) for one in zip(names, opened.shape)], attributes, opened.shape)
+    except Exception as error:  # as above
+        raise BadInput(f"Cannot read {folder}: {_said(error)}.") from error
+    chunks = _with_chunks(place, opened)
+    return source_of(folder.name, chunks, opened.dtype, opened.shape, axes, choice, attributes)
+
+
+def _axis(groups: Sequence[Any], name: str, count: int) -> Axis:
+    """Return the axis of a dimension, by the array of its name in the nearest group that has one."""
+    found = next((group[name] for group in groups if name and name in group and hasattr(group[name], "ndim")), None)
+    if found is None:
+        return Axis(name)
+    return axis_of(name, np.asarray(found[...]) if found.ndim == 1 else None, dict(found.attrs), count)
+
+
+def _with_chunks(place: Path, array: Any) -> Indexed:
+    """Return an array after a look at its chunks: if there are none, Zarr makes voxels of its fill value.
+
+    Raises:
+        BadInput: It has no chunks, or under other names than it says.
+    """
+    file = next(place / name for name in (".zarray", "zarr.json") if (place / name).is_file())
+    told = parsed(file.read_bytes())
+    encoding = told.get("chunk_key_encoding", {"name": "v2"})
+    default = {"separator": "/"} if encoding["name"] == "default" else {"separator": told.get("dimension_separator")}
+    mark = {**default, **encoding.get("configuration", {})}["separator"] or "."
+    first = f"c{mark}" if encoding["name"] == "default" else ""
+
+    def key(numbers: Sequence[object]) -> str:
+        return first + mark.join(str(number) for number in numbers)
+
+    zeros, pattern, other = key([0] * array.ndim), re.escape(first) + re.escape(mark).join([r"\d+"] * array.ndim), ""
+    for path in place.rglob("*"):
+        name = path.relative_to(place).as_posix()
+        if name.startswith(".") or name == file.name or not path.is_file():
+            continue
+        if re.fullmatch(pattern, name):
+            break
+        other = other or name
+    else:
+        found = f"none is called as {file.name} says ({zeros}, ...), but one {other}" if other else "it has none"
+        raise BadInput(f"{place} was written without its chunks of values, or these were renamed: {found}.")
+    return _Written(array, lambda numbers: place / key(numbers)) if told.get("fill_value", 0) is None else array
+
+
+class _Written:
+    """An array whose chunks must all be there, because no fill value tells what a missing one holds."""
+
+    def __init__(self, array: Any, file: Callable[[Sequence[int]], Path]) -> None:
+        self._array, self._file = array, file
+
+    def __getitem__(self, index: tuple[int | slice, ...]) -> Any:
+        spans = [(k, k + 1) if isinstance(k, int) else (k.start, k.stop) for k in index]
+        counts = [range(a // n, (b - 1) // n + 1) for (a, b), n in zip(spans, self._array.chunks)]
+        for numbers in product(*counts):
+            if not self._file(numbers).is_file():
+                raise ValueError(f"the chunk {self._file(numbers)} is missing, and no fill value says what it holds")
+        return self._array[index]
 
 
 def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) -> ChunkedSource | None:
@@ -269,15 +260,17 @@ def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) 
         if only is not None and not datasets:
             return None
         arrays = [group[entry["path"]] for entry in datasets]
+        shown = [_with_chunks(Path(str(folder), group.path, entry["path"]), a) for entry, a in zip(datasets, arrays)]
         axes, units = _named_axes(scale.get("axes"), arrays[0].ndim)
         channels = _labels(told.get("omero"))
         picks = [picked(axes, data.shape, choice, folder.name, channels) for data in arrays]
         in_unit = in_one_unit(np.ones(3), [units.get(axis) for axis in "xyz"], folder.name)
         places = [axes.index(axis) for axis in "xyz"]
-        levels = []
+        levels, is_sized = [], False
         for entry, data, pick in zip(datasets, arrays, picks):
             steps = [*entry.get("coordinateTransformations", ()), *scale.get("coordinateTransformations", ())]
             size, shift = _transform(steps, data.ndim)
+            is_sized |= any(step["type"] == "scale" for step in steps)
             level = pick.sides(data.shape), np.diag(size[places] * in_unit), shift[places] * in_unit
             levels.append(level_of(*level, folder.name))
     except BadInput:
@@ -285,8 +278,9 @@ def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) 
     except (AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
         raise BadInput(f"{folder} has multiscales that do not follow OME-NGFF ({_said(error)}).") from error
     return ChunkedSource(
-        folder.name, [partial(pick.box, data) for pick, data in zip(picks, arrays)], arrays[0].dtype, levels
-    )
+        folder.name, [partial(pick.box, data) for pick, data in zip(picks, shown)], arrays[0].dtype, levels,
+        assumed=None if is_sized else no_size(folder.name),
+    )  # fmt: skip
 
 
 def _named_axes(told: Sequence[object] | None, count: int) -> tuple[list[str], dict[str, str]]:
@@ -295,7 +289,8 @@ def _named_axes(told: Sequence[object] | None, count: int) -> tuple[list[str], d
     if len(axes) != count:
         raise ValueError(f"{len(axes)} axes of {count} are named")
     kinds = {"time": "t", "channel": "c"}
-    names = [kinds.get(str(one.get("type")), name) for one, name in zip(axes, named(one["name"] for one in axes))]
+    texts = [str(one["name"]).lower() for one in axes]
+    names = [kinds.get(str(one.get("type"))) or role_of(text) or text for one, text in zip(axes, texts)]
     return names, {name: str(one["unit"]) for name, one in zip(names, axes) if one.get("unit")}
 
 

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.chunked import package
+from svv.bricks.formats.places import no_size
 from svv.bricks.formats.stored import damaged
-from svv.bricks.source import Array, ArraySource, level_of
+from svv.bricks.source import ORTHOGONAL_TOLERANCE, Array, ArraySource, level_of
 from svv.errors import BadInput
 
 if TYPE_CHECKING:
@@ -98,7 +99,17 @@ def _read(pydicom: ModuleType, path: Path, choice: Choice, array: str | None) ->
     shown = [place[time] for place in places]
     origin = shown[0].position if shown[0].position is not None else np.zeros(3)
     level_of((len(shown), int(shown[0].data.Rows), int(shown[0].data.Columns)), steps, origin, path.name)
-    return ArraySource(_values(pydicom, shown), steps, origin, path.name)
+    source = ArraySource(_values(pydicom, shown), steps, origin, path.name)
+    if without := _unsized(shown[0]):
+        source.assumed = no_size(path.name, without, np.linalg.norm(steps, axis=0))
+    return source
+
+
+def _unsized(one: Slice) -> str:
+    """Return the axes among x, y, z along which a slice tells no size of a voxel."""
+    keys = {element.keyword for element in one.data.iterall() if not element.is_empty}
+    between = one.position is not None or keys & {"SpacingBetweenSlices", "SliceThickness"}
+    return ("" if "PixelSpacing" in keys else "xy") + ("" if between else "z")
 
 
 def _series(path: Path, heads: Sequence[tuple[Path, Dataset]], array: str | None) -> list[tuple[Path, Dataset]]:
@@ -124,7 +135,7 @@ def _frames(file: Path, head: Dataset) -> list[Slice]:
     """Return the frames of a file."""
     if int(head.get("SamplesPerPixel", 1)) != 1 or head.get("PhotometricInterpretation") == "PALETTE COLOR":
         raise BadInput(f"{file} is a picture in colours; a volume needs one number per voxel.")
-    return [_frame(file, head, k) for k in range(int(head.get("NumberOfFrames", 1) or 1))]
+    return [_frame(file, head, k) for k in range(_count(head))]
 
 
 def _frame(file: Path, head: Dataset, number: int) -> Slice:
@@ -144,7 +155,7 @@ def _frame(file: Path, head: Dataset, number: int) -> Slice:
     shift = found("PixelValueTransformationSequence", "RescaleIntercept")
     place = None if position is None else np.array([float(x) for x in position])
     unit = None if plane is None else np.array([float(x) for x in plane]).reshape(2, 3)
-    if own is None and place is not None and int(head.get("NumberOfFrames", 1) or 1) > 1:
+    if own is None and place is not None and _count(head) > 1:
         offsets = head.get("GridFrameOffsetVector")
         gap = float(head.get("SpacingBetweenSlices") or head.get("SliceThickness") or 1.0)
         normal = np.array([0.0, 0.0, 1.0]) if unit is None else np.cross(unit[0], unit[1])
@@ -190,12 +201,34 @@ def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slic
     step = (points[-1] - points[0]) / (len(points) - 1)
     gaps = np.linalg.norm(np.diff(points, axis=0) - step, axis=1)
     if gaps.max() > EVEN * np.linalg.norm(step):
-        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        raise _uneven(path, [place[0] for place in places], np.linalg.norm(np.diff(points, axis=0), axis=1))
+    tilt = np.degrees(np.arccos(min(abs(float(step @ normal)) / float(np.linalg.norm(step)), 1.0)))
+    if np.sin(np.radians(tilt)) > ORTHOGONAL_TOLERANCE:
         raise BadInput(
-            f"{path} has slices at uneven distances ({lengths.min():g} to {lengths.max():g} mm): some are missing, or "
-            "the volume has to be resampled first."
+            f"{path} was scanned with a tilted gantry ({tilt:.1f} degrees): every slice is shifted against the one "
+            "before, which makes a sheared grid whose axes are not perpendicular. Straighten it first: dcm2niix writes "
+            "a NIfTI file with Tilt in its name, and 3D Slicer has Acquisition geometry regularization."
         )
     return np.array([plane[0] * first.pixel[0], plane[1] * first.pixel[1], step]).T, places
+
+
+def _uneven(path: Path, slices: Sequence[Slice], gaps: Array) -> BadInput:
+    """Return the error to raise for slices that are not evenly spaced, which says where some are missing."""
+    usual = float(np.median(gaps))
+    missing = np.rint(gaps / usual).astype(int) - 1
+    said = f"{path} has slices at uneven distances ({gaps.min():g} to {gaps.max():g} mm)"
+    if missing.min() < 0 or np.abs(gaps / usual - missing - 1).max() > 5 * EVEN:
+        return BadInput(f"{said}: resample the volume to even ones first, such as in 3D Slicer.")
+    names = [one.file.name + (f" (frame {one.frame})" if _count(one.data) > 1 else "") for one in slices]
+    places = [f"{n} between {names[k]} and {names[k + 1]}" for k, n in enumerate(missing) if n]
+    listed = ", ".join(places[:5]) + (f", and at {len(places) - 5} more places" if len(places) > 5 else "")
+    verb = "slice is" if missing.sum() == 1 else "slices are"
+    return BadInput(f"{said}: {missing.sum()} {verb} missing, {listed}. Add what is missing, or resample it first.")
+
+
+def _count(head: Dataset) -> int:
+    """Return the number of frames of a file."""
+    return int(head.get("NumberOfFrames", 1) or 1)
 
 
 def _values(pydicom: ModuleType, slices: Sequence[Slice]) -> NDArray[np.generic]:

@@ -10,6 +10,7 @@ import mmap
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -30,6 +31,10 @@ RAW_TYPES = {
     "float": "float32", "double": "float64", "half": "float16",
 }  # fmt: skip
 """C types that may occur in the names of raw files, besides NumPy's own type names."""
+
+BIG, LITTLE = ("be", "bigendian", "msb"), ("le", "littleendian", "lsb")
+ORDERS: dict[str, Literal["<", ">"]] = {**dict.fromkeys(BIG, ">"), **dict.fromkeys(LITTLE, "<")}
+"""Orders of bytes that may occur in the names of raw files."""
 
 XML_TYPES = {
     "UInt8": "u1", "Int8": "i1", "UInt16": "u2", "Int16": "i2", "UInt32": "u4", "Int32": "i4", "UInt64": "u8",
@@ -104,21 +109,56 @@ def raw_layout(
     found = re.search(r"(\d+)x(\d+)x(\d+)", name)
     size = [int(d) for d in dims] if dims is not None else [int(d) for d in found.groups()] if found else []
     if len(size) != 3:
+        check_no_text(file)
         raise BadInput(f"{file} is raw data: give its dimensions (nx, ny, nz), or name it foo_64x64x64_uint8.raw.")
     kinds = "|".join(["u?int(?:8|16|32|64)", "float(?:16|32|64)", *RAW_TYPES])
-    named = re.search(rf"(?:^|[_.\-])({kinds})(?=[_.\-])", name)
+    orders = "|".join(ORDERS)
+    named = re.search(rf"(?:^|[_.\-])({kinds})(?=(?:{orders})?[_.\-])", name)
     if dtype is None and named is None:
+        check_no_text(file)
         raise BadInput(f"{file} is raw data: give its type (uint8, int16, float32 ...), or include it in the name.")
     text = dtype if dtype is not None else RAW_TYPES.get(named.group(1), named.group(1))  # type: ignore[union-attr]
     try:
         kind = np.dtype(RAW_TYPES.get(text, text) if isinstance(text, str) else text)
     except TypeError:
         raise BadInput(f"'{dtype}' is not a numeric type; use uint8, int16, float32, >u2 ...") from None
+    order = re.search(rf"(?:[_.\-]|[_.\-](?:{kinds}))({orders})(?=[_.\-])", name)
+    told = text[:1] in ("<", ">", "=") if isinstance(text, str) else not kind.isnative
+    if order is not None and not told:
+        kind = kind.newbyteorder(ORDERS[order.group(1)])
     expected, there = int(np.prod(size, dtype=object)) * kind.itemsize, file.stat().st_size
     if min(size) < 1 or expected != there:
         shape = " x ".join(str(d) for d in size)
         raise BadInput(f"{file} has {there} bytes, but {shape} voxels of {kind.name} are {expected} bytes.")
     return tuple(size), kind
+
+
+def first_text(file: Path) -> bytes | None:
+    """Return the first 4096 bytes of a file if they are text, which raw data hardly is."""
+    with file.open("rb") as opened:
+        head = opened.read(4096)
+    return head if b"\n" in head and re.fullmatch(rb"[\t\n\r\x20-\x7e\xa0-\xff]*", head) else None
+
+
+def is_tecplot(file: Path) -> bool:
+    """Return whether a file is text of Tecplot, whose files end in .dat as raw ones may."""
+    head = first_text(file)
+    return head is not None and re.search(rb"(?i)^\s*(?:title|variables|zone)\b", head) is not None
+
+
+def check_no_text(file: Path) -> None:
+    """Raise BadInput if a file is text, such as a header of another file with the values."""
+    head = first_text(file)
+    if head is None:
+        return
+    target = re.search(rb"(?im)^[ \t]*(?:objectfilename|rawfile|data_file)[ \t]*[:=][ \t]*(\S.*?)[ \t\r]*$", head)
+    if target is None:
+        raise BadInput(f"{file} is text, not raw data: if it is the header of a file with the values, name that one.")
+    kind = "a BOV header" if b"data_file" in target[0].lower() else "a header of Voreen or Inviwo"
+    raise BadInput(
+        f"{file} is {kind}, not raw data: the values are in {target[1].decode('latin-1')}. Name that file, with its "
+        "dimensions, type and spacing (--dims, --dtype, --spacing), which the header gives."
+    )
 
 
 def open_npy(file: Path) -> MappedSource:

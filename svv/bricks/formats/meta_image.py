@@ -72,6 +72,7 @@ def meta_header(file: Path) -> Stored:
         file, files, kind, (*dims[::-1], *([channels] if channels > 1 else [])),
         ("tzyx" if len(dims) == 4 else "zyx") + ("c" if channels > 1 else ""), axes, origin[:3], "MetaImage",
         _encoding(fields), max(skipped, 0), offset=min(skipped, 0) and -1,
+        is_sized=bool({"ElementSpacing", "ElementSize"} & set(fields)),
     )  # fmt: skip
 
 

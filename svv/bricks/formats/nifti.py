@@ -62,10 +62,19 @@ def nifti_header(file: Path) -> Stored:
     order = next((o for o in "<>" if np.frombuffer(head[:4], o + "i4", 1)[:1].tolist() in ([348], [540])), None) if (
         len(head) >= 348
     ) else None  # fmt: skip
+    if order is None and head.startswith(b"ENVI"):
+        raise BadInput(
+            f"{file} is a header of ENVI: name the file with the values, with --dims, --dtype and --spacing."
+        )
     if order is None:
         raise damaged(file)
     layout = FIRST if np.frombuffer(head[:4], order + "i4")[0] == 348 else SECOND
     magic = head[344:347] if layout is FIRST else head[4:7]
+    if layout is FIRST and magic == bytes(3) and head_file != data_file:
+        raise BadInput(
+            f"{file} is an Analyze 7.5 file, which does not say which of its sides is left: convert it to NIfTI first, "
+            "such as with nibabel or SPM."
+        )
     if len(head) < layout.itemsize or magic not in (b"n+1", b"ni1", b"n+2", b"ni2"):
         raise damaged(file)
     turned = layout if order == ("<" if sys.byteorder == "little" else ">") else layout.newbyteorder("S")
@@ -109,6 +118,7 @@ def _described(file: Path, data: Path, read: np.void, order: str, packed: bool) 
     return Stored(
         file, (data,), np.dtype(order + TYPES[code]), tuple(shape[::-1]), names[::-1], axes, origin, "NIFTI",
         "zlib" if packed else "raw", 0, 0, int(start), slope, shift,
+        is_sized=bool(read["sform"] > 0 or read["pixdim"][1:4].any()),
     )  # fmt: skip
 
 

@@ -72,6 +72,7 @@ def nrrd_header(file: Path) -> Stored:
     return Stored(
         file, files, kind, tuple(sizes[::-1]), "".join(names[::-1]), axes, origin, "NRRD", encoding,
         end if files == (file,) else 0, lines, skip,
+        is_sized=any(fields.get(key) for key in ("space directions", "spacings", "axis maxs")),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.mapped import MappedSource, too_short
+from svv.bricks.formats.places import no_size
 from svv.bricks.source import Array, ArraySource, Box, level_of, scaled_type
 from svv.errors import BadInput
 from svv.io.files.atomic import is_file
@@ -47,7 +48,7 @@ class Stored:
     title: str
     """Name of the array, as VTK's reader of the format calls it."""
     encoding: str = "raw"
-    """``raw``, ``text``, ``hex``, ``zlib`` (or gzip) or ``bz2``."""
+    """``raw``, ``text``, ``fortran`` (text with Fortran's exponents), ``hex``, ``zlib`` (or gzip) or ``bz2``."""
     start: int = 0
     """Bytes before the stored values, such as those of a header."""
     lines: int = 0
@@ -59,6 +60,8 @@ class Stored:
     shift: float = 0.0
     channels: tuple[str, ...] = field(default=())
     """Names of the channels, if they are known."""
+    is_sized: bool = True
+    """Whether the header tells the size of a voxel."""
 
     @cached_property
     def bytes_each(self) -> int:
@@ -89,8 +92,11 @@ class Stored:
             return None
         values = pick.of(self._mapped() if self.mappable() else self._decoded())
         if (self.gain, self.shift) != (1.0, 0.0):
-            return Scaled(values, self.axes, self.origin, self.file.name, (self.gain, self.shift))
-        return MappedSource(values, self.axes, self.origin, self.file.name)
+            source: ArraySource = Scaled(values, self.axes, self.origin, self.file.name, (self.gain, self.shift))
+        else:
+            source = MappedSource(values, self.axes, self.origin, self.file.name)
+        source.assumed = None if self.is_sized else no_size(self.file.name)
+        return source
 
     def _check(self, whole: bool) -> None:
         if min(self.shape) < 1 or not self.files:
@@ -137,7 +143,8 @@ class Stored:
         return (parts[0] if len(parts) == 1 else np.concatenate(parts)).reshape(self.shape)
 
     def _values(self, content: bytes, count: int) -> NDArray[np.generic]:
-        if self.encoding == "text":
+        if self.encoding in ("text", "fortran"):
+            content = with_exponents(content) if self.encoding == "fortran" else content
             words = re.split(rb"[\s,]+", content[max(self.offset, 0) :].strip(), maxsplit=count)[:count]
             kind = self.dtype.newbyteorder("=")
             if kind.kind == "f":
@@ -181,6 +188,11 @@ def _inflated(content: bytes, most: int) -> bytes:
         return zlib.decompressobj().decompress(content, most)
     with gzip.GzipFile(fileobj=io.BytesIO(content)) as opened:
         return opened.read(most)
+
+
+def with_exponents(text: bytes) -> bytes:
+    """Return numbers as everybody writes them, not as Fortran does: with ``D``, or nothing before long exponents."""
+    return re.sub(rb"(?<=[0-9.])[dD]?(?=[+-][0-9]{3}\b)|(?<=[0-9.])[dD](?=[+-]?[0-9])", b"e", text)
 
 
 def numbered(pattern: str, first: int, last: int, step: int, folder: Path) -> tuple[Path, ...]:

@@ -9,6 +9,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -16,16 +17,24 @@ from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from svv.bricks.formats.axes import Choice, Pick, picked
-from svv.bricks.formats.chunked import CHUNK_CACHE, ChunkedSource
+from svv.bricks.formats.chunked import CHUNK_CACHE, PACKED, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
-from svv.bricks.formats.stored import damaged
-from svv.bricks.formats.tiff_files import axes_of_names, in_order, names_of_channels, shape_of_pixels, voxel_size
+from svv.bricks.formats.places import no_size
+from svv.bricks.formats.stored import Scaled, damaged
+from svv.bricks.formats.tiff_files import (
+    axes_of_names,
+    calibration,
+    in_order,
+    names_of_channels,
+    shape_of_pixels,
+    unsized,
+    voxel_size,
+)
+from svv.bricks.formats.tiff_packings import by_pillow, decodes_pages, no_unpacker, with_libtiff
 from svv.bricks.source import ArraySource, Box, Level, Source, level_of
 from svv.errors import BadInput
-from svv.io.pictures.deep_tiff import TIFFFILE_DECODES
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffFrame, TiffPage, TiffPageSeries
@@ -80,6 +89,7 @@ def _opened(file: Path) -> Iterator[tuple[TiffFile, _Complaints]]:
     listener, opened = _Complaints(), None
     logger = tifffile.logger()
     logger.addHandler(listener)
+    with_libtiff()
     try:
         opened = tifffile.TiffFile(file)
         yield opened, listener
@@ -122,54 +132,67 @@ def open_tiff(path: Path, choice: Choice = Choice(), array: str | None = None, w
         size = voxel_size(opened, series, path.name)
         sides = pick.sides(series.shape)
         level = level_of(sides, np.diag(size), np.zeros(3), path.name)
-        source = _read(path, opened, series, pick, level, whole)
+        scale = calibration(opened, series.dtype, path.name)
+        source = _read(path, opened, series, pick, level, whole, scale)
+        without = unsized(opened, series)
     if source is None:
         opened.close()
     else:
+        source.assumed = _assumed(no_size(path.name, without, size) if without else None, scale)
         finalize(source, opened.close)
     return source
 
 
-def _read(path: Path, opened: TiffFile, series: TiffPageSeries, pick: Pick, level: Level, whole: bool) -> Source | None:
+def _read(
+    path: Path,
+    opened: TiffFile,
+    series: TiffPageSeries,
+    pick: Pick,
+    level: Level,
+    whole: bool,
+    scale: tuple[float, float],
+) -> Source | None:
     _check_complete(path, series)
     if series.dataoffset is not None and series.keyframe.compression == 1:
         kind = np.dtype(series.dtype).newbyteorder(opened.byteorder)
         if path.stat().st_size < series.dataoffset + int(np.prod(series.shape, dtype=object)) * kind.itemsize:
             raise damaged(path)
         values = np.memmap(path, kind, "r", series.dataoffset, tuple(series.shape))
-        return MappedSource(pick.of(values), level.axes, level.origin, path.name)
-    decodes = int(series.keyframe.compression) in TIFFFILE_DECODES
-    if not series.is_multifile and series.keyframe.axes == "YX" and series.axes.endswith("YX") and (decodes or whole):
+        if scale == (1.0, 0.0):
+            return MappedSource(pick.of(values), level.axes, level.origin, path.name)
+        return Scaled(pick.of(values), level.axes, level.origin, path.name, scale)
+    plain = decodes_pages(path, series.keyframe)
+    if not series.is_multifile and series.keyframe.axes == "YX" and series.axes.endswith("YX") and (plain or whole):
         numbers = np.arange(len(series.pages)).reshape(series.shape[:-2])[..., None, None]
         listed = pick.of(numbers).ravel()
-        pages = [_page(path, series.pages[int(k)], decodes) for k in listed]
+        pages = [_page(path, series.pages[int(k)]) for k in listed]
         size = int(np.prod(series.keyframe.shape)) * np.dtype(series.dtype).itemsize
-        return ChunkedSource(path.name, [Pages(pages, size).read], series.dtype, [level])
+        return ChunkedSource(path.name, [Pages(pages, size).read], series.dtype, [level], _scaled(scale))
     if not whole:
         return None
-    if not decodes:
-        from tifffile import COMPRESSION
-
-        raise BadInput(
-            f"{path} is packed by {COMPRESSION(series.keyframe.compression).name}, which cannot be read in such a "
-            "file: save it without compression, or packed by deflate."
-        )
-    return ArraySource(pick.of(series.asarray()), level.axes, level.origin, path.name)
+    if not plain:
+        raise no_unpacker(path, series.keyframe)
+    decoded = pick.of(series.asarray())
+    if scale == (1.0, 0.0):
+        return ArraySource(decoded, level.axes, level.origin, path.name)
+    return Scaled(decoded, level.axes, level.origin, path.name, scale)
 
 
-def _page(path: Path, page: TiffPage | TiffFrame | None, decodes: bool) -> Callable[[], NDArray[np.generic]]:
+def _assumed(size: str | None, scale: tuple[float, float]) -> str | None:
+    """Return what is said of the size of a voxel and of calibrated values."""
+    applied = f"ImageJ's calibration of values is applied: {scale[0]:g} x stored {scale[1]:+g}."
+    return " ".join(filter(None, [size, applied if scale != (1.0, 0.0) else None])) or None
+
+
+def _scaled(scale: tuple[float, float]) -> dict[str, float]:
+    """Return gain and shift as the attributes that tell them to a :class:`ChunkedSource`."""
+    return dict(zip(PACKED, scale))
+
+
+def _page(path: Path, page: TiffPage | TiffFrame | None) -> Callable[[], NDArray[np.generic]]:
     """Return a function that decodes a page."""
     assert page is not None  # what is not complete was refused
-    if decodes:
-        return lambda: page.asarray()
-
-    def decoded() -> NDArray[np.generic]:
-        # Pillow includes libtiff, and with it the compressions (LZW ...) for which tifffile needs another package.
-        with Image.open(path) as image:
-            image.seek(page.index)
-            return np.asarray(image)
-
-    return decoded
+    return page.asarray if decodes_pages(path, page) else partial(by_pillow, path, page)
 
 
 def _check_complete(path: Path, series: TiffPageSeries) -> None:
@@ -236,7 +259,7 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     with _opened(files[0]) as (first, _):
         series = first.series[0]
         page, count, spread = first.pages[0], len(first.pages), first.is_ome and series.is_multifile
-        voxel = shape_of_pixels(series.keyframe)
+        voxel, scale = shape_of_pixels(series.keyframe), calibration(first, page.dtype, folder.name)
         first.close()
     if spread or len(files) == 1:  # one image in all these files, of which each tells the place
         return open_tiff(files[0], choice, None, whole)
@@ -245,27 +268,30 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
     axes, shape = axes_of_names(files)
     pick = picked([*axes, "y", "x"], [*shape, *page.shape[:2]], choice, folder.name)
     files = [files[k] for k in pick.of(np.arange(len(files)).reshape(*shape, 1, 1)).ravel()]
-    decodes = int(page.compression) in TIFFFILE_DECODES
-    if not (decodes or whole):
+    if not (decodes_pages(files[0], page) or whole):
         return None
     if len(page.shape) != 2:
         raise BadInput(f"{files[0]} is not a slice of a volume: a TIFF stack needs greyscale pages of the same size.")
-    readers = [_slice(file, files[0], page) for file in files]
+    readers = [_slice(file, files[0], page, scale) for file in files]
     size = int(np.prod(page.shape)) * np.dtype(page.dtype).itemsize
     level = level_of((len(readers), *page.shape), np.diag(voxel), np.zeros(3), folder.name)
-    return ChunkedSource(folder.name, [Pages(readers, size).read], page.dtype, [level])
+    said, pages = _assumed(no_size(folder.name, sizes=voxel), scale), Pages(readers, size)
+    return ChunkedSource(folder.name, [pages.read], page.dtype, [level], _scaled(scale), assumed=said)
 
 
-def _slice(file: Path, first: Path, like: TiffPage | TiffFrame) -> Callable[[], NDArray[np.generic]]:
-    """Return a function that decodes a file with one page, which has to be like another."""
+def _slice(
+    file: Path, first: Path, like: TiffPage | TiffFrame, scale: tuple[float, float]
+) -> Callable[[], NDArray[np.generic]]:
+    """Return a function that decodes a file with one page, which has to be like another and be calibrated alike."""
 
     def decoded() -> NDArray[np.generic]:
         with _opened(file) as (opened, _):
             pages = list(opened.pages)
             if len(pages) != 1 or pages[0].shape != like.shape or pages[0].dtype != like.dtype:
                 raise BadInput(f"{file} differs in size from {first.name}; all slices must have the same size.")
-            reader = _page(file, pages[0], int(pages[0].compression) in TIFFFILE_DECODES)
-            values = reader()
+            if calibration(opened, like.dtype, file.name) != scale:
+                raise BadInput(f"{file} has values that ImageJ calibrates otherwise than those of {first.name}.")
+            values = _page(file, pages[0])()
             opened.close()
             return values
 

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from svv.bricks.formats.axes import in_one_unit
 from svv.core.xml_values import parsed_xml
+from svv.errors import BadInput
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPage, TiffPageSeries
@@ -72,13 +73,7 @@ def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[n
     Raises:
         BadInput: The sizes have units that cannot be compared.
     """
-    told: Mapping[str, Any] = {}
-    if series.kind == "ome":
-        told = _pixels(opened, series).attrib
-    elif opened.is_imagej:
-        told = opened.imagej_metadata or {}
-    elif series.kind == "shaped":  # tifffile's own, with any metadata
-        told = next((one for one in opened.shaped_metadata or () if _fits(one, series)), {})
+    told = _told(opened, series)
     given = [axis for axis in "XYZ" if f"PhysicalSize{axis}" in told]
     if given:
         sizes = [float(told.get(f"PhysicalSize{axis}", 1.0)) for axis in "XYZ"]
@@ -87,6 +82,31 @@ def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[n
     if opened.is_imagej or "spacing" in told or "unit" in told:
         return in_one_unit(*_of_imagej(told, series.keyframe), name)
     return shape_of_pixels(series.keyframe)
+
+
+def unsized(opened: TiffFile, series: TiffPageSeries) -> str:
+    """Return the axes among x, y, z along which a file tells no size of a voxel.
+
+    ImageJ leaves out a spacing of 1 where pixels have a size.
+    """
+    told = _told(opened, series)
+    given = "".join(axis.lower() for axis in "XYZ" if f"PhysicalSize{axis}" in told)
+    if given:
+        return "".join(axis for axis in "xyz" if axis not in given)
+    sizes, _ = _of_resolution(series.keyframe)
+    known = opened.is_imagej and sizes[0] not in (0.0, 1.0, 1.0 / 72.0)
+    return "" if known or "spacing" in told or "unit" in told else "xyz"
+
+
+def _told(opened: TiffFile, series: TiffPageSeries) -> Mapping[str, Any]:
+    """Return what OME, ImageJ or tifffile tell about an image."""
+    if series.kind == "ome":
+        return _pixels(opened, series).attrib
+    if opened.is_imagej:
+        return opened.imagej_metadata or {}
+    if series.kind == "shaped":  # tifffile's own, with any metadata
+        return next((one for one in opened.shaped_metadata or () if _fits(one, series)), {})
+    return {}
 
 
 def _fits(told: Mapping[str, Any], series: TiffPageSeries) -> bool:
@@ -131,6 +151,33 @@ def names_of_channels(opened: TiffFile, series: TiffPageSeries, axes: list[str])
     channels = (e for e in _pixels(opened, series).iter() if e.tag.rpartition("}")[2] == "Channel")
     names = [str(e.get("Name") or "") for e in channels]
     return names if len(names) == count and all(names) else []
+
+
+def calibration(opened: TiffFile, kind: DTypeLike, name: str) -> tuple[float, float]:
+    """Return gain and shift of the values of an image, as ImageJ calibrates them: gain * stored + shift.
+
+    ImageJ stores signed values of 16 bits, such as those of a CT, as unsigned ones that are 32768 larger, and counts
+    from there; it calibrates no real numbers. Function 20 is none.
+
+    Args:
+        opened: A ``tifffile.TiffFile``.
+        kind: Type of the stored values.
+        name: Name of the file in messages.
+
+    Raises:
+        BadInput: It is calibrated by something else than a straight line.
+    """
+    told = (opened.imagej_metadata or {}) if opened.is_imagej else {}
+    function, kind = int(told.get("cf", 20)), np.dtype(kind)
+    if function == 20 or kind.kind not in "iu" or "c0" not in told:
+        return 1.0, 0.0
+    if function != 0:
+        raise BadInput(
+            f"{name} has values that ImageJ calibrates by a curve (its function {function}), which is not reproduced: "
+            "convert the image in ImageJ to 32 bits (Image > Type), which applies it, and save that."
+        )
+    gain = float(told.get("c1", 1.0))
+    return gain, float(told["c0"]) + (32768.0 * gain if kind == np.int16 else 0.0)
 
 
 def _pixels(opened: TiffFile, series: TiffPageSeries) -> Element:

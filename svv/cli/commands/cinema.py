@@ -91,6 +91,7 @@ def export(
     3D view; its opacity function is in a .json beside it. NAME.vdb holds the same as OpenVDB grids, density and Cd, for
     Blender and Houdini.
     """
+    from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks
 
     writer = WRITERS.get(out.suffix.lower())
@@ -105,6 +106,8 @@ def export(
             return
     with ranks.joined(options.device) if writer.shared else nullcontext():
         loaded = load(scene, options.device)
+        if hides_all(loaded) and options.network != "base" and ranks.is_first():
+            print(f"svv: {out} will be empty, because {HIDDEN}: {SHOW}.", file=sys.stderr)
         with shown("Exporting", quiet=not ranks.is_first()) as progress:
             said = writer.write(out, loaded, options, baking, progress)
         if ranks.is_first():
@@ -141,8 +144,9 @@ def _openvdb(out: Path, scene: Scene, options: ExportOptions, baking: BakeOption
 
     python_with_openvdb()  # before minutes of work
     volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.7))
-    write_vdb(out, volume, part(progress, 0.7, 1.0))
-    return f"{' x '.join(map(str, volume.grid.shape))} points, {out.stat().st_size / 1e6:.1f} MB"
+    notes = write_vdb(out, volume, part(progress, 0.7, 1.0))
+    said = f"{' x '.join(map(str, volume.grid.shape))} points, {out.stat().st_size / 1e6:.1f} MB"
+    return " ".join([f"{said}.", *notes]) if notes else said
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def figure(
         options = replace(options, **{**chosen.figure, **changed_settings(options)})
     every = [panel for path in scenes for panel in _panels(load(path, options.device), panels, chosen)]
     with shown("Drawing") as progress:
-        draw(every, out, options, progress)
+        draw(every, out, options, progress, tell=lambda said: print(f"svv: {said}", file=sys.stderr))
     if options.scale_bar and not options.parallel and any(not _parallel(panel) for panel in every):
         print(
             "The scale bar holds in the plane through the middle of the volume; --parallel makes it hold everywhere.",
@@ -166,6 +166,7 @@ def check_colours(
     from svv.io.files.atomic import write_json
     from svv.io.pictures.output import write_png
     from svv.render.colour_check import report_on, seen_in_picture, simulation_sheet
+    from svv.render.emptiness import SHOW
 
     check_targets(out, json)
     behind = (1.0, 1.0, 1.0) if options.background is None else options.background
@@ -173,12 +174,15 @@ def check_colours(
         panels, picture = _scene_colours(source, behind, options.device, out is not None)
     else:
         panels, picture = seen_in_picture(source), None if out is None else read_over(source, behind)
+    if not any(panels):
+        raise BadInput(f"No region of {source} is visible, so there are no colours to compare: {SHOW}.")
     reports = [report_on(panel, options.least) for panel in panels]
     for number, report in enumerate(reports):
         if len(reports) > 1:
             print(f"panel {chr(ord('a') + number)}")
         if len(report["regions"]) < 2:
-            print("Fewer than two regions are visible, so none can be mistaken for another.")
+            few = "Fewer than two regions are" if report["regions"] else "No region is"
+            print(f"{few} visible, so none can be mistaken for another.")
             continue
         print_table({
             vision: f"{told['difference']:.1f}  {' and '.join(told['between'])}"

@@ -16,6 +16,7 @@ from svv.options.making import OrbitOptions, ShownVolumeOptions, TrainOptions, V
 from svv.progress import duration, shown
 
 if TYPE_CHECKING:
+    from svv.io.views.view_meta import ViewMeta
     from svv.job.source import ViewSource, VolumeSource
 
 DEMO = (
@@ -111,10 +112,11 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
     compile_beside()
-    page = run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown)
-    said = None if views else read_meta(out / "views").assumed
-    if said is not None:
-        print(f"svv: {said}", file=sys.stderr)
+    try:
+        page = run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown)
+    finally:  # it says why a training fails, too
+        if not views and transforms_file(out / "views", "train") is not None:
+            _tell(read_meta(out / "views"))
     print(page)
 
 
@@ -157,6 +159,11 @@ def views(
                 made = source.make_views(folder, drawing, progress, ranks.sharing())
             if ranks.is_first():
                 took = duration(known(made.seconds, "seconds"))
+                _tell(made)
                 print(f"{folder}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")
-                if made.assumed is not None:
-                    print(f"svv: {made.assumed}", file=sys.stderr)
+
+
+def _tell(made: ViewMeta) -> None:
+    """Say on standard error what was assumed when views were drawn."""
+    if made.assumed is not None:
+        print(made.assumed, file=sys.stderr)

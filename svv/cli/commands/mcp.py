@@ -19,8 +19,9 @@ def mcp(
     """Serve svv to assistants by the Model Context Protocol, over standard input and output.
 
     An assistant starts this command itself. Its tools list files, train, name, edit in words, paint, render and make
-    figures; no file outside the folder is read or written. Needs the extra `agents`.
+    figures; they report their progress, stop when they are cancelled, and work in the background if asked. No file
+    outside the folder is read or written. Needs the extra `agents`.
     """
-    from svv.job.agents import server_for
+    from svv.job.agents import serve
 
-    server_for(root).run("stdio")
+    serve(root)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,6 +65,7 @@ def render(
     """
     from svv.io.views.camera_file import read_camera
     from svv.render import frames as views
+    from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks
 
     _check(out, orbit, camera, time, play)
@@ -90,13 +92,18 @@ def render(
     cameras = cameras * len(steps) if steps is not None and len(cameras) == 1 else cameras
     played = loaded if steps is None else views.Played(loaded, steps)
     with shown("Rendering", quiet=here.rank > 0) as progress:
+        empty = ""
         if one_view:
-            views.write_view(out, loaded, cameras[0], pictures, progress)
+            empty = views.write_view(out, loaded, cameras[0], pictures, progress)
         elif out.suffix.lower() == ".mp4":
             views.write_movie(out, played, cameras, pictures, options.fps, progress)
         else:
             mine = slice(here.rank, None, here.count)
             views.write_frames(out, played, cameras, pictures, progress, mine)
+    if not one_view and hides_all(loaded) and options.network != "base":
+        empty = HIDDEN
+    if empty and not here.rank:
+        print(f"svv: {out} is empty, because {empty}{f': {SHOW}' if empty == HIDDEN else ''}.", file=sys.stderr)
     if not here.rank:
         print(out)
 

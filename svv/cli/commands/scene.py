@@ -64,6 +64,7 @@ def train(
     from svv.fields.scene.joined import joined, named
     from svv.io.cinema.views import read_views
     from svv.io.scene_file import checkpoint_of, sketch_of
+    from svv.io.views.empty_views import check_shown, empty_views
     from svv.io.views.equal_views import equal_views
     from svv.kernels.dispatch import device_named
     from svv.train.config import settings_of
@@ -76,7 +77,8 @@ def train(
         device_named(options.device)
         with shown("Reading") as progress:
             view_set = read_views(folder, "train", progress)
-        for said in (view_set.meta.assumed, equal_views(view_set)):
+        assumed, empty = view_set.meta.assumed, check_shown(view_set)
+        for said in (assumed, equal_views(view_set), None if assumed and empty and empty in assumed else empty):
             if said is not None:
                 print(said, file=sys.stderr)
         return view_set
@@ -92,7 +94,7 @@ def train(
                     _sketch(view_set, options, file, progress)
                 made.append(train_scene(view_set, options, progress, checkpoint_of(file)))
             if ranks.is_first():
-                for said in set(made[-1][1]["warnings"]) - {equal_views(view_set)}:
+                for said in set(made[-1][1]["warnings"]) - {equal_views(view_set), empty_views(view_set)}:
                     print(said, file=sys.stderr)
         if ranks.is_first():
             for (scene, report), file in zip(made, files.values(), strict=True):

@@ -37,6 +37,9 @@ CLEANED = (16, 96)
 LEVELS = len(OPACITIES) + len(CONTRASTS) + len(CLEANED)
 """Number of levels: those of alpha, those of contrast and those without dust."""
 
+OUTLINE = len(OPACITIES) + len(CONTRASTS)
+"""The level of everything visible, without dust."""
+
 OF_ALPHA = np.repeat((True, False, True), (len(OPACITIES), len(CONTRASTS), len(CLEANED)))
 """Which are levels of alpha. (LEVELS,)"""
 
@@ -60,13 +63,18 @@ class Outlines:
     of_alpha: NDArray[np.bool_]
     """Which are levels of alpha. The others are of brightness, which light from the camera moves over a surface, so
     they may disagree with right cameras. (levels,)"""
+    inner: NDArray[np.bool_]
+    """Which are only of what lies inside of outlines that frames cut off: what is denser than a level along rays, which
+    may disagree with right cameras if it is not opaque. (levels,)"""
+    cut: float
+    """Fraction of the views whose frames cut off what is visible."""
 
     def fewer(self, views: int, levels: int, tangents: int = 1) -> Outlines:
         """Return some of the views at some of the levels, spread evenly, with every so many-th tangent."""
         own = _spread(len(self.chosen), views)
         which = _spread(len(self.levels), levels)
         taken = tuple(self.levels[k].take(own, tangents) for k in which)
-        return Outlines(self.chosen[own], taken, self.reach[which], self.of_alpha[which])
+        return Outlines(self.chosen[own], taken, self.reach[which], self.of_alpha[which], self.inner[which], self.cut)
 
     def residuals(self, views: Views, most: int = MOST_PAIRS) -> tuple[Array, NDArray[np.intp]]:
         """Return by how many pixels the silhouettes of each level differ with these cameras.
@@ -122,13 +130,17 @@ class Tracing:
         # Levels are alike if they are in the code of every pixel.
         bits = np.unique(np.concatenate([one.codes for one in traced])) >> np.arange(LEVELS)[:, None] & 1
         different = [k for k in range(LEVELS) if not (bits[:k] == bits[k]).all(axis=1).any()]
-        found = {}
+        cut, found, inner = np.array([one.is_cut for one in traced]), {}, []
         for k in different:
             usable = np.array([one.whole[k] for one in traced])
+            enough = bool((usable & ~cut).sum() > 2)
             if usable.sum() > 2:
+                usable &= ~cut if enough else True
                 found[k] = Silhouettes(np.stack([one.points[k] for one in traced]), usable)
+                inner.append(not enough)
         reach = np.array([_reach(silhouettes) for silhouettes in found.values()])
-        return Outlines(chosen, tuple(found.values()), reach, OF_ALPHA[list(found)])
+        within, part = np.array(inner, np.bool_), float(cut.mean())
+        return Outlines(chosen, tuple(found.values()), reach, OF_ALPHA[list(found)], within, part)
 
     def _traced(self, which: NDArray[np.intp], background: tuple[int, ...]) -> Iterator[_Traced]:
         """Look at some of the pictures."""
@@ -170,6 +182,11 @@ class _Traced:
     """Which of them are there and wholly inside the picture. (LEVELS,)"""
     codes: NDArray[np.intp]
     """The codes of its pixels, in ascending order."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the frame cuts off what is visible, apart from dust."""
+        return not self.whole[OUTLINE] and bool(self.points[OUTLINE].any())
 
 
 def step_of(images: Images) -> int:

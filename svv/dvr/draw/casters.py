@@ -38,6 +38,7 @@ from vtkmodules.vtkRenderingVolume import (
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.frame import Stage, visible_cells
+from svv.dvr.draw.tables import refine_tables
 from svv.dvr.read.grids import to_array
 from svv.dvr.read.vtk_readers import vtk_messages
 from svv.errors import BadInput
@@ -199,7 +200,9 @@ class GpuMapper:
         self._mapper = mapper
         self.set_step(step)
         self._window = off_screen_window()
-        self._renderer = _renderer(self._window, _volume(mapper, stage, shading))
+        volume = _volume(mapper, stage, shading)
+        refine_tables(volume.GetProperty(), *image.GetScalarRange())
+        self._renderer = _renderer(self._window, volume)
 
     def render(self, camera: Camera) -> Pixels:
         """Render a view with straight alpha; its colour is 0 where alpha is 0. (height, width, 4) uint8"""

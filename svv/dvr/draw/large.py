@@ -20,7 +20,7 @@ from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.appearance import Appearance, without_interpolation
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import STEP, Stage
-from svv.dvr.draw.tables import ENTRIES, entries_for
+from svv.dvr.draw.table_size import ENTRIES, entries_for
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.read.grids import from_array, level_of_image, own_unit_distance, set_geometry, to_array

@@ -20,16 +20,18 @@ from svv.core.sharing import ALONE
 from svv.core.volumes.classified import ClassifiedVolume
 from svv.dvr.draw.casters import CpuMapper, GpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.classify import classified
+from svv.dvr.draw.fitting import fitted_to
 from svv.dvr.draw.frame import Stage, set_stage
 from svv.dvr.draw.given import given_volume
-from svv.dvr.draw.large import BrickMapper, LargeVolume, Opened, quickest
+from svv.dvr.draw.large import BrickMapper, LargeVolume
 from svv.dvr.draw.record import grid_of, told_of
 from svv.dvr.draw.rig import FOV, FRAMING, rig_of
-from svv.dvr.functions.histogram import default_transfer_function
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import assumed_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
+from svv.io.views.empty_views import empty_views
 from svv.io.views.view_meta import ViewMeta, VolumeGrid
 from svv.io.views.viewset import ViewSet
 from svv.options.making import MapperName, ViewOptions
@@ -102,12 +104,9 @@ def render_views(
             differ in size, the mapper is unknown, or it is ``gpu`` and OpenGL is not available.
     """
     volume = given_volume(image, nearest, ViewOptions(mapper=cast("MapperName", mapper)))
-    mapper = quickest(volume, mapper, None, tf, rescale=False)
-    opened = Opened.of(volume, mapper, None)
-    tf = tf.fitted(*opened.range, rescale=False)
-    tf = replace(tf, unit_distance=tf.unit_distance or opened.unit_distance)
-    stage = set_stage(opened.image, tf)
-    caster, _ = open_caster(stage, mapper, shading or tf.shading or Shading(), step, opened.caster(tf))
+    fit = fitted_to(volume, tf, mapper, rescale=False)
+    stage = set_stage(fit.opened.image, fit.tf)
+    caster, _ = open_caster(stage, fit.mapper, shading or tf.shading or Shading(), step, fit.opened.caster(fit.tf))
     return drawn(caster, cameras, progress)
 
 
@@ -163,16 +162,14 @@ def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views ar
     ready = given_volume(volume, nearest, asked, part(progress, 0.0, 0.3))
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
-    opened = Opened.of(ready, quickest(ready, asked.mapper, asked.memory, tf, rescale), asked.memory)
-    given = tf or default_transfer_function(opened.image)
-    fitted = given.fitted(*opened.range, rescale)
-    rescaled = given.is_stretched(*opened.range, rescale)
-    fitted = replace(fitted, unit_distance=fitted.unit_distance or opened.unit_distance)
+    said = ready.source.assumed if isinstance(ready, LargeVolume) else assumed_of(ready)
+    fit = fitted_to(ready, tf, asked.mapper, asked.memory, rescale)
+    opened, fitted = fit.opened, fit.tf
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
-    notes = told_of(opened.image, fitted)
+    notes = (*filter(None, [said]), *fit.notes, *told_of(opened.image, fitted))
     subject = Subject(
-        stage, grid, opened.whole, title, fitted, rescaled, notes, caster=opened.caster(fitted), kept=kept
+        stage, grid, opened.whole, title, fitted, fit.rescaled, notes, caster=opened.caster(fitted), kept=kept
     )
     return views_of(
         subject, asked, shading or fitted.shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0)
@@ -226,10 +223,11 @@ def views_of(
         vtk=vtkVersion.GetVTKVersion(),
         seconds=round(time.monotonic() - began, 3),
         nearest=stage.appearance.nearest or None,
-        assumed=" ".join(subject.notes) or None,
     )
     names = tuple(f"r_{i:04d}" for i in range(n))
     train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)
+    meta = replace(meta, assumed=" ".join(filter(None, (*subject.notes, empty_views(train)))) or None)
+    train = replace(train, meta=meta)
     if not asked.test:
         return train, None
     return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)

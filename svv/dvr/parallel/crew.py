@@ -27,6 +27,7 @@ from svv.core.volumes.classified import ClassifiedVolume, grid_shape
 from svv.dvr.draw.casters import FULL, CpuMapper, Pixels, straight
 from svv.dvr.draw.classify import classified_grid, extinction, frequencies, grid_over, resampled
 from svv.dvr.draw.frame import MARGIN, Stage, place_part, visible_box, visible_cells
+from svv.dvr.draw.tables import limits
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.parallel.pieces import Indices, Piece, take_piece
 from svv.dvr.parallel.ranks import Ranks
@@ -253,7 +254,10 @@ class Crew:
         part = values[inside] if draws else np.zeros(0)
         mine = [float(part.min()), float(part.max())] if draws else [np.inf, -np.inf]
         spans = ranks.everyones(np.array(mine))
-        span = float(spans[:, 0].min()), float(spans[:, 1].max())
+        whole, kind = (float(spans[:, 0].min()), float(spans[:, 1].max())), values.dtype
+        span = limits(tf, whole, kind)
+        if span != whole:
+            values = values.clip(*np.array(span).astype(kind))
         stage = ranks.together(lambda: place_part(values, at, (first, last), piece.whole, tf, span))
         around = _corners(stage, piece, np.stack([start, stop]))
         drawn = _corners(stage, piece, own)

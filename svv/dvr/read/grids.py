@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
-from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray, vtkUnsignedCharArray
+from vtkmodules.vtkCommonDataModel import vtkDataSet, vtkDataSetAttributes, vtkImageData, vtkRectilinearGrid
 
 from svv.bricks.source import Level
 from svv.dvr.draw.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
@@ -25,6 +25,9 @@ ORTHOGONAL_TOLERANCE = 1e-3
 
 OWN_UNIT = "StyleRF Mesh Unit Distance"
 """Field data of a resampled image: the opacity unit distance that ParaView gives the mesh."""
+
+ASSUMED = "StyleRF Assumed"
+"""Field data of an image: what was assumed of its file (:func:`assumed_of`)."""
 
 LEAST_NUMBERS = 256
 """Least number of double-precision numbers in the range of a volume's values."""
@@ -68,8 +71,9 @@ def as_volume(
         raise BadInput(f"{name} has {values.size} values for {dims.prod()} voxels; it is damaged.")
     put_scalars(result, values, scalars.GetName() or "scalars")
     put(result, replace(Appearance.of(image), blank=blanked(image, on_cells, name)))
-    if image.GetFieldData().HasArray(OWN_UNIT):
-        result.GetFieldData().AddArray(image.GetFieldData().GetArray(OWN_UNIT))
+    for kept in (OWN_UNIT, ASSUMED):
+        if image.GetFieldData().GetAbstractArray(kept):
+            result.GetFieldData().AddArray(image.GetFieldData().GetAbstractArray(kept))
     return result
 
 
@@ -98,6 +102,28 @@ def from_array(
     image.SetOrigin(*origin)
     put_scalars(image, _native(values, "The array").ravel(), name)
     return image
+
+
+def rectilinear(
+    values: NDArray[np.number], planes: Sequence[NDArray[np.float64]], name: str, assumed: str | None = None
+) -> vtkRectilinearGrid:
+    """Return a grid with a value where planes cross, which may be at uneven distances and are put in rising order.
+
+    Args:
+        values: Array of any numeric type. (nz, ny, nx)
+        planes: Places along x, y and z, rising or falling.
+        name: Name of the scalar array.
+        assumed: See :func:`assumed_of`.
+    """
+    turned = [slice(None, None, -1 if part[0] > part[-1] else 1) for part in planes]
+    grid = vtkRectilinearGrid()
+    grid.SetDimensions(*values.shape[::-1])
+    puts = (grid.SetXCoordinates, grid.SetYCoordinates, grid.SetZCoordinates)
+    for put_places, part, turn in zip(puts, planes, turned):
+        put_places(named("planes", part[turn]))
+    put_scalars(grid, _native(values[tuple(turned[::-1])], "The array").ravel(), name)
+    put_assumed(grid, assumed)
+    return grid
 
 
 def to_array(image: vtkImageData) -> NDArray[np.number]:
@@ -144,6 +170,22 @@ def own_unit_distance(image: vtkImageData) -> float | None:
 def put_own_unit_distance(image: vtkImageData, distance: float) -> None:
     """Let an image carry what :func:`own_unit_distance` returns."""
     image.GetFieldData().AddArray(named(OWN_UNIT, np.array([distance])))
+
+
+def assumed_of(image: vtkDataSet) -> str | None:
+    """Return what was assumed of an image's file, in sentences, such as the size of a voxel; None for nothing."""
+    kept = image.GetFieldData().GetAbstractArray(ASSUMED)
+    return None if kept is None else str(kept.GetValue(0))
+
+
+def put_assumed(image: vtkDataSet, said: str | None) -> None:
+    """Let an image carry what :func:`assumed_of` returns."""
+    image.GetFieldData().RemoveArray(ASSUMED)
+    if said is not None:
+        text = vtkStringArray()
+        text.SetName(ASSUMED)
+        text.InsertNextValue(said)
+        image.GetFieldData().AddArray(text)
 
 
 def level_of_image(image: vtkImageData) -> Level:
@@ -215,7 +257,7 @@ def _native(values: NDArray[np.number], name: str) -> NDArray[np.number]:
     return np.ascontiguousarray(values, dtype=np.dtype(kind))
 
 
-def put_scalars(image: vtkImageData, values: NDArray[np.number], name: str) -> None:
+def put_scalars(image: vtkDataSet, values: NDArray[np.number], name: str) -> None:
     """Make a flat array the image's point scalars."""
     image.GetPointData().SetScalars(named(name, values))
 

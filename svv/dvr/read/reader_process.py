@@ -27,7 +27,8 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.json_values import Json
 from svv.dvr.draw.appearance import Appearance, put
-from svv.dvr.read.grids import own_unit_distance, put_own_unit_distance, to_array
+from svv.dvr.read.grids import assumed_of, own_unit_distance, put_assumed, put_own_unit_distance, to_array
+from svv.dvr.read.vtk_readers import failed
 from svv.errors import BadInput
 
 START = """import json, sys
@@ -111,10 +112,14 @@ def serve(read: Callable[..., vtkImageData]) -> None:
     for line in sys.stdin.buffer:
         asked = json.loads(line)
         os.chdir(asked.pop("folder"))  # paths and messages stay as they were given
+        path = Path(asked.pop("path"))
         try:
-            image = read(Path(asked.pop("path")), **asked)
+            image = read(path, **asked)
         except BadInput as error:
             _send(out, {"says": str(error)})
+            continue
+        except Exception as error:
+            _send(out, {"says": str(failed(path, error))})
             continue
         values, shown = np.ascontiguousarray(to_array(image)).reshape(-1), Appearance.of(image)
         matrix = image.GetDirectionMatrix()
@@ -122,7 +127,7 @@ def serve(read: Callable[..., vtkImageData]) -> None:
             "dims": image.GetDimensions(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
             "direction": [matrix.GetElement(i, j) for i in range(3) for j in range(3)], "dtype": values.dtype.str,
             "name": image.GetPointData().GetScalars().GetName(), "blank": shown.blank is not None,
-            "unit": own_unit_distance(image),
+            "unit": own_unit_distance(image), "assumed": assumed_of(image),
         }  # fmt: skip
         _send(out, told)
         content = values.data.cast("B")
@@ -162,6 +167,7 @@ def _received(stream: BufferedReader) -> vtkImageData:
         put(image, Appearance(blank))
     if told["unit"] is not None:
         put_own_unit_distance(image, told["unit"])
+    put_assumed(image, told["assumed"])
     return image
 
 

@@ -6,24 +6,27 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from numpy.typing import DTypeLike
-from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectilinearGrid
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
-from vtkmodules.vtkIOImage import vtkSLCReader
+from vtkmodules.vtkIOHDF import vtkHDFReader
 from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.bricks.formats.axes import Choice
-from svv.bricks.opened import header_reader, open_bricks
+from svv.bricks.formats.hdf5 import is_hdf5
+from svv.bricks.opened import HDF5, HDF5_INSIDE, header_reader, open_bricks
 from svv.bricks.source import Source
-from svv.dvr.read.grids import Triple, as_volume, from_array, set_geometry
+from svv.dvr.read.grids import Triple, as_volume, assumed_of, from_array, put_assumed, rectilinear, set_geometry
 from svv.dvr.read.meshes import is_mesh, resampled
 from svv.dvr.read.other_formats import reader_of
 from svv.dvr.read.reader_process import apart, can_start
+from svv.dvr.read.slc import read_slc
 from svv.dvr.read.vtk_readers import check_memory, run, vtk_messages
 from svv.errors import BadInput
 
 SUPPORTED = (
-    ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .h5 .zarr .tif, or a folder of .tif or DICOM slices"
+    ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .mnc .cube .slc .npy .raw .h5 .nc .zarr .tif .xdmf, or a folder of "
+    ".tif or DICOM slices"
 )
 """Formats that are read without PyVista."""
 
@@ -96,12 +99,16 @@ def read_here(  # noqa: PLR0913 - as above
     choice = Choice(channel, time)
     image, array = _read(file, dims, dtype, array, choice)
     if is_mesh(image):
+        said = assumed_of(image)
         image = resampled(image, array, along=resample_to, name=file.name)
+        put_assumed(image, said)
     for values, put in ((spacing, image.SetSpacing), (origin, image.SetOrigin)):
         if values is not None:
             if len(values) != 3:
                 raise BadInput(f"Spacing and origin need three numbers (x, y, z), not {values}.")
             put(*(float(value) for value in values))
+    if spacing is not None:
+        put_assumed(image, None)
     return as_volume(image, array, file.name)
 
 
@@ -120,11 +127,17 @@ def _read(
         source = open_bricks(file, dims, dtype, None, None, array, choice, whole=True)
         if source is not None:
             return image_of(source, file), None
-    for suffix, read in _READERS.items():
-        if file.name.lower().endswith(suffix):
-            return run(read(), file), array
-    if reader := reader_of(file):
-        return run(reader, file), array
+    if file.name.lower().endswith(".slc"):
+        return read_slc(file), array
+    read = next((read for suffix, read in _READERS.items() if file.name.lower().endswith(suffix)), None)
+    if file.name.lower().endswith((*HDF5, *HDF5_INSIDE)) and file.is_file() and is_hdf5(file):
+        read = vtkHDFReader  # the rest was read above
+    if reader := read() if read else reader_of(file):
+        return run(reader, file, choice), array
+    if (file / "attributes.json").is_file():
+        raise BadInput(
+            f"{file} is an N5 folder, which svv does not read: save it as OME-Zarr or TIFF, in Fiji for example."
+        )
     if file.is_dir():
         raise BadInput(
             f"The folder {file} contains no .tif slices and no DICOM files; a volume is one file or a folder of slices."
@@ -134,18 +147,22 @@ def _read(
     )
 
 
-def image_of(source: Source, file: Path) -> vtkImageData:
-    """Return the finest level of a volume as an image."""
+def image_of(source: Source, file: Path) -> vtkImageData | vtkRectilinearGrid:
+    """Return the finest level of a volume as an image, or as a rectilinear grid if its planes are not evenly spaced."""
     level = source.levels[0]
     check_memory(level.shape[::-1], source.dtype.itemsize, file)
     header = header_reader(file)
     title = file.stem if header is None else header(file).title
-    image = from_array(source.read(0, (0, 0, 0), level.shape), name=title)
+    values = source.read(0, (0, 0, 0), level.shape)
+    if source.planes is not None:
+        return rectilinear(values, source.planes, title, source.assumed)
+    image = from_array(values, name=title)
     set_geometry(image, level.axes, level.origin)
+    put_assumed(image, source.assumed)
     return image
 
 
 _READERS: dict[str, Callable[[], vtkAlgorithm]] = {
-    ".vti": vtkXMLImageDataReader, ".vtk": vtkGenericDataObjectReader, ".slc": vtkSLCReader,
+    ".vti": vtkXMLImageDataReader, ".vtk": vtkGenericDataObjectReader,
 }  # fmt: skip
 """VTK's readers, by the ending."""

@@ -21,6 +21,7 @@ from vtkmodules.vtkCommonDataModel import (
 )
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm, vtkStreamingDemandDrivenPipeline
 
+from svv.bricks.formats.axes import Choice, check_alone, picked
 from svv.bricks.formats.stored import damaged, too_large
 from svv.errors import BadInput
 
@@ -48,19 +49,25 @@ def vtk_messages() -> Iterator[Callable[[], str]]:
         vtkOutputWindow.SetInstance(before)
 
 
-def run(reader: vtkAlgorithm, path: Path) -> vtkDataObject:
+def run(reader: vtkAlgorithm, path: Path, choice: Choice = Choice()) -> vtkDataObject:  # noqa: B008 - frozen
     """Run a VTK reader on a file or a folder.
+
+    Args:
+        reader: The reader.
+        path: The file or folder.
+        choice: The time point that is shown, if there are several.
 
     Returns:
         A ``vtkImageData``, or a grid of another kind if that is what it contains (:func:`svv.dvr.read.meshes.is_mesh`).
 
     Raises:
-        BadInput: VTK reported an error, or the data is no grid.
+        BadInput: VTK reported an error, the data is no grid, or there are several time points of which none is chosen.
     """
     with vtk_messages() as messages:
-        (reader.SetDirectoryName if path.is_dir() else reader.SetFileName)(str(path))
+        named = ("SetDirectoryName",) if path.is_dir() else ("SetFileName", "SetCaseFileName")  # the last is EnSight's
+        next(getattr(reader, name) for name in named if hasattr(reader, name))(str(path))
         check_size(reader, path)
-        reader.Update()
+        _read_at(reader, path, choice)
         output = reader.GetOutputDataObject(0)
         said = messages()
     # Some readers only warn about missing data and leave the rest of the memory uninitialised.
@@ -71,6 +78,28 @@ def run(reader: vtkAlgorithm, path: Path) -> vtkDataObject:
     if not isinstance(output, (vtkDataSet, vtkCompositeDataSet, vtkHyperTreeGrid)):
         raise BadInput(f"{path} contains a {output.GetClassName()}, not a volume.")
     return output
+
+
+def _read_at(reader: vtkAlgorithm, path: Path, choice: Choice) -> None:
+    """Let a reader read the time point that is chosen, or the only one."""
+    about, key = reader.GetOutputInformation(0), vtkStreamingDemandDrivenPipeline.TIME_STEPS()
+    times = about.Get(key) if about.Has(key) else ()
+    if len(times) < 2:
+        check_alone(choice, path)
+        reader.Update()
+        return
+    sides = {"t": len(times), "z": 2, "y": 2, "x": 2}  # of these, only the number of times is known yet
+    reader.UpdateTimeStep(times[picked(list(sides), list(sides.values()), choice, path.name).fixed[0] or 0])
+
+
+def failed(path: Path, error: Exception) -> BadInput:
+    """Return the error to raise for a file on which a reader raised what it should not."""
+    said = str(error).strip().splitlines()
+    text = f"{type(error).__name__}: {said[0].rstrip('.')}" if said else type(error).__name__
+    return BadInput(
+        f"Cannot read {path}: its reader failed ({text}), which does not mean that the file is damaged. If ParaView "
+        "opens it, save it there as .vti, or as .vtu if it is a mesh."
+    )
 
 
 def _evenly_spaced(grid: vtkRectilinearGrid) -> vtkImageData | vtkRectilinearGrid:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit, prange
+
+from svv.kernels.types import MOST_SEEN
 
 CUT, NOTHING, SOME, ALL = 0, 1, 2, 3
 """What a view shows of cells: its frame cuts them or they are behind it; or how much of their square is visible."""
@@ -85,13 +89,13 @@ def _verdict(view, table, x, y, z, spread, reach):  # type: ignore[no-untyped-de
 def _carve_block(  # type: ignore[no-untyped-def]
     block, begin, cells, at, reach, tables, rotations, positions, lenses, left
 ):
-    """Leave only those cells of a block in its list ``left`` (C, 4) that views keep, each with 1 if a view decides.
+    """Leave only those cells of a block in its list ``left`` (C, 4) that views keep, each with how many views decide.
 
     Returns:
         The number of these cells, and the view that left out the last if none is left, otherwise ``begin``: the view
         to begin with.
     """
-    views, count, shown = tables.shape[0], left.shape[0], False
+    views, count, shown = tables.shape[0], left.shape[0], 0
     x, y, z = (block[0] + 0.5 * BLOCK) / cells, (block[1] + 0.5 * BLOCK) / cells, (block[2] + 0.5 * BLOCK) / cells
     for m in range(begin, begin + views):
         n = m if m < views else m - views
@@ -101,7 +105,7 @@ def _carve_block(  # type: ignore[no-untyped-def]
             if verdict == NOTHING:
                 return 0, n
             if verdict == ALL:
-                shown = True
+                shown += 1
                 continue
         kept = 0
         for q in range(count):
@@ -109,19 +113,18 @@ def _carve_block(  # type: ignore[no-untyped-def]
             verdict = _verdict(view, table, at[i], at[j], at[k], 0.0, reach)
             if verdict != NOTHING:
                 left[kept, 0], left[kept, 1], left[kept, 2] = i, j, k
-                left[kept, 3] = seen if verdict == CUT else 1
+                left[kept, 3] = seen if verdict == CUT else seen + 1
                 kept += 1
         count = kept
         if count == 0:
             return 0, n
-    if shown:
-        left[:count, 3] = 1
+    left[:count, 3] += shown
     return count, begin
 
 
 @njit(parallel=True, cache=True)
 def visual_hull(tables, rotations, positions, lenses, cells, reach, occupied):  # type: ignore[no-untyped-def]
-    """Keep the cells whose projection meets the mask in every view that contains them.
+    """Count for each cell the views that contain it, unless its projection misses the mask in one of them.
 
     A view does not decide on cells that are behind it or not wholly in its frame. Cells on which none decides are left
     out. Most views decide alike on all cells of a block, and most of those outside are left out by the view that left
@@ -135,7 +138,8 @@ def visual_hull(tables, rotations, positions, lenses, cells, reach, occupied):  
             and row of the principal point in mask pixels, and 1 if it is orthographic, otherwise 0. (N, 4)
         cells: Cells per box unit.
         reach: Radius of a cell's bounding sphere in box units.
-        occupied: Result, zeros, uint8. (X, Y, Z)
+        occupied: Result, zeros, uint8: how many views contain the cell, at most
+            :data:`svv.kernels.types.MOST_SEEN`. (X, Y, Z)
     """
     nx, ny, nz = occupied.shape
     at = (np.arange(max(nx, ny, nz)) + 0.5) / cells
@@ -154,4 +158,79 @@ def visual_hull(tables, rotations, positions, lenses, cells, reach, occupied):  
                     block, begin, cells, at, reach, tables, rotations, positions, lenses, left[:count]
                 )
                 for q in range(count):
-                    occupied[left[q, 0], left[q, 1], left[q, 2]] = left[q, 3]
+                    occupied[left[q, 0], left[q, 1], left[q, 2]] = min(left[q, 3], MOST_SEEN)
+
+
+@njit(parallel=True, cache=True)
+def mark_unexplained(  # type: ignore[no-untyped-def]
+    tables, rotations, positions, lenses, cells, counts, enough, marked
+):
+    """Mark cells that explain pixels which no cell that enough views contain explains.
+
+    Rays run through visible pixels, about a cell apart in the middle of the box. Where none of a ray's cells is
+    contained by ``enough`` views, those are marked that at least half as many views contain as any other of them.
+
+    Args:
+        tables: As for :func:`visual_hull`, like the four that follow.
+        rotations: See there.
+        positions: See there.
+        lenses: See there.
+        cells: See there.
+        counts: How many views contain a cell, or 0, uint8: the largest of each cell and its neighbours. (X, Y, Z)
+        enough: Number of views.
+        marked: Result, zeros, uint8. (X, Y, Z)
+    """
+    middle = np.array(counts.shape) / (2.0 * cells)
+    for n in prange(tables.shape[0]):
+        table, m, parallel = tables[n], rotations[n], lenses[n, 3] > 0.0
+        focal, column, row = lenses[n, 0], lenses[n, 1], lenses[n, 2]
+        away = 1.0 if parallel else math.sqrt(np.sum((positions[n] - middle) ** 2))
+        stride = max(1, int(focal / (cells * max(away, 1.0 / cells))))
+        origin, direction, cell = np.empty(3), np.empty(3), np.empty(3, np.int64)
+        for y in range(stride // 2, table.shape[0] - 1, stride):
+            for x in range(stride // 2, table.shape[1] - 1, stride):
+                if table[y + 1, x + 1] - table[y, x + 1] - table[y + 1, x] + table[y, x] == 0:
+                    continue
+                u, v = (x + 0.5 - column) / focal, (row - y - 0.5) / focal
+                for k in range(3):
+                    across = m[0, k] * u + m[1, k] * v
+                    origin[k] = positions[n, k] + (across if parallel else 0.0)
+                    direction[k] = (0.0 if parallel else across) - m[2, k]
+                start, steps, step = _within(origin, direction, counts.shape, cells)
+                most = 0
+                for i in range(steps):
+                    _cell(origin, direction, start + (i + 0.5) * step, cells, counts.shape, cell)
+                    most = max(most, counts[cell[0], cell[1], cell[2]])
+                    if most >= enough:
+                        break
+                if most == 0 or most >= enough:
+                    continue
+                for i in range(steps):
+                    _cell(origin, direction, start + (i + 0.5) * step, cells, counts.shape, cell)
+                    if 2 * counts[cell[0], cell[1], cell[2]] >= most:
+                        marked[cell[0], cell[1], cell[2]] = 1
+
+
+@njit(cache=True)
+def _within(origin, direction, shape, cells):  # type: ignore[no-untyped-def]
+    """Return where a ray enters the box, and number and size of steps of at most half a cell to where it leaves it."""
+    near, far, length = 0.0, np.inf, 0.0
+    for k in range(3):
+        length += direction[k] * direction[k]
+        if abs(direction[k]) < 1e-12:
+            if not 0.0 <= origin[k] * cells <= shape[k]:
+                return 0.0, 0, 0.0
+            continue
+        a, b = -origin[k] / direction[k], (shape[k] / cells - origin[k]) / direction[k]
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+    if not near < far:
+        return 0.0, 0, 0.0
+    steps = int(math.ceil((far - near) * math.sqrt(length) * cells * 2.0))
+    return near, steps, (far - near) / steps
+
+
+@njit(cache=True)
+def _cell(origin, direction, t, cells, shape, cell):  # type: ignore[no-untyped-def]
+    """Write the indices of the cell at a place of a ray."""
+    for k in range(3):
+        cell[k] = min(max(int((origin[k] + t * direction[k]) * cells), 0), shape[k] - 1)

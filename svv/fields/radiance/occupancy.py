@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, maximum_filter
 from torch import Tensor
 from torch.nn.functional import max_pool2d, pad
 
@@ -17,14 +18,19 @@ from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.rays.cells import widened
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
 from svv.errors import BadInput
-from svv.fields.radiance.hull_kernels import summed, visual_hull
+from svv.fields.radiance.hull_kernels import mark_unexplained, summed, visual_hull
 from svv.kernels.dispatch import kernels_for, kernels_of
+from svv.kernels.types import MOST_SEEN
 
 MASK_SIZE = 256
 """Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve no better."""
 
 GREATEST_REACH = 0.9
 """How far the box may reach from its centre, as a fraction of the nearest camera's distance."""
+
+SURE_VIEWS, SURE_SHARE = 8, 0.25
+"""Views, and share of all, that must contain a cell to be believed where it is empty only for lack of views; half of
+the views are enough in small sets. Chance alone leaves nothing that as many views contain."""
 
 LEAST_EXTINCTION_SHARE = 0.05
 """Fraction of a scene's largest extinction above which cells are occupied in any case, however faint the scene is."""
@@ -123,6 +129,7 @@ def carve(masks: NDArray[np.bool_] | NDArray[np.uint8] | Tensor, cameras: Sequen
     """Return the visual hull of the views' masks and the box around it.
 
     A view says nothing about points outside its frame, so subjects may extend beyond the frames of some or all views.
+    Cells that only few views contain are left out unless these views cannot do without them (:func:`_believed`).
 
     Args:
         masks: Pixels in which something is visible, or the alpha of the views; what a GPU holds, it carves, if it has
@@ -219,7 +226,35 @@ def _hull(masks: _Masks, cameras: Sequence[Camera], box: Box, cells: int) -> NDA
         there = kernels_for(tables).TOMOGRAPHY
         assert there is not None
         turned, placed, seen = (torch.from_numpy(a).to(tables.device) for a in (rotations, positions, lenses))
-        return there.visual_hull(tables, (turned, placed, seen), float(cells), reach, shape.tolist()).cpu().numpy()
-    occupied = np.zeros(shape, np.uint8)
-    visual_hull(tables, rotations, positions, lenses, float(cells), reach, occupied)
-    return occupied
+        counts = there.visual_hull(tables, (turned, placed, seen), float(cells), reach, shape.tolist()).cpu().numpy()
+    else:
+        counts = np.zeros(shape, np.uint8)
+        visual_hull(tables, rotations, positions, lenses, float(cells), reach, counts)
+    return _believed(counts, tables, (rotations, positions, lenses), cells)
+
+
+def _believed(
+    counts: NDArray[np.uint8],
+    tables: NDArray[np.int32] | Tensor,
+    views: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    cells: int,
+) -> NDArray[np.uint8]:
+    """Return which cells of a visual hull are believed: those that enough views contain, and what else pixels need.
+
+    What lies outside most frames is left by chance: hardly any view cuts the cones of the few that contain it, although
+    nothing need be there. It is kept only where a visible pixel shows none of the cells that enough views contain.
+
+    Args:
+        counts: How many views contain each cell, 0 outside of the hull. (X, Y, Z)
+        tables: Of the masks.
+        views: Rotations, positions and lenses, as for :func:`svv.fields.radiance.hull_kernels.visual_hull`.
+        cells: Cells per box unit.
+    """
+    number = len(tables)
+    enough = min(max(min(SURE_VIEWS, 0.5 * number), SURE_SHARE * number), MOST_SEEN)
+    hull, sure = counts > 0, counts >= enough
+    if (hull == sure).all():
+        return hull.astype(np.uint8)
+    marked, there = np.zeros_like(counts), tables.cpu().numpy() if isinstance(tables, Tensor) else tables
+    mark_unexplained(there, *views, float(cells), maximum_filter(counts, 3), enough, marked)
+    return (hull & (sure | binary_dilation(marked, np.ones((3, 3, 3))))).astype(np.uint8)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress, part
 from svv.io.cinema.hdf5 import SUFFIXES, read_channels
+from svv.io.views.straight import AlphaName
 from svv.io.views.view_images import decode, in_threads, with_alpha
 
 Images = NDArray[np.uint8]
@@ -35,9 +36,11 @@ def read_pictures(files: Sequence[Path], progress: Progress) -> tuple[list[Image
     return [picture for picture, _ in read], [meta for _, meta in read]
 
 
-def transparent(pictures: list[Images], files: Sequence[Path]) -> tuple[Images, str | None]:
-    """Return pictures as RGBA, and a sentence on what counts as empty if they have no alpha."""
-    images, assumed = with_alpha(pictures, list(files))
+def transparent(
+    pictures: list[Images], files: Sequence[Path], alpha: AlphaName | None = None
+) -> tuple[Images, str | None]:
+    """Return pictures as RGBA with straight alpha, and a sentence on what was assumed about it."""
+    images, assumed = with_alpha(pictures, list(files), alpha, "give --alpha {alpha}")
     return np.stack(images), assumed
 
 

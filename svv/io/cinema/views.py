@@ -26,7 +26,7 @@ from svv.io.cinema.transfer import opacity_function
 from svv.io.views.agreement import check_agreement
 from svv.io.views.on_screen import ignoring_fixed
 from svv.io.views.view_meta import ViewMeta
-from svv.io.views.viewset import MIN_TRAIN_VIEWS, ViewSet
+from svv.io.views.viewset import MIN_TRAIN_VIEWS, ViewSet, write_splits
 from svv.options.cinema import DatabaseOptions
 
 MOST_TEST = 16
@@ -48,9 +48,7 @@ class Imported:
 
     def write(self, folder: Path, progress: Progress = silent) -> None:
         """Write the views as a folder of views; see :meth:`svv.io.views.viewset.ViewSet.write`."""
-        if self.test is not None:
-            self.test.write(folder, "test", part(progress, 0.0, 0.2))
-        self.train.write(folder, "train", part(progress, 0.2, 1.0))
+        write_splits(folder, self.train, self.test, progress)
 
 
 def read_database(path: str | Path, options: DatabaseOptions | None = None, progress: Progress = silent) -> Imported:
@@ -80,7 +78,7 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
     assumed = None
     if options.black is None:
         pictures, metas = read_pictures(files, part(progress, 0.02, 0.9))
-        images, assumed = transparent(pictures, files)
+        images, assumed = transparent(pictures, files, None if options.alpha == "auto" else options.alpha)
     else:
         images = read_pair(files, _partners(table, whole, options.black, wanted), part(progress, 0.02, 0.9))
     size = images.shape[2], images.shape[1]

@@ -103,7 +103,7 @@ def kept(folder: Path, key: str) -> Path:
         BadInput: The folder contains files that are not ours, or it cannot be created.
     """
     note = folder / "key.json"
-    if folder.exists() and not note.exists() and any(folder.iterdir()):
+    if folder.exists() and not _is_ours(note) and any(folder.iterdir()):
         raise BadInput(f"{folder} contains other files; choose another folder with --out.")
     if note.exists() and read_record(note, key) is None:
         shutil.rmtree(folder)
@@ -111,6 +111,15 @@ def kept(folder: Path, key: str) -> Path:
     if not note.exists():
         write_record(note, key, {})
     return folder
+
+
+def _is_ours(note: Path) -> bool:
+    """Return whether a file is the record of a folder of results; other programs have files of that name, too."""
+    try:
+        record = parsed(note.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(record, dict) and record.keys() == {"key"} and isinstance(record["key"], str)
 
 
 def _named(value: object) -> object:

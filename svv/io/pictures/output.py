@@ -6,6 +6,7 @@ in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at t
 
 from __future__ import annotations
 
+import re
 import struct
 import subprocess
 import zlib
@@ -21,13 +22,26 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.files.atomic import atomic_path
+from svv.io.files.atomic import atomic_path, cannot_write
 
 EMPTY_REGION = 255
 """Index of pixels without a region in a region PNG."""
 
 VTK_BLOCK = 1 << 24
 """Bytes of an array that are compressed together."""
+
+COLOURS = (
+    *("-vf", "scale=out_color_matrix=bt601:out_range=tv,setparams=colorspace=smpte170m:color_primaries=bt709:"
+      "color_trc=iec61966-2-1:range=tv"),
+    *("-x264-params", "colormatrix=smpte170m:colorprim=bt709:transfer=iec61966-2-1"),
+)  # fmt: skip
+"""FFmpeg's options that make a movie's colours of sRGB, and tag them as what they are.
+
+Browsers guess what a movie without tags means: Firefox always takes ITU-R BT.709, Chromium from 720 rows on, while
+FFmpeg makes BT.601 of RGB, which is off by up to 39 of 255. Chromium ignores tags of matrix and range alone, and BT.709
+throughout is right to 12 levels only. FFmpeg 4 does not pass the filter's tags on, FFmpeg 9 ignores its own options for
+primaries and transfer function; with both of these, it tags the stream, and from FFmpeg 5 on the file as well.
+"""
 
 _VTK_TYPES = {"uint8": "UInt8", "int16": "Int16", "float32": "Float32"}
 
@@ -57,6 +71,9 @@ def write_png(path: str | Path, image: ArrayLike, made: str = "") -> None:
         Image.fromarray(levels).save(temporary, format="PNG", compress_level=4, pnginfo=_text(made))
 
 
+FRAME = re.compile(r"(\d{4}|[1-9]\d{4,})\.png")
+"""Names of the frames in a folder, as all who write some name them: ``0000.png`` and so on."""
+
 MADE = "svv:made"
 """Name of the text of a PNG that says what it was made from."""
 
@@ -68,6 +85,44 @@ def made_of(path: Path) -> str:
             return str(picture.info.get(MADE, ""))
     except (OSError, ValueError, SyntaxError):
         return ""
+
+
+def is_frame(path: Path) -> bool:
+    """Return whether a file is named as the frames in a folder are: ``0000.png`` and so on."""
+    return FRAME.fullmatch(path.name) is not None
+
+
+def remove_other_frames(folder: Path, count: int, made: Mapping[int, str]) -> None:
+    """Remove numbered PNGs (``0000.png`` and so on) of other runs from a folder, so that it never mixes two runs.
+
+    Only PNGs that say what they were made from (:func:`made_of`) are removed, because only svv writes such files.
+
+    Args:
+        folder: The folder.
+        count: Number of frames that it is to have; all later ones are removed.
+        made: What each frame is made from, by its number; a frame that was made from something else is removed. Frames
+            below ``count`` that are not listed belong to another process of the same run, and are left alone.
+
+    Raises:
+        BadInput: The folder has numbered PNGs that svv did not write, and that are not to be replaced by frames of a
+            folder in which svv wrote others; nothing is removed.
+    """
+    try:
+        found = {int(path.stem): path for path in folder.iterdir() if is_frame(path)}
+        told = {number: made_of(path) for number, path in found.items()}
+        ours = any(told.values())  # a frame that is damaged, or was replaced, is made again
+        unknown = [number for number in found if not told[number] and not (ours and number < count)]
+        others = sorted(found[number].name for number in unknown if found[number].exists())
+        if others:
+            raise BadInput(
+                f"{folder} has pictures that svv did not write as frames ({', '.join(others[:3])}"
+                f"{' ...' * (len(others) > 3)}): choose another folder, or move them."
+            )
+        for number, path in found.items():
+            if number >= count or told[number] != made.get(number, told[number]):
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
 
 
 def _text(made: str) -> PngInfo:
@@ -249,7 +304,8 @@ def _vtk_block(array: NDArray[np.generic], progress: Progress = silent) -> bytes
 def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0, crf: int = 18) -> None:
     """Write frames (h, w, 3) uint8, all of the same size, as an H.264 movie that browsers and players can show.
 
-    An odd width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
+    Its colours are those of the frames, which are sRGB, to 3 levels where they are flat, in browsers as well. An odd
+    width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
 
     Args:
         path: The file.
@@ -274,7 +330,7 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             codec="libx264",
             quality=None,
             macro_block_size=2,
-            output_params=["-crf", str(crf), "-preset", "fast", "-movflags", "+faststart"],
+            output_params=[*COLOURS, "-crf", str(crf), "-preset", "fast", "-movflags", "+faststart"],
             ffmpeg_log_level="error",
         )
         count = 0

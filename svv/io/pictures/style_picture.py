@@ -12,6 +12,7 @@ from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 from svv.errors import BadInput
 from svv.io.files.declared_sizes import check_pixels
 from svv.io.pictures.deep_tiff import deep_tiff, scaled
+from svv.io.pictures.gamma import as_srgb, converted, exponent_of
 
 SMALLEST = 16
 """Minimum side of a style picture in pixels; smaller pictures have no strokes to match."""
@@ -27,8 +28,8 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     """Read a style picture.
 
     Greyscale becomes RGB, 16 bits are kept until the end (if they hold 8, 10 or 12, these count), transparent pictures
-    are placed on white, CMYK and other colour profiles become sRGB, a camera's rotation is undone, and large pictures
-    are shrunk (JPEG while decoding).
+    are placed on white, CMYK, other colour profiles and linear PNG files (gAMA) become sRGB, a camera's rotation is
+    undone, and large pictures are shrunk (JPEG while decoding).
 
     Args:
         path: PNG, JPEG, TIFF, WebP, GIF (first frame), BMP ...
@@ -59,6 +60,8 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
             if (deep := deep_tiff(path)) is not None:
                 return _pixels(path, deep, long_side)
+            if (exponent := exponent_of(image)) is not None and not image.mode.startswith("I"):
+                return _pixels(path, converted(path, image, exponent), long_side)
             wide = any("16" in str(tile.args) for tile in image.tile)
             image.draft(image.mode, (2 * long_side, 2 * long_side))
             image.load()
@@ -107,7 +110,9 @@ def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float3
         values = np.asarray(upright)
         if image.mode.startswith("I"):
             values = np.clip(values, 0, None).astype(np.uint16 if values.max() < 65536 else np.uint32)
-        grey = Image.fromarray(scaled(values).astype(np.float32), "F")
+        exponent, levels = exponent_of(image), scaled(values)
+        levels = levels if exponent is None else as_srgb(levels, exponent)
+        grey = Image.fromarray(levels.astype(np.float32), "F")
         values = np.asarray(grey.resize(_size(grey, long_side), Image.Resampling.BOX, reducing_gap=2))
         return np.repeat(values[..., None], 3, 2)
     image = ImageOps.exif_transpose(image)

@@ -68,6 +68,14 @@ WHOLE_EDGE, MANY = 0.95, 0.3
 APART, PAIRS_A_VIEW = (5.0, 2.0), 12
 """Factor of the usual difference and pixels from which a view disagrees with the others, and pairs of each view."""
 
+MOSTLY_CUT = 0.5
+"""Fraction of the views whose frames must cut the scene off for a sentence to say that nothing could be compared."""
+
+HARDLY_TELL = (
+    "hardly tell whether their cameras are right, because most frames cut the scene off: a few that show it whole "
+    "would."
+)
+
 SPARSE = 8
 """Every so many-th pixel of a picture that is looked at first to see whether it shows anything."""
 
@@ -122,7 +130,10 @@ def check_agreement(
     if fixed is not None:  # a colour bar must not be blamed on the cameras
         images = without(images, fixed)
     tracing = Tracing(images)
-    found, doubt = _check(cameras, tracing, names, where, also)
+    outlines, which = tracing.outlines(some_of(len(cameras))), _pictures(where)
+    found, doubt = _check(cameras, outlines, names, which, also)
+    if found is None and doubt is None and outlines.cut > MOSTLY_CUT:
+        doubt = f"{which} {HARDLY_TELL}"
     alone = None if found is None else _apart(cameras, tracing, names)
     doubt = " ".join(filter(None, (doubt, alone, _empty(images, names), _surrounded(images)))) or None
     return Agreement(found, doubt, None if fixed is None else noticed(fixed))
@@ -136,7 +147,8 @@ def _apart(cameras: Sequence[Camera], tracing: Tracing, names: Sequence[str]) ->
         some = np.arange(first, count, step)
         outlines = tracing.outlines(some)
         views = Views.of([cameras[int(k)] for k in some])
-        levels = [level for level, alpha in zip(outlines.levels, outlines.of_alpha) if alpha]
+        told_by = outlines.of_alpha & ~outlines.inner
+        levels = [level for level, tells in zip(outlines.levels, told_by) if tells]
         if not levels:
             return None
         found = np.stack([differences_by_view(views, level, PAIRS_A_VIEW * len(some)) for level in levels])
@@ -182,11 +194,13 @@ def _surrounded(images: NDArray[np.uint8]) -> str | None:
     )
 
 
+def _pictures(where: object) -> str:
+    return "The pictures" if where is None else f"The pictures of {where}"
+
+
 def _check(
-    cameras: Sequence[Camera], tracing: Tracing, names: Sequence[str], where: object, also: Sequence[Mistake]
+    cameras: Sequence[Camera], outlines: Outlines, names: Sequence[str], which: str, also: Sequence[Mistake]
 ) -> tuple[str | None, str | None]:
-    outlines = tracing.outlines(some_of(len(cameras)))
-    which = "The pictures" if where is None else f"The pictures of {where}"
     if not outlines.levels:
         return None, None
     whole = Views.of(cameras)
@@ -235,6 +249,8 @@ def _without_cause(
             f"cameras were turned by {turned:.1f} degrees, and hardly more if the cameras are shuffled; check that "
             "each picture has its own camera, and how the cameras were converted."
         )
+    if far[tells].all() and outlines.inner[tells].all():
+        return None, f"{which} {HARDLY_TELL}"
     if far[tells].all():
         return None, (
             f"{which} may contradict their cameras: silhouettes differ by {least:.1f} pixels or more; if the "

@@ -16,7 +16,9 @@ from PIL import Image
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.io.files.declared_sizes import check_pixels
+from svv.io.pictures.gamma import as_srgb, converted, exponent_of, stored
 from svv.io.views.lenses import Lens, rectify
+from svv.io.views.straight import ALPHAS, BESIDE_FRAMES, AlphaName, straightened
 from svv.io.views.transforms import Frame, camera_in, file_in, mask_files
 
 Images = NDArray[np.uint8]
@@ -26,18 +28,9 @@ Result = TypeVar("Result")
 CORNER_SPREAD = 16
 """Levels by which corner pixels may differ and still count as one background colour (JPEG noise)."""
 
-STRIDE = 4
-"""Every so many-th pixel along both axes is looked at to see whether colours are multiplied by alpha."""
-
-FAINT, CLEAR = (4, 64), (32, 254)
-"""Smallest and largest alpha of pixels that straight colours would be brighter than, and of those with a colour."""
-
-FEW, EXCEPTIONS, COLOURED = 50, 0.01, 0.3
-"""Number of faint pixels that tell enough, fraction of them that may be noise, and brightness of colours by alpha."""
-
-MULTIPLIED = (
-    "No translucent pixel is brighter than its alpha, as if colours were multiplied by alpha: if so, divide them by "
-    "it, or what is translucent becomes too dark."
+LINEAR = (
+    "{count} of the {all} images are linear, or of another power of light than sRGB, by their gAMA chunk: they were "
+    "converted to sRGB."
 )
 RECTIFIED = "Lens distortion and pixels that are not square were removed from {count} of the {all} images."
 RESIZED = "The images differ in size, so all were reduced to {width} x {height} pixels."
@@ -67,14 +60,23 @@ def read_views(
     jobs = list(zip(files, of, strict=True))
     whole = _Whole(len(jobs))
     numbered = list(enumerate(jobs))
-    decoded = list(in_threads(lambda job: whole.put(job[0], _masked(*job[1])), numbered, progress, label))
-    images, assumed = with_alpha(decoded, files)
+    powers: list[float | None] = [None] * len(jobs)
+
+    def read(job: tuple[int, tuple[Path, Path | None]]) -> Images:
+        image, powers[job[0]] = _masked(*job[1])
+        return whole.put(job[0], image)
+
+    decoded = list(in_threads(read, numbered, progress, label))
+    exponent = powers[0] if len(set(powers)) == 1 else None
+    images, assumed = with_alpha(decoded, files, _alpha_of(path, scene), exponent=exponent)
     taken = [
         camera_in(path, scene, frame, image.shape[1], image.shape[0])
         for frame, image in zip(frames, images, strict=True)
     ]
     cameras, lenses = [camera for camera, _ in taken], [lens for _, lens in taken]
-    notes = [] if assumed is None else [assumed]
+    linear = len(powers) - powers.count(None)
+    notes = [LINEAR.format(count=linear, all=len(powers))] if linear else []
+    notes += [] if assumed is None else [assumed]
     bent = sum(lens is not None for lens in lenses)
     if bent:
         images = list(in_threads(_rectified, list(zip(images, lenses, strict=True)), progress, "Undistorting views"))
@@ -111,11 +113,19 @@ class _Whole:
         return self._array if all(image.base is self._array for image in images) else np.stack(images)
 
 
-def _masked(file: Path, mask: Path | None) -> Images:
-    """Decode an image; if it has no alpha, its mask is its alpha."""
-    image = decode(file)
+def _alpha_of(path: Path, scene: Frame) -> AlphaName | None:
+    """Return what a file says about alpha; ours is straight. BadInput is raised if it says something else."""
+    given = scene.get("alpha", "straight" if "svv" in scene else None)
+    if given is not None and given not in ALPHAS:
+        raise BadInput(f'{path}: alpha must be "straight" or "premultiplied", not {given!r}; or leave it out.')
+    return given
+
+
+def _masked(file: Path, mask: Path | None) -> tuple[Images, float | None]:
+    """Decode an image as :func:`decode_as_srgb`; if it has no alpha, its mask is its alpha."""
+    image, exponent = decode_as_srgb(file)
     if mask is None or image.shape[-1] == 4:
-        return image
+        return image, exponent
     alpha = decode(mask)
     if alpha.shape[:2] != image.shape[:2]:
         raise BadInput(
@@ -123,7 +133,7 @@ def _masked(file: Path, mask: Path | None) -> Images:
             f"{image.shape[1]} x {image.shape[0]}; make them the same size."
         )
     # Some programs store masks as an alpha channel.
-    return np.dstack([image, alpha[..., 3] if alpha.shape[-1] == 4 else alpha.max(axis=-1)])
+    return np.dstack([image, alpha[..., 3] if alpha.shape[-1] == 4 else alpha.max(axis=-1)]), exponent
 
 
 def _rectified(job: tuple[Images, Lens | None]) -> Images:
@@ -157,22 +167,46 @@ def _of_one_size(
 
 
 def decode(file: Path) -> Images:
-    """Return uint8 levels: (h, w, 4) with straight alpha, or (h, w, 3) if the file has no alpha."""
+    """Return uint8 levels as stored: (h, w, 4) with the file's alpha, or (h, w, 3) if it has none."""
+    return _decoded(file, False)[0]
+
+
+def decode_as_srgb(file: Path) -> tuple[Images, float | None]:
+    """Return levels as :func:`decode`, in sRGB, and the power of light that was stored if it was another.
+
+    See :mod:`svv.io.pictures.gamma`.
+    """
+    return _decoded(file, True)
+
+
+def _decoded(file: Path, srgb: bool) -> tuple[Images, float | None]:
     try:
         with Image.open(file) as image:
             check_pixels(file, *image.size)
             if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale
                 raise BadInput(f"{file} is a greyscale image of more than 8 bits; views must be 8-bit RGBA.")
             alpha = "A" in image.getbands() or "transparency" in image.info
-            return np.asarray(image.convert("RGBA" if alpha else "RGB"))
+            exponent = exponent_of(image) if srgb else None
+            if exponent is not None:
+                return np.asarray(converted(file, image, exponent).convert("RGBA" if alpha else "RGB")), exponent
+            return np.asarray(image.convert("RGBA" if alpha else "RGB")), None
     except BadInput:
         raise
     except Exception as error:  # damaged files make Pillow raise all kinds of errors
         raise BadInput(f"Cannot read the image {file} ({error}); it is truncated or not an image.") from error
 
 
-def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], str | None]:
-    """Return RGBA images and a sentence that says what was taken for alpha if they had none, or is wrong with theirs.
+def with_alpha(
+    decoded: list[Images],
+    files: list[Path],
+    given: AlphaName | None = None,
+    how: str = BESIDE_FRAMES,
+    exponent: float | None = None,
+) -> tuple[list[Images], str | None]:
+    """Return RGBA images with straight alpha, and a sentence that says what was taken for alpha, or about theirs.
+
+    ``given`` says whether colours are multiplied by alpha and ``how`` the user says so (:mod:`svv.io.views.straight`),
+    ``exponent`` of which power of light they were.
 
     Alpha that is 255 in every pixel of every image, as viewers and renderers save opaque pictures, is none.
     """
@@ -182,7 +216,9 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
     lack = "no alpha but 255 everywhere" if opaque else "no alpha"
     channels = [image.shape[-1] for image in decoded]
     if min(channels) == 4:
-        return decoded, MULTIPLIED if _is_multiplied(decoded) else None
+        levels = np.arange(256) / 255.0
+        encoded = np.rint(255.0 * (levels if exponent is None else as_srgb(levels, exponent))).astype(np.uint8)
+        return straightened(decoded, given, how, stored(exponent), encoded)
     if max(channels) == 4:
         with_, without = files[channels.index(4)], files[channels.index(3)]
         raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need alpha.")
@@ -205,18 +241,6 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
     return images, (
         f"The images have {lack}: pixels of the background colour ({colour}) count as empty, all others as opaque."
     )
-
-
-def _is_multiplied(images: Sequence[Images]) -> bool:
-    """Return whether colours look multiplied by alpha: all of them are below it, and not because they are black."""
-    pixels = np.concatenate([image[::STRIDE, ::STRIDE].reshape(-1, 4) for image in images])
-    alpha, brightest = pixels[:, 3].astype(np.int16), pixels[:, :3].max(axis=1)
-    faint = (alpha >= FAINT[0]) & (alpha <= FAINT[1])
-    clear = (alpha >= CLEAR[0]) & (alpha <= CLEAR[1])
-    if np.count_nonzero(faint) < FEW or not clear.any():
-        return False
-    exceeds = np.mean(brightest[faint] > alpha[faint] + 1)
-    return bool(exceeds <= EXCEPTIONS and np.median(brightest[clear] / alpha[clear]) > COLOURED)
 
 
 def _corners(image: Images) -> Images:

@@ -122,9 +122,10 @@ class ViewMeta:
     nearest: bool | None = None
     """True if each voxel's own value was shown, without interpolation."""
     assumed: str | None = None
-    """Sentences on what may look otherwise than expected in views of a volume, or on what was assumed or changed when
-    images of another program were read: which pixels count as empty if they had no alpha, and how they were resampled.
-    """
+    """Sentences on what was assumed or changed, or may look otherwise than expected. When images of another program
+    were read: which pixels count as empty if they had no alpha, and how they were resampled. When a volume was drawn:
+    what its file does not tell, such as the size of a voxel, outliers among its values, another ray caster than the one
+    that was asked for, labels that are interpolated, and views that show nothing."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 

@@ -9,6 +9,7 @@ folder contains the volume classified by its transfer function; the key ``svv_cl
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, replace
@@ -22,7 +23,7 @@ from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.core.json_values import parsed
 from svv.core.volumes.classified import ALIKE, ClassifiedVolume, ValueGrid, ValueRange
-from svv.errors import BadInput, Progress, is_lack_of_memory, silent
+from svv.errors import BadInput, Progress, is_lack_of_memory, part, silent
 from svv.io.files.atomic import (
     atomic_path,
     cannot_write,
@@ -122,7 +123,7 @@ class ViewSet:
             raise BadInput(f"{path} has {len(frames)} views; at least {MIN_TRAIN_VIEWS} are needed.")
         images, cameras, assumed = read_views(path, scene, frames, progress, f"Reading {split} views")
         if assumed or missing:
-            meta = replace(meta, assumed=" ".join(filter(None, (missing, assumed))))
+            meta = replace(meta, assumed=" ".join(filter(None, (meta.assumed, missing, assumed))))
         file = path.parent / CLASSIFIED
         classified = _read_classified(file) if scene.get("svv_classified") == CLASSIFIED and file.exists() else None
         return cls(cameras, images, names_of(frames), meta, classified)
@@ -140,9 +141,10 @@ class ViewSet:
             progress: Called after each image.
 
         Raises:
-            BadInput: The folder cannot be written to, or the disk is full.
+            BadInput: The folder cannot be written to, has such a split that svv did not write, or the disk is full.
         """
         target = make_folder(folder)
+        _check_own(target / f"transforms_{split}.json")
         try:
             with partial_folder(target / split) as staging:
                 jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images)]
@@ -191,6 +193,47 @@ class ViewSet:
                 os.replace(staging / CLASSIFIED, target / CLASSIFIED)
         for file in stale:
             file.unlink(missing_ok=True)
+
+
+def write_splits(folder: str | Path, train: ViewSet, test: ViewSet | None, progress: Progress = silent) -> None:
+    """Write training views, and test views if there are any; test views that svv wrote there before are removed.
+
+    Raises:
+        BadInput: As :meth:`ViewSet.write`.
+    """
+    target = Path(folder)
+    check_splits(target)
+    train.write(target, "train", part(progress, 0.0, 0.8))
+    if test is not None:
+        test.write(target, "test", part(progress, 0.8, 1.0))
+        return
+    final = target / "transforms_test.json"  # of other views: scores on them would mean nothing
+    own = _own_files(final) - {target / CLASSIFIED}
+    try:
+        for file in (final, *own):
+            file.unlink(missing_ok=True)
+        if own:
+            (target / "test").rmdir()
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):  # others' files stay
+            raise cannot_write(target, error) from error
+
+
+def check_splits(folder: Path) -> None:
+    """Raise BadInput if :func:`write_splits` would overwrite views that svv did not write."""
+    for split in ("train", "test"):
+        _check_own(folder / f"transforms_{split}.json")
+
+
+def _check_own(path: Path) -> None:
+    try:
+        ours = "svv" in parsed(path.read_bytes())
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, TypeError):
+        ours = False
+    if not ours:
+        raise BadInput(f"{path} lists views that svv did not write: choose another folder.")
 
 
 def read_meta(folder: str | Path) -> ViewMeta:

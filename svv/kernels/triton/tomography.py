@@ -14,7 +14,7 @@ import triton.language as tl
 from torch import Tensor
 
 from svv.kernels.triton.rays import exponent_at, leap, slab
-from svv.kernels.types import Lattice
+from svv.kernels.types import MOST_SEEN, Lattice
 
 RAY_BLOCK = 32
 VERTEX_BLOCK = 128
@@ -27,9 +27,9 @@ FARTHEST = 1 << 30
 @triton.jit(do_not_specialize=["tables", "count", "height", "width", "number", "ny", "nz", "occupied"])
 def carved(  # type: ignore[no-untyped-def]
     tables, rotations, positions, lenses, sizes, number, height, width, ny, nz, count, occupied, FAR: tl.constexpr,
-    BLOCK: tl.constexpr,
+    MOST: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write which of ``count`` cells are left by all views that contain them whole, if one does.
+    """Write how many views contain each of ``count`` cells whole, at most ``MOST``; 0 if one shows nothing there.
 
     ``sizes`` (2,) float64: cells per box unit, and their reach; ``height``, ``width``: of the tables.
     """
@@ -38,7 +38,7 @@ def carved(  # type: ignore[no-untyped-def]
     x = ((i // (ny * nz)).to(tl.float64) + 0.5) / cells
     y = ((i // nz % ny).to(tl.float64) + 0.5) / cells
     z = ((i % nz).to(tl.float64) + 0.5) / cells
-    left, seen, table, n = i < count, i < 0, tables, 0
+    left, seen, table, n = i < count, tl.zeros((BLOCK,), tl.int32), tables, 0
     while (n < number) & (tl.max(left.to(tl.int32), axis=0) > 0):
         m, lens = rotations + 9 * n, lenses + 4 * n
         focal, parallel = tl.load(lens), tl.load(lens + 3) > 0.0
@@ -64,10 +64,10 @@ def carved(  # type: ignore[no-untyped-def]
         visible -= tl.load(low + x1.to(tl.int32), mask=whole, other=0)
         visible -= tl.load(high + x0.to(tl.int32), mask=whole, other=0)
         visible += tl.load(low + x0.to(tl.int32), mask=whole, other=0)
-        left, seen = left & (visible > 0), seen | whole
+        left, seen = left & (visible > 0), seen + whole.to(tl.int32)
         n += 1
         table += height * width
-    tl.store(occupied + i, (left & seen).to(tl.uint8), mask=i < count)
+    tl.store(occupied + i, tl.where(left, tl.minimum(seen, MOST), 0).to(tl.uint8), mask=i < count)
 
 
 @triton.jit(do_not_specialize=["origins", "directions", "nx", "ny", "nz", "rays", "out"])
@@ -156,13 +156,13 @@ def projected_back(  # type: ignore[no-untyped-def]
 def visual_hull(
     tables: Tensor, cameras: tuple[Tensor, Tensor, Tensor], cells: float, reach: float, shape: Sequence[int]
 ) -> Tensor:
-    """Return the cells that masks leave; see :meth:`svv.kernels.types.TomographyKernels.visual_hull`."""
+    """Count the views of cells that masks leave; see :meth:`svv.kernels.types.TomographyKernels.visual_hull`."""
     occupied = torch.empty(*shape, dtype=torch.uint8, device=tables.device)
     sizes = torch.tensor([cells, reach], dtype=torch.float64, device=tables.device)
     rotations, positions, lenses = (t.contiguous() for t in cameras)
     carved[(triton.cdiv(occupied.numel(), CELL_BLOCK),)](
         tables.contiguous(), rotations, positions, lenses, sizes, *tables.shape, *shape[1:], occupied.numel(), occupied,
-        FARTHEST, CELL_BLOCK,
+        FARTHEST, MOST_SEEN, CELL_BLOCK,
     )  # fmt: skip
     return occupied
 

@@ -6,7 +6,6 @@ result, or nothing.
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,10 +17,20 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
-from svv.ending import said_of
-from svv.errors import BadInput, Cancelled, Progress, is_lack_of_memory
+from svv.errors import BadInput, Cancelled, Progress
 from svv.measure import give_memory_back
 from svv.pv.client.connection import client_gone
+from svv.pv.filters.failed import (
+    EARLIER,
+    FailedBefore,
+    is_empty,
+    mark_failed,
+    note_right,
+    note_wrong,
+    reason_in,
+    reason_of,
+    sentence_on,
+)
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
 from svv.pv.panel.properties import label_of
@@ -40,17 +49,7 @@ Kept = dict[str, tuple[object, Any]]
 ORBIT = 181
 """Frames of the orbit around a scene."""
 
-UNEXPECTED = (
-    "This should not have failed ({error} in {place}): please report it, with the input and this line. Other filters, "
-    "and this one with another input, go on working."
-)
-
-NO_MEMORY = "There is not enough memory for this: choose fewer or smaller views, or a smaller preset."
-
-NOT_INSTALLED = (
-    "{name} is missing in ParaView's Python, and StyleRF needs it: start ParaView with `svv paraview` (a server with "
-    "`svv pvserver`), which provides it."
-)
+STOPPED = "Stopped; the previous result is kept. Press Apply again to resume."
 
 UNFINISHED = "The scene before this filter is still being learned."
 
@@ -139,19 +138,52 @@ class Filter(VTKPythonAlgorithmBase):
             self.unfinished = any(map(is_unfinished, inputs))
             for output in outputs if self.unfinished else ():
                 mark_unfinished(output)
-            self._status = " ".join(filter(None, [said, self.values.get("Notice"), UNFINISHED * self.unfinished]))
+            earlier = self._made_of_earlier(outputs, len(inputs))
+            more = [self.values.get("Notice"), UNFINISHED * self.unfinished, earlier]
+            self._status = " ".join(filter(None, [said, *more]))
             self._failed_on = None
         except NotYetThere as reason:
             self._status = str(reason)
             self.before(outputs)
+            for output in outputs:
+                mark_unfinished(output)
         except Cancelled:
-            self.say("Stopped; the previous result is kept. Press Apply again to resume.", error=False)
-            self.before(outputs)
+            self.say(STOPPED, error=False)
+            self._output_previous(outputs, reason_of(type(self).__name__, STOPPED, stopped=True))
+        except FailedBefore as error:
+            self._say_once(str(error), inputs)
+            self._output_previous(outputs, str(error))
+            note_wrong(self, str(error))
         except Exception as error:
-            self._say_once(sentence_on(error), inputs)
-            self.before(outputs)
+            sentence = sentence_on(error)
+            self._say_once(sentence, inputs)
+            self._output_previous(outputs, reason_of(type(self).__name__, sentence))
         self.UpdateProgress(1.0)
         return 1
+
+    def _output_previous(self, outputs: list[Data], reason: str) -> None:
+        """Output the previous result, or nothing, with the reason why it is not the present one."""
+        for output in outputs:
+            output.GetFieldData().Initialize()  # VTK has passed on that of the input: a whole scene
+        self.before(outputs)
+        for output in outputs:
+            mark_failed(output, reason)
+
+    def _made_of_earlier(self, outputs: list[Data], ports: int) -> str:
+        """Mark outputs that are made of an earlier result of a filter that has failed since; return what is said."""
+        given = [
+            self.GetInputDataObject(port, number)
+            for port in range(ports)
+            for number in range(self.GetNumberOfInputConnections(port))
+        ]
+        reason = next((reason_in(data) for data in given if reason_in(data) and not is_empty(data)), "")
+        if not reason:
+            note_right(self)
+            return ""
+        for output in outputs:
+            mark_failed(output, reason)
+        note_wrong(self, reason)
+        return EARLIER.format(reason=reason)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str | None:
         """Fill the outputs; return a line for the panel.
@@ -261,21 +293,6 @@ class Filter(VTKPythonAlgorithmBase):
         """Update the result to the current transfer function and time step."""
         self.steps.ask()
         self.Modified()
-
-
-def sentence_on(error: Exception) -> str:
-    """Return one sentence for the user about an error in a filter."""
-    if isinstance(error, BadInput):
-        return str(error)
-    if isinstance(error, ImportError):
-        return NOT_INSTALLED.format(name=error.name or str(error))
-    if isinstance(error, OSError):  # a disk that fails
-        return said_of(error)
-    if is_lack_of_memory(error):
-        return NO_MEMORY
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}" if frames else "an unknown place"
-    return UNEXPECTED.format(error=f"{type(error).__name__}: {error}", place=place)
 
 
 def _forgetter(kept: Kept, steps: Steps[Any]) -> Callable[[object, str], None]:

@@ -18,19 +18,20 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.dvr.draw.appearance import GHOSTS
 from svv.errors import BadInput, Progress, part
-from svv.io.files.keyed_results import digest, digest_of_file
+from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.figures import VISIONS, VisionName
-from svv.options.making import DeviceOptions, PaintOptions, RenderOptions, TrainOptions, ViewOptions
+from svv.options.making import DeviceOptions, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.display.shown import CROPS_INDICES, DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
+from svv.pv.filters.failed import check_there
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
-from svv.pv.panel.groups import COLOURS, IN_COLOUR, REGIONS
+from svv.pv.panel.groups import COLOURS, IN_COLOUR
 from svv.pv.panel.option_panel import options_in
-from svv.pv.panel_values import Values, region_row
-from svv.pv.results.keys import digest_of_mask, key_of
+from svv.pv.panel_values import Values
+from svv.pv.results.keys import key_of
 from svv.pv.results.time_steps import Moment
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
     Raises:
         BadInput: It is empty, or no grid.
     """
+    check_there(data)
     if isinstance(data, vtkImageData):
         if data.GetNumberOfPoints() == 0 and crew_of(data) is None:
             raise BadInput("The input is empty; apply the filter or reader before this one first.")
@@ -298,31 +300,6 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress, checkp
     return scene
 
 
-def style_key(values: Values) -> str:
-    """Return a hash of everything but the scene that a painting depends on; files count by content and name.
-
-    Raises:
-        BadInput: A file does not exist.
-    """
-    from svv.options.making import DRAWN, PREFIX
-
-    files = []
-    for name in values["StyleFiles"]:
-        if name.startswith((PREFIX, DRAWN)):
-            files.append((name, ""))
-            continue
-        if not Path(name).is_file():
-            raise BadInput(f"There is no style picture {name}: choose another under Style Files.")
-        files.append((Path(name).stem, digest_of_file(name)))
-    rows: list[object] = []
-    for row in (region_row(values, k) for k in range(REGIONS)):
-        mask = row.get("Mask", "")
-        there = digest_of_mask(mask) if Path(mask).is_file() else row.get("Mask")
-        rows += [row.get("Style"), row.get("Positive"), row.get("Negative"), there, row.get("Part")]
-    others = [values.get("Gallery"), values.get("Mapping"), values.get("PictureParts")]
-    return digest(files, rows, others, chosen(options_in(PaintOptions, values)))
-
-
 def as_cut(volume: BakedVolume, values: Values) -> BakedVolume:
     """Return a baked volume, cut as the panel asks."""
     from svv.pv.filters.vtk_data import evaluated
@@ -369,6 +346,16 @@ def as_seen_with(rgba: NDArray[np.uint8], vision: VisionName) -> NDArray[np.uint
     if vision == VISIONS[0]:
         return rgba
     return np.concatenate([to_bytes(simulated(rgba[..., :3] / 255.0, vision)), rgba[..., 3:]], axis=-1)
+
+
+def emptiness_of(scene: Scene, depth: NDArray[np.number]) -> str:
+    """Return a sentence, after a space, if an image of a scene shows nothing; '' if it shows something."""
+    from svv.render.emptiness import HIDDEN, why_empty
+
+    why = why_empty(scene, np.asarray(depth, np.float32))
+    if not why:
+        return ""
+    return f" The image is empty, because {why}{': show one with StyleRF Edit' if why == HIDDEN else ''}."
 
 
 def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, NDArray[np.number]]:

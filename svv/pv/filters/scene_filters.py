@@ -63,7 +63,7 @@ from svv.pv.panel.properties import (
     text,
 )
 from svv.pv.panel_values import Values
-from svv.pv.results.cached import FOUND
+from svv.pv.results.cached import FILE, FOUND, LOST
 from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, settings_in
 from svv.pv.results.time_steps import Moment
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
@@ -307,7 +307,7 @@ class StyleRFStylize(SceneBeside):
         self.Modified()
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import style_key
+        from svv.pv.filters.style_files import files_of, lost_file, style_key
         from svv.pv.filters.style_masks import write_masks
         from svv.pv.filters.styling import Painting, goes_on, painted, paintings_on
 
@@ -316,22 +316,23 @@ class StyleRFStylize(SceneBeside):
         if self._reset:
             self.give(scene, outputs[0])
             return "The scene as it was before painting."
-        style, name = style_key(values), values["Variant"]
-        picture, overlay, taken, size = self._preview()
-        rows, columns = np.mgrid[: taken.shape[0], : taken.shape[1]]
-        shown = np.array(taken.shape[::-1])
-        pixels = (2 * np.stack([columns, rows], axis=2) + 1) * size // (2 * shown)  # of the file
-        put_image(outputs[1], {"RGBA": overlay, "Picture": picture, "Mask": taken, "Pixel": pixels.astype(np.int32)})
-        if values["MaskFolder"]:
-            folder = Path(values["MaskFolder"])
-            self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
-        said = f"{taken.astype(bool).mean():.0%} of the picture is used; nothing was painted."
+        style, name = style_key(values, self.known_files()), values["Variant"]
+        self.lost, said = lost_file(values), ""
+        if not self.lost:
+            said = self._show_picture(outputs[1])
+            if values["MaskFolder"]:
+                folder = Path(values["MaskFolder"])
+                self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
+        elif values["PreviewOnly"]:
+            raise BadInput(self.lost)
         self._begin_with_paintings(scene, base)
         if not values["PreviewOnly"]:
             slot, given = f"{PAINTING}{name}", digest(base, digest_of_edits(scene))
             before = self.last(slot)
 
             def paint() -> Scene:
+                if self.lost:
+                    raise BadInput(self.lost)
                 with self.training() as progress:
                     return painted(scene, before, values, progress)
 
@@ -342,8 +343,8 @@ class StyleRFStylize(SceneBeside):
                 return Painting(base, result.on(scene.device), kept)
 
             painting = self.kept(slot, (base, style, self._round), make)
-            self.gives(**{slot: painting.name})
-            said = painting.told() + self.note
+            self.gives(**{slot: painting.name, **{f"{FILE}{file}": key for file, key in files_of(values).items()}})
+            said = painting.told() + (LOST.format(lost=self.lost) if self.lost else self.note)
         if not self.shows:
             return said
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
@@ -352,6 +353,15 @@ class StyleRFStylize(SceneBeside):
             result = result.with_strength(values["Strength"])
         self.give(result, outputs[0])
         return said
+
+    def _show_picture(self, image: Data) -> str:
+        """Output a picture and the part of it that a region learns from; return what to say if nothing is painted."""
+        picture, overlay, taken, size = self._preview()
+        rows, columns = np.mgrid[: taken.shape[0], : taken.shape[1]]
+        shown = np.array(taken.shape[::-1])
+        pixels = (2 * np.stack([columns, rows], axis=2) + 1) * size // (2 * shown)  # of the file
+        put_image(image, {"RGBA": overlay, "Picture": picture, "Mask": taken, "Pixel": pixels.astype(np.int32)})
+        return f"{taken.astype(bool).mean():.0%} of the picture is used; nothing was painted."
 
     def _begin_with_paintings(self, scene: Scene, base: str) -> None:
         """Restore the paintings that a saved state refers to."""
@@ -380,7 +390,7 @@ class StyleRFStylize(SceneBeside):
         return " ".join(map(str, (*taken.shape[::-1], *size)))
 
     def _preview(self) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.integer], tuple[int, int]]:
-        from svv.pv.filters.engine import style_key
+        from svv.pv.filters.style_files import style_key
         from svv.pv.filters.style_masks import preview
 
         key = (style_key(self.values), self.values["ShownMask"])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
-from svv.errors import part
+from svv.errors import BadInput, part
 from svv.io.files.keyed_results import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
@@ -53,7 +53,7 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
-from svv.pv.results.cached import Keeping, Views, views_in, write_views
+from svv.pv.results.cached import FILE, LOST, Keeping, Views, views_in, write_views
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of
 from svv.pv.results.stored import Stored
@@ -223,12 +223,13 @@ class StyleRFRender(ImageOutput, Clickable):
         super().__init__(1, 1, "vtkImageData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import camera_for, draw
+        from svv.pv.filters.engine import camera_for, draw, emptiness_of
 
         scene = scene_of(inputs[0])
         camera = camera_for(scene.rig, self.values)
-        put_drawn(outputs[0], draw(scene, camera, self.values, self.progress), camera)
-        return f"{camera.width} x {camera.height} pixels."
+        drawn = draw(scene, camera, self.values, self.progress)
+        put_drawn(outputs[0], drawn, camera)
+        return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}"
 
 
 @smproxy.filter(label="StyleRF Place In View", support_reload=False)
@@ -320,20 +321,22 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         from svv.pv.filters.engine import (
             camera_for,
             draw,
+            emptiness_of,
             followed,
             follows,
             moving_from,
             regions_said,
-            style_key,
             train,
             training_moment,
         )
+        from svv.pv.filters.style_files import files_of, lost_file, style_key
         from svv.pv.filters.styling import stylize
 
         values = self.values
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
         now = self.settled(present)
-        styles = style_key(values) if values["StyleFiles"] else ""
+        styles = style_key(values, self.known_files()) if values["StyleFiles"] else ""
+        self.lost = lost_file(values)
         todo = 0.7 if styles else 0.98
 
         def learn() -> Scene:
@@ -341,6 +344,8 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
                 return train(inputs[0], values, part(progress, 0.0, todo), self.checkpoint)
 
         def paint() -> Scene:
+            if self.lost:
+                raise BadInput(self.lost)
             with self.training() as progress:
                 return stylize(scene, values, part(progress, todo, 0.98))
 
@@ -355,12 +360,13 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         if styles:
             ours = Moment(look, "", key_in(name))
             painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
-            self.gives(painted=name)
+            self.gives(painted=name, **{f"{FILE}{file}": key for file, key in files_of(values).items()})
             scene = painted
         if not self.shows:
             return regions_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}"
+        note = LOST.format(lost=self.lost) if self.lost else self.note
+        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{note}"
         said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed")]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
@@ -374,10 +380,11 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             scene, moved = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
         scene, told = as_edited_since(self, scene, name, present, moved)
         assert not isinstance(scene, Stored)
-        put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
+        drawn = draw(scene, camera, values, self.progress)
+        put_drawn(outputs[0], drawn, camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         self.kept("glance", None, lambda: None)  # no longer needed
-        return said + told
+        return said + told + emptiness_of(scene, drawn["Depth"])
 
     def _drawn(self, scene: Stored, name: str, present: Moment, put: tuple[Data, Data]) -> str:
         """Output an image of a scene that another process draws, for input and output; return what to say about it."""

@@ -30,6 +30,7 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
 from svv.dvr.draw.appearance import named
 from svv.errors import BadInput
+from svv.pv.filters.failed import check_there
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished
 from svv.pv.results.keys import digest_of_views
 
@@ -115,10 +116,12 @@ def scene_of(data: vtkDataObject | None) -> Scene:
 
     Raises:
         NotYetThere: There will be one.
+        FailedBefore: There is none, because a filter before has failed.
         BadInput: There is none, or it is damaged.
     """
     if is_unfinished(data) and data is not None and not data.GetFieldData().HasArray(SCENE):
         raise NotYetThere("The scene is being learned: this filter follows as soon as there is something to show.")
+    check_there(data)
     from svv.fields.scene.scene import Scene
 
     array = None if data is None else data.GetFieldData().GetArray(SCENE)
@@ -209,6 +212,7 @@ def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.
     Raises:
         BadInput: The data are not an image that StyleRF Render or StyleRF Stylized View made.
     """
+    check_there(data)
     fields = None if data is None else data.GetFieldData().GetArray(CAMERA)
     if data is None or fields is None or not data.IsA("vtkImageData"):
         raise BadInput("The input is not an image of a scene: connect StyleRF Render or StyleRF Stylized View.")
@@ -364,6 +368,7 @@ def views_of(data: vtkDataObject | None) -> ViewSet | None:
         return None
     views = _views.get(array.GetValue(0))
     if views is None:
+        check_there(data)
         raise BadInput(
             "The input's views are no longer in memory: apply StyleRF Views, or open the folder of views, again."
         )

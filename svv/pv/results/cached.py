@@ -31,6 +31,11 @@ Views = tuple["ViewSet", "ViewSet | None"]
 MADE = {"views": "drawn", "scene": "trained", "palette": "trained", "painting": "painted"}
 """Kinds of results, and the participle that says how each is made."""
 
+FILE = "file:"
+"""Beginning of what Kept As calls a file with which a result was made; it holds the file's hash."""
+
+LOST = " {lost} Until then, the painting that was made with it is shown: it is still in the cache."
+
 FOUND = " The result was found in the cache."
 
 
@@ -45,8 +50,8 @@ class Keeping(Filter):
         self._names: dict[str, str] = {}
         """Slot -> name under which the current result is kept."""
         self._asked = self._anew = False
-        self.note = ""
-        """An additional sentence for Status."""
+        self.note = self.lost = ""
+        """An additional sentence for Status, and one on a file without which nothing can be made."""
 
     def begin_with(self, slot: str, kind: str, now: Moment) -> None:
         """Restore the result that a state was saved with if the panel is unchanged; the data may have changed since."""
@@ -133,6 +138,11 @@ class Keeping(Filter):
             return {}
         return {str(k): str(v) for k, v in names.items()} if isinstance(names, dict) else {}
 
+    def known_files(self) -> dict[str, str]:
+        """Return the hashes of the files with which kept results were made, by the files' names."""
+        named = {**self.stated(), **self._names}
+        return {name.removeprefix(FILE): value for name, value in named.items() if name.startswith(FILE)}
+
     def GetKept(self) -> str:
         """Return the names under which results are kept, as JSON for the state."""
         return json.dumps({**self.stated(), **self._names}) if self._names else ""
@@ -161,6 +171,8 @@ class Keeping(Filter):
     def _gone(self, name: str, kind: str) -> str:
         place = Cache.of_user()
         again = f"press {self.button}, and {'they are' if kind == 'views' else 'it is'} {MADE[kind]} again"
+        if self.lost:
+            return f"{self.lost} What was made with it is missing from {place.folder}, too."
         if place.holds(name):
             return f"The input has changed since this state was saved; to use the new input, {again}."
         verb = "are" if kind == "views" else "is"
@@ -188,10 +200,9 @@ def views_in(folder: Path, key: str, progress: Progress = silent) -> Views | Non
 
 def write_views(views: Views, folder: Path, progress: Progress = silent) -> None:
     """Write views to a folder; raise BadInput if that fails."""
-    train, test = views
-    train.write(folder, "train", part(progress, 0.0, 0.8))
-    if test is not None:
-        test.write(folder, "test", part(progress, 0.8, 1.0))
+    from svv.io.views.viewset import write_splits
+
+    write_splits(folder, *views, progress)
 
 
 def _told(result: Views | Scene | Stored) -> dict[str, Any]:

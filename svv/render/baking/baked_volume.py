@@ -56,7 +56,8 @@ class BakedVolume:
     def told(self) -> str:
         """Return its size for the user."""
         x, y, z = self.grid.shape
-        return f"{x} x {y} x {z} points, {self.rgba.nbytes / 1e6:.0f} MB"
+        nothing = ", nothing of it visible" * self.empty
+        return f"{x} x {y} x {z} points, {self.rgba.nbytes / 1e6:.0f} MB{nothing}"
 
 
 def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:

@@ -3,6 +3,10 @@
 The file holds two grids in world units: ``density`` is the extinction, in 1 / world unit, and ``Cd`` the colour, both
 named as these programs expect. They draw with linear light, so colours are sRGB's, decoded. OpenVDB itself is not a
 dependency: a Python that has its module writes the file (:mod:`svv.io.openvdb_script`).
+
+OpenVDB refuses transforms of tiny voxels (10.0.1 below 1.4e-5: it takes the determinant for 0), and programs hold
+transforms in single precision. Volumes with very small or large voxels are therefore written in another unit, a power
+of 1000 world units, which the file's metadata tells as ``world_units``.
 """
 
 from __future__ import annotations
@@ -31,6 +35,12 @@ PYTHON = "SVV_OPENVDB_PYTHON"
 SYSTEM = "/usr/bin/python3"
 """The Python for which Linux distributions package the module."""
 
+SPACINGS = (1e-4, 1e4)
+"""Distances between points, in world units, between which a file is in world units."""
+
+FAR = 1e6
+"""Distance from the origin in voxels above which single precision moves points by a tenth of a voxel."""
+
 MISSING = (
     "Writing .vdb needs OpenVDB's Python module, which {} not have: install it (Debian, Ubuntu: sudo apt-get install "
     f"python3-openvdb), or let {PYTHON} name a Python that has it."
@@ -55,8 +65,18 @@ def python_with_openvdb() -> str:
     raise BadInput(MISSING.format(f"{' and '.join(candidates)} do{'es' * (len(candidates) == 1)}"))
 
 
-def write_vdb(path: Path, volume: BakedVolume, progress: Progress = silent) -> None:
-    """Write a volume as an OpenVDB file with the grids ``density`` and ``Cd``.
+def unit_for(spacing: float) -> float:
+    """Return the unit of a file in world units: 1, or a power of 1000 if the distance between points is extreme.
+
+    >>> unit_for(0.5), unit_for(1e-9), unit_for(2e9)
+    (1.0, 1e-09, 1000000000.0)
+    """
+    low, high = SPACINGS
+    return 1.0 if low <= spacing <= high else 10.0 ** (3 * round(np.log10(spacing) / 3))
+
+
+def write_vdb(path: Path, volume: BakedVolume, progress: Progress = silent) -> list[str]:
+    """Write a volume as an OpenVDB file with the grids ``density`` and ``Cd``; return sentences on its unit and place.
 
     Args:
         path: The file, by convention ``NAME.vdb``.
@@ -68,27 +88,38 @@ def write_vdb(path: Path, volume: BakedVolume, progress: Progress = silent) -> N
     """
     if volume.empty:
         raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")
-    python = python_with_openvdb()
+    python, unit = python_with_openvdb(), unit_for(volume.grid.spacing)
     with atomic_path(path) as temporary, TemporaryDirectory() as folder:
         progress(0.0, "converting")
-        density, colour = grids_of(volume)
+        density, colour = grids_of(volume, unit)
         np.save(Path(folder) / "density.npy", density)
         np.save(Path(folder) / "colour.npy", colour)
         write_json(Path(folder) / "told.json", {
-            "origin": volume.grid.origin, "spacing": volume.grid.spacing, "creator": f"svv {__version__}",
+            "origin": [x / unit for x in volume.grid.origin], "spacing": volume.grid.spacing / unit,
+            "metadata": {"creator": f"svv {__version__}", "world_units": unit},
         })  # fmt: skip
         del density, colour
         _run([python, openvdb_script.__file__, folder, str(temporary)], path, progress)
     progress(1.0, "writing")
+    notes = []
+    if unit != 1.0:
+        notes.append(
+            f"A unit of the file is {unit:g} world units, because OpenVDB and Blender do not keep such voxels."
+        )
+    if max(map(abs, volume.grid.origin)) > FAR * volume.grid.spacing:
+        notes.append(
+            "It is so far from the origin that programs in single precision, such as Blender, move its voxels."
+        )
+    return notes
 
 
-def grids_of(volume: BakedVolume) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return extinction in 1 / world unit (X, Y, Z) and linear colour (X, Y, Z, 3) of a volume's points.
+def grids_of(volume: BakedVolume, unit: float = 1.0) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return extinction in 1 / ``unit`` (world units) (X, Y, Z) and linear colour (X, Y, Z, 3) of a volume's points.
 
     Empty points beside visible ones have a colour, with which colours are interpolated; others are black.
     """
     codes = volume.rgba[..., 3].transpose(2, 1, 0)
-    density = (depths(volume.most) / volume.grid.unit_distance).astype(np.float32)[codes]
+    density = (depths(volume.most) / (volume.grid.unit_distance / unit)).astype(np.float32)[codes]
     near = maximum_filter(codes > 0, 3)
     levels = np.arange(256) / 255.0
     linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4).astype(np.float32)

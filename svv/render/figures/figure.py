@@ -5,6 +5,7 @@ Pictures are placed on whole pixels, so that none is sampled a second time.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,6 +23,7 @@ from svv.fields.scene.region import checked_line
 from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
 from svv.render.colour_check import Seen, seen_of, told_of
+from svv.render.emptiness import SHOW, why_empty
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import (
     camera_through,
@@ -33,6 +35,7 @@ from svv.render.figures.framing import (
 from svv.render.figures.layout import Line
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
+from svv.render.pictures import in_words
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:
@@ -83,6 +86,7 @@ def figure(
     out: str | Path | None = None,
     options: FigureOptions | None = None,
     progress: Progress = silent,
+    tell: Callable[[str], None] = warnings.warn,
     **changes: Any,
 ) -> Figure:
     """Draw a figure of one or several scenes.
@@ -92,6 +96,7 @@ def figure(
         out: A .pdf, .svg, .png or .tiff to write it to.
         options: How it is laid out.
         progress: Called while panels are rendered.
+        tell: Called with a sentence on each panel that shows nothing.
         changes: Fields of the options to change, by name, such as ``unit="mm"``.
 
     Returns:
@@ -99,7 +104,7 @@ def figure(
 
     Raises:
         BadInput: matplotlib is missing, an option is out of range, no font has a character of a name, the legend does
-            not fit, a scene lacks the network, or the file cannot be written.
+            not fit, a scene lacks the network, nothing is visible in any panel, or the file cannot be written.
 
     >>> drawn = svv.figure(scene, width=60.0)
     >>> len(drawn.axes) > 0
@@ -117,6 +122,12 @@ def figure(
     if not 1 <= len(every) <= MOST_PANELS:
         raise BadInput(f"A figure has 1 to {MOST_PANELS} panels, not {len(every)}.")
     drawing = Drawing([_placed(panel, options) for panel in every], options, progress)
+    if all(drawing.empty):
+        raise BadInput(f"Nothing is visible in the figure, because {drawing.empty[0]}: {SHOW}.")
+    for number, why in enumerate(drawing.empty):
+        if why:
+            tell(f"Panel {ascii_lowercase[number]} is empty, because {why}.")
+    drawing.figure.set_label(". ".join(dict.fromkeys(in_words(p.scene, options.network) for p in every)))
     if out is not None:
         write_figure(drawing.figure, out, told_of(drawing.seen))
     progress(1.0, "figure")
@@ -214,6 +225,8 @@ class Drawing:
         self.figure.patch.set_facecolor(to_hex(options.behind))
         self.figure.patch.set_alpha(0.0 if options.transparent else 1.0)
         self.seen: list[list[Seen]] = []
+        self.empty: list[str] = []
+        """Why each panel shows nothing; '' if it shows something."""
         for number, box in enumerate(self.layout.panels):
             each = part(progress, 0.4 + 0.6 * number / len(panels), 0.4 + 0.6 * (number + 1) / len(panels))
             self._draw_panel(number, box, each)
@@ -307,6 +320,7 @@ class Drawing:
         network = network_of(panel.scene, self.options)
         rendering = supersampled(panel.scene, camera, network, None, progress, samples)
         self._picture(left, top, rendering.rgba)
+        self.empty.append(why_empty(panel.scene, rendering.depth))
         seen = seen_of(panel.scene, [rendering], self.options.behind) if panel.scene.regions else {}
         self.seen.append(list(seen.values()))
         axes = self._axes(left, top, width, self._pixels(box.height))

@@ -47,7 +47,8 @@ def write_figure(figure: Figure, path: str | Path, told: str = "") -> None:
     """Write a figure of :func:`svv.render.figures.figure.figure`, whole or not at all.
 
     Args:
-        figure: The figure; its own resolution is kept.
+        figure: The figure; its own resolution is kept. Its label is the title of an SVG, the subject of a PDF, and the
+            description of a PNG: by default what it shows, in words.
         path: A .pdf, .svg, .png, .tif or .tiff.
         told: What a PNG or TIFF tells of the colours of its regions, for :func:`told_in`.
 
@@ -56,15 +57,17 @@ def write_figure(figure: Figure, path: str | Path, told: str = "") -> None:
     """
     from svv.render.figures.lettering import as_text
 
-    file = check_kind(path)
+    file, alt = check_kind(path), str(figure.get_label())
     kind = file.suffix.lower()
     with as_text():
         if kind == ".pdf":
-            content = _saved(figure, "pdf", {"CreationDate": None, "ModDate": None, "Creator": "svv"})
+            content = _saved(figure, "pdf", {"CreationDate": None, "ModDate": None, "Creator": "svv", "Subject": alt})
         elif kind == ".svg":
-            content = _with_fonts(_saved(figure, "svg", {"Date": None, "Creator": "svv"}).decode(), figure).encode()
+            content = _with_fonts(
+                _saved(figure, "svg", {"Date": None, "Creator": "svv", "Title": alt}).decode(), figure
+            ).encode()
         else:
-            content = _raster(figure, kind, told)
+            content = _raster(figure, kind, told, alt)
     with atomic_path(file) as temporary:
         temporary.write_bytes(content)
 
@@ -93,11 +96,13 @@ def _saved(figure: Figure, kind: str, metadata: Mapping[str, object]) -> bytes:
     return stream.getvalue()
 
 
-def _raster(figure: Figure, kind: str, told: str) -> bytes:
+def _raster(figure: Figure, kind: str, told: str, alt: str) -> bytes:
     stream, dpi = io.BytesIO(), float(figure.dpi)
     picture = Image.fromarray(pixels_of(figure))
     if kind == ".png":
         text = PngInfo()
+        if alt:
+            text.add_itxt("Description", alt)
         if told:
             text.add_text(TOLD, told)
         picture.save(stream, format="PNG", dpi=(dpi, dpi), pnginfo=text)

@@ -41,6 +41,7 @@ from svv.fields.scene.scene import Scene
 from svv.fields.strokes.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.pictures.output import to_bytes, write_mp4
+from svv.render.pictures import in_words
 from svv.render.web.fields import Field, fields_of
 
 SCRIPTS = (
@@ -111,7 +112,7 @@ def html_of(
     layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
     header = _header(scene, rig) | {"layers": layers, "file": name, "background": list(background)}
-    page = _page(header, _compressed(packed), stills, title)
+    page = _page(header, _compressed(packed), stills, title, in_words(scene))
     progress(1.0, "")
     return page
 
@@ -132,14 +133,15 @@ def _check_occlusion(scene: Scene) -> None:
             )
 
 
-def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str) -> bytes:
+def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str, words: str) -> bytes:
     def read(name: str) -> str:
         text = files("svv.render.web").joinpath("viewer", name).read_text(encoding="utf-8")
         return re.sub(r"^ *//.*\n", "", text, flags=re.MULTILINE)  # comments are for those who read the sources
 
     shader = f"const MARCH = {_script_json(read('march.glsl'))};"
     text = Template(read("page.html")).substitute(
-        title=escape(title), text=escape(_said(header)), style=read("style.css"), version=escape(__version__),
+        title=escape(title), words=escape(words), text=escape(_said(header)), style=read("style.css"),
+        version=escape(__version__),
         header=_script_json(header), arrays=arrays, **stills,
         script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
     )  # fmt: skip

@@ -6,7 +6,6 @@ const PAUSE_MS = 100; // without a further change before Python is told
 
 function render({ model, el }) {
   const frame = document.createElement("iframe");
-  frame.title = "Scene";
   frame.style.cssText = "width: 100%; border: 0; display: block";
   let page = null, timer = null, known = "";
 
@@ -20,6 +19,7 @@ function render({ model, el }) {
   }
   function replaced() {
     page = null;
+    frame.title = model.get("_said");
     frame.srcdoc = model.get("page");
   }
 
@@ -65,7 +65,7 @@ function render({ model, el }) {
   sized();
   progressed();
   for (const page of document.querySelectorAll(`[data-svv="${model.get("_name")}"]`)) page.remove();
-  frame.srcdoc = model.get("page");
+  replaced();
   el.append(work, frame);
   return () => {
     clearTimeout(timer);

@@ -1,0 +1,87 @@
+"""Whether colours of views are multiplied by alpha, and their division by it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Images = NDArray[np.uint8]
+AlphaName = Literal["straight", "premultiplied"]
+
+ALPHAS: tuple[AlphaName, ...] = ("straight", "premultiplied")
+"""What a file of views may say about its images under the key ``alpha``."""
+
+FEW, EXCEPTIONS = 50, 0.01
+"""Translucent pixels that tell enough, and the fraction of them that may be noise."""
+
+GROWS, SPREAD = 0.5, 0.05
+"""Power of alpha with which colours must grow to be multiplied by it, and the least deviation of alpha's logarithm that
+tells a power."""
+
+DIVIDED = (
+    "No translucent pixel is brighter than its alpha, and colours grow with alpha, so they were taken for multiplied "
+    "by it (premultiplied) and divided by it; if they are dark and straight, {how}."
+)
+KEPT = (
+    "No translucent pixel is brighter than its alpha, but colours do not grow with alpha, so they were taken for dark "
+    "and straight; if they are multiplied by alpha, {how}."
+)
+BESIDE_FRAMES = 'write "alpha": "{alpha}" beside "frames"'
+"""How a file of views says what alpha is."""
+
+
+def straightened(
+    images: Sequence[Images], given: AlphaName | None, how: str, stored: NDArray[np.uint8], encoded: NDArray[np.uint8]
+) -> tuple[list[Images], str | None]:
+    """Return images whose colours are divided by alpha if they are multiplied by it, and what was assumed.
+
+    Those that can be written to are changed in place.
+
+    Args:
+        images: RGBA, sRGB. (n) x (height, width, 4)
+        given: What is known about them; None lets all translucent pixels decide.
+        how: How to say what they are, with a place for ``{alpha}``.
+        stored: Level in the file of each level of sRGB: alpha was multiplied there. (256,)
+        encoded: Level of sRGB of each level in the file. (256,)
+    """
+    said = None
+    if given is None:
+        given, said = _found(np.sum([_counted(image, stored) for image in images], axis=0))
+        other = "straight" if given == "premultiplied" else "premultiplied"
+        said = None if said is None else said.format(how=how.format(alpha=other))
+    if given == "premultiplied":
+        alpha = np.maximum(np.arange(256), 1)[:, None]
+        divided = encoded[np.minimum((255 * np.arange(256) + alpha // 2) // alpha, 255)]  # (alpha, level)
+        images = [image if image.flags.writeable else image.copy() for image in images]
+        for image in images:
+            for channel in range(3):
+                image[..., channel] = divided[image[..., 3], stored[image[..., channel]]]
+    return list(images), said
+
+
+def _counted(image: Images, stored: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return how many pixels have each alpha and brightest channel. (256, 256)"""
+    code = 256 * image[..., 3].astype(np.int32) + stored[image[..., :3].max(axis=-1)]
+    return np.bincount(code.ravel(), minlength=65536).reshape(256, 256)
+
+
+def _found(counts: NDArray[np.int64]) -> tuple[AlphaName, str | None]:
+    """Judge pixels by how many have each alpha and brightness. (256, 256)"""
+    alpha, level = np.arange(256)[:, None], np.arange(256)
+    translucent = counts * ((alpha > 0) & (alpha < 255))
+    number = int(translucent.sum())
+    exceeding = int((translucent * (level > alpha + 1)).sum())
+    if number < FEW or exceeding > EXCEPTIONS * number or not translucent[:, 1:].any():
+        return "straight", None
+    # The brightest tenth of each alpha: how does its logarithm grow with that of alpha?
+    each = translucent.sum(axis=1)
+    at = np.flatnonzero(each)
+    brightest = (translucent[at].cumsum(axis=1) < 0.9 * each[at, None]).sum(axis=1)
+    x, y, weight = np.log(at), np.log(brightest + 0.5), each[at] / number
+    x, y = x - weight @ x, y - weight @ y
+    if np.sqrt(weight @ x**2) >= SPREAD and weight @ (x * y) >= GROWS * (weight @ x**2):
+        return "premultiplied", DIVIDED
+    return "straight", KEPT

@@ -11,19 +11,19 @@ from numpy.typing import DTypeLike, NDArray
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkVolumeProperty
 
 from svv.core.interval_text import interval_text
+from svv.dvr.draw.frame import LEVELS
+from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction
 
 Array = NDArray[np.float64]
 
-CPU_ENTRIES = 1 << 15
-"""Entries of the table of VTK's CPU ray caster, which takes the nearest one."""
+ENTRIES = {"cpu": 1 << 15, "gpu": 1 << 14}
+"""Most entries of the tables of VTK's ray casters: the CPU's takes the nearest one, the GPU's interpolates (see
+:func:`refine_tables`)."""
 
 LOST = 1e-4
 """Part of a value's place in that table by which VTK's interpolation in 15-bit numbers falls short. (On the
 GPU, all places are half an entry off at most: the ends of the values are the outer edges of the end's texels.)"""
-
-GPU_ENTRIES, GPU_LEAST = 1 << 14, 1 << 10
-"""Most and fewest entries of a table of VTK's GPU ray caster, which interpolates (see :func:`refine_tables`)."""
 
 TRIED, INSIDE, RANGES = 4096, 64, 64
 """Voxels that are looked up; values in each visible range; most visible ranges."""
@@ -54,13 +54,14 @@ def is_resolved(
     if not high > low:
         return True
     kind = np.dtype(dtype)
-    whole = caster == "cpu" and kind.kind in "iub" and kind.itemsize <= 2  # rounded between voxels, too
+    # Whole numbers are rounded between voxels, too, unless they are given as reals.
+    whole = caster == "cpu" and kind.kind in "iub" and kind.itemsize <= 2 and high - low > LEVELS
     first, last = tf.told_apart(low, high)
     shown = [(max(a, first), min(b, last)) for a, b in tf.visible_ranges(first, last)[:RANGES]]
     within = np.concatenate([_middles(first, last, 1024), *(_middles(a, b, INSIDE) for a, b in shown)])
     tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
     within = np.unique(np.clip(np.rint(within), low, high)) if whole else within
-    entries = min(_entries(caster, tf), int(high - low) + 1) if whole else _entries(caster, tf)
+    entries = min(ENTRIES[caster], int(high - low) + 1) if whole else ENTRIES[caster]
     if tried.size:
         shift = LOST * (last - low) if caster == "cpu" else 0.5 * (high - low) / entries
         if shift > SHIFTED * max(last - first, float(np.subtract(*np.percentile(tried, (99.5, 0.5))))):
@@ -72,7 +73,7 @@ def is_resolved(
 def unresolved_said(caster: str, tf: TransferFunction, span: tuple[float, float]) -> str:
     """Say that another ray caster draws because :func:`is_resolved` does not hold."""
     return (
-        f"VTK's {caster.upper()} ray caster has {_entries(caster, tf):,} colours for all of the volume's values, from "
+        f"VTK's {caster.upper()} ray caster has {ENTRIES[caster]:,} colours for all of the volume's values, from "
         f"{interval_text(*span)}, which do not tell the steps of '{tf.name}' apart: drawn by bricks instead."
     )
 
@@ -91,12 +92,12 @@ def limits(tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike) ->
 
 
 def refine_tables(look: vtkVolumeProperty, low: float, high: float) -> None:
-    """Let the GPU ray caster make tables of ``GPU_ENTRIES`` for values from low to high.
+    """Let the GPU ray caster make tables of all its ``ENTRIES`` for values from low to high.
 
-    It makes as many as the two closest points of a function ask for, but at least ``GPU_LEAST``. So two points are
-    added that are as close as that, beyond all values. Two points at one value ask for no number: ``GPU_LEAST`` stay.
+    It makes as many as the two closest points of a function ask for. So two points are added that are as close as that,
+    beyond all values. (Two points at one value would ask for no number, see :mod:`svv.dvr.functions.jumps`.)
     """
-    step = (high - low) / GPU_ENTRIES
+    step = (high - low) / ENTRIES["gpu"]
     for function in (look.GetRGBTransferFunction(), look.GetScalarOpacity()):
         last = function.GetRange()[1]
         end = max(high, last)
@@ -108,13 +109,6 @@ def refine_tables(look: vtkVolumeProperty, low: float, high: float) -> None:
                     function.AddPoint(value, function.GetValue(last))
 
 
-def _entries(caster: str, tf: TransferFunction) -> int:
-    if caster == "cpu":
-        return CPU_ENTRIES
-    doubled = any(len({value for value, *_ in points}) < len(points) for points in (tf.colours, tf.opacities))
-    return GPU_LEAST if doubled else GPU_ENTRIES
-
-
 def _middles(low: float, high: float, count: int) -> Array:
     return np.asarray(low + (high - low) * (np.arange(count) + 0.5) / count)
 
@@ -122,19 +116,21 @@ def _middles(low: float, high: float, count: int) -> Array:
 def _error(caster: str, tf: TransferFunction, span: tuple[float, float], entries: int, values: Array) -> float:
     """Return the mean error of the table at values, as a fraction of their mean opacity."""
 
-    def light(at: Array) -> Array:
+    def light(tf: TransferFunction, at: Array) -> Array:
         opacity = tf.opacity_at(at)[:, None]
         return np.concatenate([tf.colour_at(at) * opacity, opacity], axis=1)
 
+    given = settled(tf, span[1] - span[0])
     low, high = span
     share, step = (values - low) / (high - low), (high - low) / (entries - 1)
     if caster == "cpu":
-        found = light(low + np.rint(share * (entries - 1)) * step)
+        found = light(given, low + np.rint(share * (entries - 1)) * step)
     else:
         place = share * (entries - 1)
         part = (place - np.floor(place))[:, None]
-        found = light(low + np.floor(place) * step) * (1.0 - part) + light(low + np.ceil(place) * step) * part
+        found = light(given, low + np.floor(place) * step) * (1.0 - part)
+        found += light(given, low + np.ceil(place) * step) * part
     aside = 1e-6 * (values.max() - values.min())  # a value at a jump may have the colour of either side
-    exact = [light(values + side * aside) for side in (-1.0, 0.0, 1.0)]
+    exact = [light(tf, values + side * aside) for side in (-1.0, 0.0, 1.0)]
     error = np.min([np.abs(found - one).mean(axis=1) for one in exact], axis=0).mean()
     return float(error / max(exact[1][:, 3].mean(), 1e-12))

@@ -34,7 +34,8 @@ class BakedCaster(casters.CpuMapper):
         size = grid.spacing * (np.array(grid.shape) - 1)
         self._codes = volume.rgba[..., 3]
         stage = Stage(image, tf, grid.unit_distance, np.eye(3), np.zeros(3), 1.0, size, 1.0, 0.0, Appearance(), tf)
-        with patch.object(casters, "_visible_blocks", self._visible_blocks):  # theirs is for scalars
+        theirs = patch.object(casters, "_visible_blocks", self._visible_blocks)  # and reals are for scalars
+        with theirs, patch.object(Stage, "reals", image):
             super().__init__(stage, Shading(on=False), step * grid.spacing)
         self._volume.GetProperty().IndependentComponentsOff()
 

@@ -28,5 +28,5 @@ def test_many_colours_between_points_are_those_of_vtk(log: bool) -> None:
 
 def test_equal_colours_have_nothing_between_them() -> None:
     points = np.array([[0.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [2.0, 0.999, 0.0, 0.0]])
-    shown = colours_at(points, np.array([0.5, 1.5]))  # VTK itself does not come back
+    shown = colours_at(points, np.array([0.5, 1.5]))
     np.testing.assert_allclose(shown, [[1.0, 0.0, 0.0], [0.9995, 0.0, 0.0]], atol=1e-3)

@@ -154,11 +154,6 @@ def test_slices_of_an_slc_file_that_lack_their_last_voxel_are_the_same_whenever_
         np.testing.assert_array_equal(to_array(read_volume(tmp_path / "v.slc")), expected)
 
 
-def test_an_slc_slice_without_an_end_mark_is_read(tmp_path: Path) -> None:
-    (tmp_path / "v.slc").write_bytes(slc(SLICES, 1, lambda page: encoded(page)[:-1]))
-    np.testing.assert_array_equal(to_array(read_volume(tmp_path / "v.slc")), SLICES)
-
-
 @pytest.mark.parametrize("name", ["v.vti", "v.mha", "v.nrrd", "v.nii", "v.nii.gz"])
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
 def test_direction_matrices_place_every_voxel(tmp_path: Path, name: str, mirror: float) -> None:

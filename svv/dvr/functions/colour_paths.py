@@ -50,7 +50,7 @@ def colours_at(points: Array, values: Array, log: bool = False) -> Array:
 @lru_cache(64)
 def _path(first: Colour, last: Colour) -> Array:
     """Return evenly spaced colours from one to another. (``ENTRIES``, 3)"""
-    if max(abs(a - b) for a, b in zip(first, last, strict=True)) < CLOSE:  # VTK would search for a path for ever
+    if max(abs(a - b) for a, b in zip(first, last, strict=True)) < CLOSE:  # nothing to search for
         return np.linspace(first, last, ENTRIES)
     function = vtkColorTransferFunction()
     function.SetColorSpaceToLabCIEDE2000()

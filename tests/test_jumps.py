@@ -94,6 +94,21 @@ def test_the_type_of_the_values_makes_no_difference(kind: type, mapper: str) -> 
         assert centre(values, tf, mapper)[3] == pytest.approx(expected, abs=3)
 
 
+@pytest.mark.parametrize(
+    ("kind", "first"),
+    [(np.int8, -100), (np.uint8, 200), (np.int16, 0), (np.int16, -30000), (np.uint16, 60000), (np.int32, -(10**6)),
+     (np.uint32, 4 * 10**9), (np.float32, 1000), (np.float64, 10**9)],
+)  # fmt: skip
+def test_labels_far_from_0_keep_their_steps(kind: type, first: int, mapper: str) -> None:
+    """A table's first value next to -30000 or 60000 needs more digits than single precision has."""
+    white = tuple((first + value, *colour) for value, *colour in WHITE)
+    steps = tuple((first + value, *rest) for value, *rest in STEPS["a band"])
+    for label, expected in ((2, 0), (3, 255), (4, 255), (5, 0), (6, 0)):
+        values = (of_one_value(label, 9, np.int64) + first).astype(kind)
+        values[1, 1, 1] = first + 4  # something is seen in any case
+        assert centre(values, TransferFunction(white, steps, 0.5), mapper)[3] == pytest.approx(expected, abs=3), label
+
+
 @pytest.mark.parametrize("space", ["RGB", "HSV", "Lab", "Lab/CIEDE2000"])
 def test_labels_at_a_step_of_colour_show_the_first_point(space: str, mapper: str) -> None:
     colours = ((0.0, 1.0, 0.0, 0.0), (3.0, 1.0, 0.0, 0.0), (3.0, 0.0, 0.0, 1.0), (9.0, 0.0, 0.0, 1.0))

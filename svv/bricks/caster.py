@@ -136,6 +136,10 @@ class BrickCaster:
         low = self._numbers.mapped(self.look.low)
         span = float(self._numbers.mapped(self.look.high) - low)
         gain = (len(self.look.table) - 1) / span if span > 0.0 else 0.0  # 0: of a volume of one value
+        # Beside kept numbers such as 32768, float32 has too few digits for the table's first value, but not for a whole
+        # number near it, from which differences are exact.
+        near = np.float32(np.rint(low) if self._numbers.dtype.kind == "u" else low)
+        first = (float(near) - low) * gain + 0.5
         bounds, lengths = self._bounds(), np.zeros(3)
         if self.look.stretch is not None:
             lengths = self.level.spacing / unit / self.look.stretch
@@ -146,8 +150,9 @@ class BrickCaster:
         def work(rays: NDArray[np.int32], wanted: NDArray[np.int32]) -> None:
             marching.march(
                 rays, camera.width, frame, corner, pixel, lengths, bounds, step / unit, self._slots, self._stamps,
-                self._now, self._seen, self._values, self._codes, table, alphas, np.float32(low), np.float32(gain),
-                shades, glossy, self.look.blank is not None, self.look.nearest, state, samples, wanted,
+                self._now, self._seen, self._values, self._codes, table, alphas, near, np.float32(gain),
+                np.float32(first), shades, glossy, self.look.blank is not None, self.look.nearest, state, samples,
+                wanted,
             )  # fmt: skip
 
         with ThreadPoolExecutor(self.threads) as pool:

@@ -194,7 +194,7 @@ def _begin(number, width, frame, corner, pixel, lengths, bounds, step, done, lan
 @njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     rays, width, frame, corner, pixel, lengths, bounds, step, slots, stamps, now, seen, values, codes, table, alphas,
-    low, gain, shades, glossy, blanks, nearest, state, samples, wanted,
+    low, gain, first, shades, glossy, blanks, nearest, state, samples, wanted,
 ):  # fmt: skip
     """March rays until they end or reach a brick that is not in memory, each in a lane of its own.
 
@@ -220,8 +220,9 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         codes: Codes of normals. (slots, VOXELS)
         table: RGB of evenly spaced values; the fourth column is not used. (N, 4)
         alphas: Opacity of one sample of these values. (N,)
-        low: First value of the table.
+        low: A value near the first one of the table.
         gain: Entries of the table per unit of the value.
+        first: Place of ``low`` in the table, in entries, and a half, for rounding.
         shades: Factor of the colour, and highlight, of each code. (CODES ** 2 + 1, 2)
         glossy: Whether there are highlights.
         blanks: Whether codes may have the flag BLANK; there are shades for those, too.
@@ -326,7 +327,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     visible = visible & _not_blanked(codes, at, nx, ny, nz)
                 if nearest:
                     wx, wy, wz = as_floats(nx), as_floats(ny), as_floats(nz)
-            value = (_inside(_rows(values, at), wx, wy, wz) - low) * gain + HALF
+            value = (_inside(_rows(values, at), wx, wy, wz) - low) * gain + first
             entry = truncated(minimum(maximum(value, nothing), splat(np.float32(entries))))
             alpha = gather(alphas, entry)
             visible = visible & (alpha > ZERO)

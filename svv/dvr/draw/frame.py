@@ -35,6 +35,9 @@ FAR = 1e4
 STEP = 1e-6
 """Width, relative to its values, below which a function is a step: it needs no resolution of its own."""
 
+FINE = 1000.0
+"""Largest ratio of small integers to their range at which the GPU ray caster's table tells them apart."""
+
 LEVELS = 4096
 """Range of whole numbers above which they are so close that VTK's ray casters need no reals between them."""
 
@@ -213,14 +216,15 @@ def _small_type(
 ) -> tuple[NDArray[np.number], float, float]:
     """Return the values in a type that both mappers accept, and the gain and origin of the mapping.
 
-    8-bit and 16-bit values stay unchanged. Wider types are mapped to float32, because the mappers overflow for values
-    that are huge, tiny or 64 bits wide: to [0, 1], unless single values lie so far away (fill values such as 1e20) that
+    8-bit and 16-bit values stay unchanged, but for those that differ little for their size, which the GPU's single
+    precision does not tell apart. They and wider types, for whose huge, tiny or 64-bit values the mappers overflow, are
+    mapped to float32: to [0, 1], unless single values lie so far away (fill values such as 1e20) that
     float32 could not resolve the function then. In that case what the function tells apart is mapped to [0, 1].
     """
-    if values.dtype.itemsize <= 2:
+    low, high = span or (float(values.min()), float(values.max()))
+    if values.dtype.itemsize <= 2 and max(abs(low), abs(high)) <= FINE * max(high - low, 1.0):
         return values, 1.0, 0.0
     check_precision(values)
-    low, high = span or (float(values.min()), float(values.max()))
     first, last = tf.told_apart(low, high)
     width = max(last - first, STEP * max(abs(first), abs(last)))
     if high - low <= FAR * width:

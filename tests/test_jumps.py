@@ -104,7 +104,7 @@ def test_labels_far_from_0_keep_their_steps(kind: type, first: int, mapper: str)
     white = tuple((first + value, *colour) for value, *colour in WHITE)
     steps = tuple((first + value, *rest) for value, *rest in STEPS["a band"])
     for label, expected in ((2, 0), (3, 255), (4, 255), (5, 0), (6, 0)):
-        values = (of_one_value(label, 9, np.int64) + first).astype(kind)
+        values: np.ndarray = (of_one_value(label, 9, np.int64) + first).astype(kind)
         values[1, 1, 1] = first + 4  # something is seen in any case
         assert centre(values, TransferFunction(white, steps, 0.5), mapper)[3] == pytest.approx(expected, abs=3), label
 

@@ -110,7 +110,7 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("ground", {"TINTED": False, "BLOCK": 32}),
     ("ground", {"TINTED": True, "BLOCK": 32}),
     ("cover", {"FLAT": True, "BLOCK": 128}),
-    ("carved", {"FAR": 1 << 30, "BLOCK": 128}),
+    ("carved", {"FAR": 1 << 30, "MOST": 255, "BLOCK": 128}),
     ("depths", {"BLOCK": 32}),
     ("projected_back", {"BLOCK": 128}),
     ("mix", {"OUTPUTS": 2, "BLOCK": 128}),

@@ -284,7 +284,7 @@ def test_labels_without_values_between_are_refused(tmp_path: Path) -> None:
 def test_empty_views_of_a_volume_are_refused(both: tuple[ViewSet, ViewSet], encoding: str) -> None:
     """It ended in an IndexError."""
     empty = replace(both[0], images=both[0].images * np.array([1, 1, 1, 0], np.uint8))
-    with pytest.raises(BadInput, match="The views show nothing"):
+    with pytest.raises(BadInput, match="None of the 12 views shows anything"):
         train_scene(empty, "draft", encoding=encoding)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -42,6 +44,11 @@ def expected(images: Images, step: int) -> tuple[list[Silhouettes], list[bool]]:
     different = [k for k, m in enumerate(masks) if not any(np.array_equal(m, other) for other in masks[:k])]
     found = {k: Silhouettes.of(list(masks[k]), step) for k in different}
     found = {k: silhouettes for k, silhouettes in found.items() if silhouettes.usable.sum() > 2}
+    visible = masks[len(OPACITIES) + len(CONTRASTS)]
+    cut = visible[:, [0, -1]].any(axis=(1, 2)) | visible[:, :, [0, -1]].any(axis=(1, 2))
+    for k, silhouettes in found.items():  # where three frames show the whole, those that cut it off do not count
+        if (silhouettes.usable & ~cut).sum() > 2:
+            found[k] = replace(silhouettes, usable=silhouettes.usable & ~cut)
     return list(found.values()), of_alpha[list(found)].tolist()
 
 

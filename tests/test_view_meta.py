@@ -57,7 +57,8 @@ metas = st.builds(
     ViewMeta, st.text(), st.none() | grids, st.none() | st.tuples(vectors, vectors), st.none() | rigs,
     st.none() | presets, st.none() | st.booleans(),
     st.none() | st.builds(Shading, st.booleans(), *[st.floats(0.0, allow_infinity=False)] * 4), st.none() | finite,
-    st.none() | st.text(), st.none() | st.text(), st.none() | finite, st.none() | st.text(), unknown,
+    st.none() | st.text(), st.none() | st.text(), st.none() | finite, st.none() | st.booleans(), st.none() | st.text(),
+    unknown,
 )  # fmt: skip
 
 
@@ -78,7 +79,7 @@ def foreign(folder: Path, **keys: object) -> None:
     for number, camera in enumerate(sphere_cameras(3, (0.0, 0.0, 0.0), 4.0, 0.5, 8)):
         file = folder / "train" / f"r_{number}.png"
         file.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(np.full((8, 8, 4), 200, np.uint8)).save(file)
+        Image.fromarray(np.full((8, 8, 4), (250, 200, 200, 200), np.uint8)).save(file)
         frames.append({"file_path": f"./train/r_{number}", "transform_matrix": camera.camera_to_world.tolist()})
     (folder / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 0.5, "frames": frames, **keys}))
 

@@ -86,12 +86,13 @@ class ChunkedSource:
             raise BadInput(f"Cannot read voxels {where} of {self.name}: {_said(error)}.") from error
         if self._unsigned:
             box = box.astype(self._stored)
-        for value, key in self._missing.items():
-            if (box == value).any():
-                raise BadInput(
-                    f"{self.name} has voxels without a value (its attribute {key} is {value:g}): "
-                    "replace them with numbers first."
-                )
+        with np.errstate(over="ignore"):  # float16 does not reach netCDF's default
+            found = [(value, key) for value, key in self._missing.items() if (box == value).any()]
+        for value, key in found:
+            raise BadInput(
+                f"{self.name} has voxels without a value (its attribute {key} is {value:g}): replace them with numbers "
+                "first."
+            )
         if self._scale is not None:
             box = box.astype(np.float64) * self._scale[0] + self._scale[1]
         return np.ascontiguousarray(box, dtype=self.dtype)

@@ -35,7 +35,7 @@ ONE_VIEW = (".png", ".vti")
 
 
 @spread
-def render(
+def render(  # long: its options
     scene: SceneFile,
     out: Annotated[
         Path,

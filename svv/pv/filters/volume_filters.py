@@ -317,7 +317,9 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         super().__init__(1, 1, "vtkImageData")
         self._status = expected()
 
-    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+    def result(
+        self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
+    ) -> str:  # long: in the order in which it is shown
         from svv.pv.filters.engine import (
             camera_for,
             draw,

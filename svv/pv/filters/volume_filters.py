@@ -317,9 +317,9 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         super().__init__(1, 1, "vtkImageData")
         self._status = expected()
 
-    def result(
+    def result(  # long: one step after the other
         self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
-    ) -> str:  # long: in the order in which it is shown
+    ) -> str:
         from svv.pv.filters.engine import (
             camera_for,
             draw,

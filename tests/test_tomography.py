@@ -352,7 +352,7 @@ def test_a_skin_of_one_per_cent_has_no_holes() -> None:
 
     train = views_of(orbit(24), skin)
     short = replace(
-        PRESETS["draft"], reconstruct=ReconstructSettings(iterations=300, rays=1024, cells=16, prune_every=25),
+        PRESETS["draft"], reconstruct=ReconstructSettings(iterations=300, rays=1024, cells=32, prune_every=25),
         recolour=replace(PRESETS["draft"].recolour, iterations=1),
     )  # fmt: skip
     scene, _ = train_scene(train, short)

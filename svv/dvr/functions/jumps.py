@@ -32,7 +32,7 @@ ROOM = 0.2
 """Part of the way to the nearest other point that a plateau with its slope may take."""
 
 PATHS, BETWEEN = "Lab/CIEDE2000", 512
-"""Colour space in which VTK finds no path between equal colours, and colours that replace its paths."""
+"""Colour space in which VTK searches paths, and number of colours that replace them."""
 
 SAME, ALIKE = 1e-6, 1e-3
 """Distance of two points, relative to their values and to the width, at which they make a jump; and difference of

@@ -48,15 +48,28 @@ def parse_size(text: str) -> tuple[int, int]:
     raise BadInput(f"'{text}' is not a size; write 800 or 1280x720, with at most 16384 pixels per side.")
 
 
-def parse_mapping(text: str) -> dict[int, int] | Literal["colour"]:
-    """Return '0=0,2=1' as {region: style}; 'colour' (or 'color') is returned as the word 'colour'.
+def parse_mapping(text: str) -> dict[int, int | str] | Literal["colour"]:
+    """Return '0=0,2=sky' as {region: style, or part of a picture}; 'colour' (or 'color') is returned as that word.
 
     Raises:
         BadInput: The text has another form, or a region is named twice.
     """
     if text.strip().lower() in ("colour", "color"):
         return "colour"
-    return _pairs_in(text, "write region=style pairs, for example --map 0=0,1=1, or colour")
+    pairs = [part.partition("=") for part in text.split(",")]
+    if not all(_is_number(region) and other.strip() for region, _, other in pairs):
+        raise BadInput(
+            f"'{text}' is not a mapping; write region=style pairs, for example --map 0=0,1=1, parts of a picture by "
+            "their names, 0=sky, or colour."
+        )
+    mapping = {int(region): int(other) if _is_number(other) else other.strip() for region, _, other in pairs}
+    if len(mapping) < len(pairs):
+        raise BadInput(f"'{text}' names a region twice.")
+    return mapping
+
+
+def _is_number(text: str) -> bool:
+    return text.strip().isascii() and text.strip().isdigit()
 
 
 def parse_pairs(text: str, flag: str) -> dict[int, int]:
@@ -66,7 +79,7 @@ def parse_pairs(text: str, flag: str) -> dict[int, int]:
 
 def _pairs_in(text: str, advice: str) -> dict[int, int]:
     pairs = [part.split("=") for part in text.split(",")]
-    if not all(len(p) == 2 and all(x.strip().isascii() and x.strip().isdigit() for x in p) for p in pairs):
+    if not all(len(p) == 2 and all(_is_number(x) for x in p) for p in pairs):
         raise BadInput(f"'{text}' is not a mapping; {advice}.")
     mapping = {int(region): int(other) for region, other in pairs}
     if len(mapping) < len(pairs):

@@ -20,6 +20,8 @@ MapperName = Literal["auto", "gpu", "cpu", "bricks"]
 MannerName = Literal["auto", "strokes", "pieces"]
 HandName = Literal["oil", "watercolour", "dots", "ink-wash", "dry-brush", "pastel", "print"]
 AskedHandName = Literal["auto", "oil", "watercolour", "dots", "ink-wash", "dry-brush", "pastel", "print"]
+DivisionName = Literal["areas", "colours"]
+AskedDivisionName = Literal["auto", "areas", "colours", "no"]
 NetworkName = Literal["base", "pcn", "styled"]
 PictureName = Literal["rgba", "depth", "region"]
 
@@ -178,10 +180,14 @@ class PaintOptions:
     """
 
     mapping: Annotated[
-        dict[int, int] | Literal["colour"] | None,
-        Setting("--map", metavar="0=0,1=1|colour", syntax="mapping", panel=""),
+        dict[int, int | str] | dict[int, int] | Literal["colour"] | None,
+        Setting("--map", metavar="0=0,1=1|0=PART|colour", syntax="mapping", panel=""),
     ] = None
-    """Pairs of region and style, or colour to pair them by likeness; in turn by default."""
+    """Pairs of region and style, or of region and a part of a divided picture by its name (0=sky; 0=1:sky in style 1),
+    or colour to pair them by likeness; in turn by default."""
+    divide: AskedDivisionName = "auto"
+    """How a picture is divided among the regions that share it: by its areas (a sky, a field) or by its colours; auto
+    takes what tells the regions apart, no gives every region the whole picture."""
     keep: Annotated[tuple[int, ...], Setting(metavar="K", panel="")] = ()
     """A region to leave unpainted."""
     stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0

@@ -9,7 +9,7 @@ Units: pixels are those of the picture as given; lightness and colours are CIELA
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,35 @@ class Hand:
     def plain(self) -> bool:
         """Whether no strokes can be seen in the picture: it is flat, or smooth."""
         return self.contrast < LEAST_CONTRAST
+
+    def within(self, area: NDArray[np.bool_]) -> Hand:
+        """Return the same hand with the colours and places of the strokes in an area of the picture alone.
+
+        Args:
+            area: True where the strokes are, (H, W), the picture's size; some stroke must be there.
+        """
+        height, width = area.shape
+        long = max(height, width)
+        column = (self.places[:, 0] * long).astype(np.int64).clip(0, width - 1)
+        row = (height - 1 - self.places[:, 1] * long).astype(np.int64).clip(0, height - 1)
+        own = area[row, column]
+        if not own.any():  # an area smaller than a stroke has the colours of the strokes around it
+            own = own.copy()
+            y, x = (float(a.mean()) for a in np.nonzero(area))
+            own[cKDTree(self.places).query(np.array([x, height - 1 - y]) / long, NEIGHBOURS)[1]] = True
+        colours = self.colours[own]
+        tones = (np.argsort(np.argsort(colours[:, 0], kind="stable")) / max(len(colours) - 1, 1)).astype(np.float32)
+        band = np.minimum((tones * TONES).astype(np.int64), TONES - 1)
+        palette = [colours[band == k].mean(0) if (band == k).any() else colours.mean(0) for k in range(TONES)]
+        # An ink is the family's if most strokes around its colour are: there is at least the nearest to what they show.
+        among = cKDTree(self.colours).query(self.inks, min(NEIGHBOURS, len(self.colours)))[1].reshape(len(self.inks), -1)
+        mine = own[among].mean(1)
+        inks = self.inks[mine >= 0.5] if (mine >= 0.5).any() else self.inks[mine.argmax()][None]
+        return replace(
+            self, inks=inks, palette=np.array(palette, np.float32), darkest=colours[tones <= 0.03].mean(0),
+            colours=colours, places=self.places[own], tones=tones, angles=self.angles[own],
+            coherences=self.coherences[own],
+        )  # fmt: skip
 
 
 def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None = None, seed: int = 0) -> Hand:

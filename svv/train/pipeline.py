@@ -28,6 +28,7 @@ from svv.train.match.matching import Matching
 from svv.train.match.style_loss import PAPER_LOSS
 from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.laying import Laying
+from svv.train.paint.dividing import divided
 from svv.train.paint.plan import Order, ordered, with_hands
 from svv.train.quilt.pieces import PieceSettings
 from svv.train.report import Report, report_on
@@ -198,11 +199,16 @@ def stylize_scene(
     """
     asked, chosen = given(PaintOptions, options, changes)
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
+    division = divided(scene, inputs, asked)
+    inputs, asked = list(division.inputs), division.options
     paint = partial(_stylize_alone, chosen, pieces)
     if scene.layers:
         styled, report = stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
     else:
         styled, report = paint(scene, inputs, asked, progress, checkpoint, preview)
+    report["notes"] = list(dict.fromkeys([*division.notes, *report["notes"]]))
+    report["divided"] = {str(region): share for region, share in division.shares.items()}
+    styled = replace(styled, made={**styled.made, "stylized": report})
     return with_styles_kept(scene, styled, inputs, asked, report), report
 
 
@@ -244,7 +250,7 @@ def _stylize_alone(
     report |= Report(
         features="none" if network is None else f"{network.title}, {network.channels} channels",
         styles={str(k): order.labels[v] for k, v in order.pairs.items()},
-        masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
+        masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None and not order.inputs[v].divided}),
         manner={str(k): order.manner(k) if network is None else "matched" for k in order.pairs},
         hand={str(k): hand.technique for k, hand in order.hands.items()},
         stroke_size=asked.stroke_size,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import torch
 
@@ -39,6 +39,8 @@ class Report(TypedDict, total=False):
     manner: dict[str, str]
     hand: dict[str, str]
     masked: list[str]
+    divided: dict[str, dict[str, Any]]
+    """Part of a divided picture that paints each region, by its number (:mod:`svv.train.paint.dividing`)."""
     stroke_size: float
     strength: float
     continued: list[int]

@@ -74,11 +74,7 @@ def neighbours(labels: Labels) -> NDArray[np.int64]:
 
 
 def regions(picture: NDArray[np.floating], count: int) -> Labels:
-    """Cut a picture into ``count`` regions by colour and texture.
-
-    Superpixels are joined pair by pair, always the pair with the lowest price (Ward 1963):
-    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Superpixels that do not touch can be joined, too; their price is multiplied by
-    :data:`APART_FACTOR`.
+    """Cut a picture into ``count`` regions by colour and texture; see :func:`partitions`.
 
     Args:
         picture: sRGB in [0, 1]. (h, w, 3)
@@ -87,16 +83,35 @@ def regions(picture: NDArray[np.floating], count: int) -> Labels:
     Returns:
         Region of each pixel, numbered by size from the largest, 0. (h, w)
     """
-    labels = superpixels(picture)
+    return partitions(picture, [count])[0]
+
+
+def partitions(picture: NDArray[np.floating], counts: Sequence[int], pieces: int = SUPERPIXELS) -> list[Labels]:
+    """Cut a picture into several numbers of regions by colour and texture, each a finer cut of the one below it.
+
+    Superpixels are joined pair by pair, always the pair with the lowest price (Ward 1963):
+    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Superpixels that do not touch can be joined, too; their price is multiplied by
+    :data:`APART_FACTOR`.
+
+    Args:
+        picture: sRGB in [0, 1]. (h, w, 3)
+        counts: Numbers of regions, each at least 1; there are fewer if the picture has fewer superpixels.
+        pieces: Approximate number of superpixels.
+
+    Returns:
+        For each count the region of each pixel, numbered by size from the largest, 0. (h, w)
+    """
+    labels = superpixels(picture, pieces)
     mean, size = looks(picture, labels), np.bincount(labels.ravel()).astype(np.float64)
     total = len(size)
     touch = np.zeros((total, total), bool)
     touch[tuple(neighbours(labels).T)] = True
     touch |= touch.T
     owner = np.arange(total)
+    owners = {total: owner.copy()}
     cost = _prices(mean, size, mean, size) * np.where(touch, 1.0, APART_FACTOR)
     np.fill_diagonal(cost, np.inf)
-    for _ in range(total - count):
+    for left in range(total - 1, min(counts) - 1, -1):
         a, b = np.unravel_index(int(cost.argmin()), cost.shape)
         mean[a] = (size[a] * mean[a] + size[b] * mean[b]) / (size[a] + size[b])
         size[a] += size[b]
@@ -110,10 +125,17 @@ def regions(picture: NDArray[np.floating], count: int) -> Labels:
         row[alive] *= np.where(touch[a, alive], 1.0, APART_FACTOR)
         cost[a], cost[:, a] = row, row
         cost[b], cost[:, b] = np.inf, np.inf
-    areas = np.bincount(owner[labels].ravel(), minlength=total)
+        if left in counts:
+            owners[left] = owner.copy()
+    return [_by_size(owners[min(count, total)][labels], total) for count in counts]
+
+
+def _by_size(owned: Labels, total: int) -> Labels:
+    """Return labels below ``total`` numbered by size, the largest 0."""
+    areas = np.bincount(owned.ravel(), minlength=total)
     place = np.empty(total, np.int64)
     place[np.argsort(-areas, kind="stable")] = np.arange(total)
-    return place[owner[labels]]
+    return np.asarray(place[owned], np.int64)
 
 
 def _prices(

@@ -127,6 +127,10 @@ class StyleInput:
     mask: NDArray[np.bool_] | None = None
     """Part of the picture to learn from, (h, w); None for all of it. To use several masks, give the picture several
     times."""
+    measured: NDArray[np.bool_] | None = None
+    """Of a divided picture, the part in which its hand is measured, (h, w); None for all of it."""
+    divided: bool = False
+    """Whether the mask is a part of a divided picture, whose hand is that of the whole."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.style, Ink):

@@ -20,7 +20,7 @@ from svv.options.making import AskedHandName, MannerName, PaintOptions
 from svv.styles.hand import Hand, measure_hand
 from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.manner import manner_of, technique_of
-from svv.train.paint.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
+from svv.train.paint.style_choice import checked_masks, pairs_by_colour, style_pairs
 
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
 """Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
@@ -59,6 +59,8 @@ class Order:
     """Remarks about the choice for the user."""
     hands: Mapping[int, Hand] = field(default_factory=dict)
     """Hand of the picture of each region that is painted by strokes."""
+    inputs: Sequence[StyleInput] = ()
+    """The styles as they were given."""
 
     def manner(self, region: int) -> str:
         """Return how a region's paint is laid: ``ink``, ``strokes`` or ``pieces``."""
@@ -77,6 +79,7 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     if go_on and options.variant is None and scene.variant is not None:
         name = scene.variant
     masks, notes = checked_masks(inputs)
+    by_hand: Mapping[int, int | str] | None
     by_hand = (pairs_by_colour(scene.regions, styles, masks, keep) or None) if mapping == "colour" else mapping
     pairs = style_pairs(len(scene.regions), len(styles), by_hand, keep)
     labels = [s.style.name if isinstance(s.style, Ink) else s.name or f"style {k}" for k, s in enumerate(inputs)]
@@ -95,8 +98,7 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     )
     inks = {k: replace(s, size=stroke_size) for k, v in pairs.items() if isinstance(s := styles[v], Ink)}
     named = {**own, **{k: labels[v] for k, v in pairs.items()}}
-    notes = [*notes, *leftovers(pairs, labels)]
-    return Order(styles, labels, masks, pairs, inks, stroke_size, regions, named, name, go_on, notes)
+    return Order(styles, labels, masks, pairs, inks, stroke_size, regions, named, name, go_on, notes, inputs=inputs)
 
 
 def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") -> Order:
@@ -121,9 +123,11 @@ def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") 
     notes = list(order.notes)
     numbers = sorted({style for region, style in order.pairs.items() if region not in order.inks})
     pictures = [np.asarray(order.styles[number], np.float32) for number in numbers]
+    parts = [order.inputs[number] for number in numbers]
+    within = [own.measured if own.divided else order.masks[n] for n, own in zip(numbers, parts, strict=True)]
     with ThreadPoolExecutor(usable_cpus()) as pool:
-        hands = list(pool.map(hand_of, pictures, [order.masks[number] for number in numbers]))
-    for number, hand in zip(numbers, hands, strict=True):
+        hands = list(pool.map(hand_of, pictures, within))
+    for number, own, hand in zip(numbers, parts, hands, strict=True):
         chosen, reason = manner_of(hand)
         technique, why = technique_of(hand) if named == "auto" else (named, "")
         shown = named == "auto" and technique != "oil" and "strokes" in (manner, chosen)
@@ -135,9 +139,10 @@ def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") 
             notes.append(f"{order.labels[number]} is painted by {chosen}: {reason}. --manner chooses otherwise.")
         if "strokes" not in (manner, chosen):
             continue
-        hand = replace(hand, technique=technique)
+        mask = order.masks[number]
+        hand = replace(hand if mask is None or not own.divided else hand.within(mask), technique=technique)
         found |= {region: hand for region, style in order.pairs.items() if style == number}
-    return replace(order, hands=found, notes=notes)
+    return replace(order, hands=found, notes=list(dict.fromkeys(notes)))  # parts of a picture share its notes
 
 
 _hands: OrderedDict[str, Hand] = OrderedDict()

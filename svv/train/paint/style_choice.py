@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,9 @@ def mean_colour(style: Style, mask: Mask | None = None) -> NDArray[np.float64]:
     return np.asarray(pixels.mean(0))
 
 
-def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep: Collection[int]) -> dict[int, int]:
+def style_pairs(
+    regions: int, styles: int, mapping: Mapping[int, int | str] | None, keep: Collection[int]
+) -> dict[int, int]:
     """Return the style of each region that gets one; raises BadInput for impossible pairs."""
     if regions == 0:
         raise BadInput("The scene holds no palette network, so it has no regions to style; train it again.")
@@ -61,14 +63,17 @@ def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep:
     for region in [*keep, *(mapping or {})]:
         if not 0 <= region < regions:
             raise BadInput(f"There is no region {region}: the scene has the regions 0 to {regions - 1}.")
-    for style in (mapping or {}).values():
+    numbers = {region: style for region, style in (mapping or {}).items() if isinstance(style, int)}
+    if len(numbers) < len(mapping or {}):
+        raise BadInput("A part of a picture has a name only where the picture is divided: name styles by number.")
+    for style in numbers.values():
         if not 0 <= style < styles:
             raise BadInput(f"There is no style {style}: the styles given are 0 to {styles - 1}.")
     both = sorted(set(keep) & set(mapping or {}))
     if both:
         raise BadInput(f"Region {both[0]} cannot be both kept and styled; leave it out of --keep or of --map.")
     free = [k for k in range(regions) if k not in set(keep)]
-    pairs = dict(mapping) if mapping is not None else {region: k % styles for k, region in enumerate(free)}
+    pairs = numbers if mapping is not None else {region: k % styles for k, region in enumerate(free)}
     if not pairs:
         raise BadInput("No region is left to style: keep fewer regions.")
     return pairs
@@ -100,8 +105,8 @@ def pairs_by_colour(
     return {free[row]: style for row, style in sorted(pairs.items())}
 
 
-def leftovers(pairs: dict[int, int], names: Sequence[str]) -> list[str]:
-    """Return sentences about styles that no region has, and about styles that several regions share."""
+def leftovers(pairs: Mapping[int, int], names: Sequence[str], divided: Collection[int] = ()) -> list[str]:
+    """Return sentences about styles that no region has, and about undivided styles that several regions share."""
     notes = []
     unused = [k for k in range(len(names)) if k not in set(pairs.values())]
     if unused:
@@ -111,7 +116,7 @@ def leftovers(pairs: dict[int, int], names: Sequence[str]) -> list[str]:
             f"{'Style' if one else 'Styles'} {listed} {'has' if one else 'have'} no region and "
             f"{'is' if one else 'are'} not used; assign regions with --map."
         )
-    for style in sorted(set(pairs.values())):
+    for style in sorted(set(pairs.values()) - set(divided)):
         of = [region for region, k in sorted(pairs.items()) if k == style]
         if len(of) > 1 and len(names) > 1:
             notes.append(f"Style {style} ({names[style]}) is shared by regions {', '.join(map(str, of))}.")

@@ -1,0 +1,217 @@
+"""Which family of a picture's strokes paints which region, so that the painting says what the volume rendering says.
+
+Regions and families are paired at once, by hue, lightness and vividness, by the order of lightness of what encloses and
+what is enclosed, and by how far the families of regions that are seen together differ. Letters: R regions, F families.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from math import perm
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.colour.colour import colour_differences, lab_to_rgb
+from svv.core.colour.colour_vision import oklab
+from svv.errors import silent
+from svv.fields.scene.scene import Scene
+from svv.styles.families import HUES, LIGHTNESS, Family, joined
+from svv.train.match.stylize import visible_from
+
+GLANCES, GLANCE = 6, 64
+"""Number of views in which it is seen which region encloses which, and their side in pixels."""
+
+PROMINENT = 0.2
+"""Share of what is visible to which a region's is added before its vividness is divided by it: small regions choose
+first."""
+
+CLEAR = 25.0
+"""CIEDE2000 between two families from which more makes no difference."""
+
+ALIKE, TURNED = 0.25, 0.1
+"""Cost of two families that look the same in two regions that are seen together, and of an order of lightness that is
+turned by :data:`DECIDED`, where 1 is the difference of black and white."""
+
+DECIDED = 10.0
+"""Difference in lightness, CIELAB, of two regions from which their order counts wholly."""
+
+LEFT = 18.0
+"""CIEDE2000 to the other families that a family keeps when it takes in one that no region has."""
+
+MOST_TRIED = 30_000
+"""Largest number of pairings that are all tried; above, they are improved step by step."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Glimpse:
+    """What views from all around show of a scene's regions."""
+
+    seen: Floats
+    """How much of what is visible each region is; they sum to 1. (R,)"""
+    together: Floats
+    """Share of the pixels of one region, in which the other is seen too, of the two the larger. (R, R)"""
+    before: Floats
+    """Share of the second's pixels in which the first lies before it. (R, R)"""
+
+    def encloses(self, first: int, second: int) -> bool:
+        """Whether one region encloses another: it is before it in most of its pixels, and not the other way round."""
+        return bool(self.before[first, second] > 0.5 and self.before[first, second] > 1.5 * self.before[second, first])
+
+
+def glimpse_of(scene: Scene) -> Glimpse:
+    """Return what small views show of a scene with a palette network, as edited."""
+    count = len(scene.regions)
+    opacity = np.array([region.seen_opacity for region in scene.regions])
+    seen, both, ahead, pixels = np.zeros(count), np.zeros((count,) * 2), np.zeros((count,) * 2), np.zeros(count)
+    for view in visible_from(scene, scene.rig.sphere(GLANCES, GLANCE), silent):
+        region, pixel = view.region.cpu().numpy().astype(np.int64), view.pixel.cpu().numpy().astype(np.int64)
+        weight = view.weight.cpu().numpy().astype(np.float64) * opacity[region]
+        shape = view.height * view.width, count
+        index = pixel * count + region
+        inside = np.bincount(index, weight, shape[0] * count).reshape(shape)
+        first = np.full(shape[0] * count, len(index))
+        np.minimum.at(first, index, np.arange(len(index)))
+        first = first.reshape(shape)
+        there = inside > 0.02
+        seen += inside.sum(0)
+        pixels += there.sum(0)
+        both += there.T.astype(np.float64) @ there
+        for k in range(count):
+            ahead[k] += (there & there[:, k : k + 1] & (first[:, k : k + 1] < first)).sum(0)
+    share = np.maximum(pixels, 1.0)
+    return Glimpse(seen / max(seen.sum(), 1e-9), both / np.minimum(share[:, None], share), ahead / share)
+
+
+def difference_of(a: Family, b: Family) -> float:
+    """Return the mean CIEDE2000 of the tones of two families: light is compared with light, and dark with dark."""
+    tones = min(len(a.tones), len(b.tones))
+    return float(np.diag(colour_differences(lab_to_rgb(a.tones[:tones]), lab_to_rgb(b.tones[:tones]))).mean())
+
+
+def paired(
+    colours: Floats, glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int] | None = None
+) -> dict[int, int]:
+    """Return the family of each region; if there are fewer families than regions, some are shared.
+
+    Args:
+        colours: Colours of the regions, RGB in [0, 1]. (R, 3)
+        glimpse: What is seen of them.
+        families: The picture's families.
+        fixed: Region -> family where the user has chosen.
+    """
+    costs = _Costs(colours, glimpse, families)
+    fixed = dict(fixed or {})
+    free = [k for k in range(len(colours)) if k not in fixed]
+    left = [f for f in range(len(families)) if f not in fixed.values()]
+    while len(left) < len(free):
+        left += range(len(families))
+    chosen = np.zeros(len(colours), np.int64)
+    chosen[list(fixed)] = list(fixed.values())
+    if perm(len(left), len(free)) <= MOST_TRIED:
+        tried = np.array(list(permutations(left, len(free)))).reshape(-1, len(free))
+        every = np.repeat(chosen[None], len(tried), 0)
+        every[:, free] = tried
+        chosen = every[np.argmin(costs.of(every))]
+    else:
+        chosen[free] = left[: len(free)]
+        chosen = _improved(costs, chosen, free, left)
+    return {k: int(f) for k, f in enumerate(chosen)}
+
+
+def _improved(costs: _Costs, chosen: NDArray[np.int64], free: Sequence[int], left: Sequence[int]) -> NDArray[np.int64]:
+    """Return a pairing that no exchange of two families, and no unused family, improves."""
+    unused, best = list(left[len(free) :]), float(costs.of(chosen[None])[0])
+    better = True
+    while better:
+        better = False
+        for number, k in enumerate(free):
+            for other in free[number + 1 :]:
+                tried = chosen.copy()
+                tried[[k, other]] = chosen[[other, k]]
+                if (cost := float(costs.of(tried[None])[0])) < best - 1e-9:
+                    chosen, best, better = tried, cost, True
+            for place, family in enumerate(unused):
+                tried = chosen.copy()
+                tried[k] = family
+                if (cost := float(costs.of(tried[None])[0])) < best - 1e-9:
+                    unused[place] = int(chosen[k])
+                    chosen, best, better = tried, cost, True
+    return chosen
+
+
+class _Costs:
+    """Costs of pairings."""
+
+    def __init__(self, colours: Floats, glimpse: Glimpse, families: Sequence[Family]) -> None:
+        from skimage.color import rgb2lab
+
+        scale = np.array([LIGHTNESS, HUES, HUES])
+        self.regions, self.families = oklab(colours) * scale, np.stack([
+            oklab(lab_to_rgb(one.mean).astype(np.float64)) * scale for one in families
+        ])  # fmt: skip
+        chroma = np.hypot(*self.regions[:, 1:].T)
+        weight = (0.02 + np.square(chroma)) / (PROMINENT + glimpse.seen) * (glimpse.seen > 0.0)
+        self.weight = weight / max(weight.sum(), 1e-9)
+        count = len(colours)
+        apart = np.array([[difference_of(a, b) for b in families] for a in families])
+        self.alike = ALIKE * np.square(1.0 - np.minimum(apart / CLEAR, 1.0))
+        # Every two regions are told apart, those that are seen through or before one another above all.
+        self.pairs = np.triu(0.3 + 0.7 * glimpse.together, 1) * np.outer(glimpse.seen > 0.0, glimpse.seen > 0.0)
+        light, tone = rgb2lab(colours[None])[0][:, 0], np.array([one.mean[0] for one in families])
+        order = np.array([[glimpse.encloses(a, b) for b in range(count)] for a in range(count)], float)
+        self.order = order * np.clip((light[:, None] - light) / DECIDED, -1.0, 1.0)
+        self.lighter = np.clip((tone[:, None] - tone) / DECIDED, -1.0, 1.0)
+
+    def of(self, pairings: NDArray[np.int64]) -> Floats:
+        """Return the costs of pairings (T, R), lower is better. (T,)"""
+        painted = self.families[pairings]
+        painted = painted - painted.mean(1, keepdims=True)
+        away = np.square(painted - (self.regions - self.regions.mean(0))).sum(2) @ self.weight
+        first, second = pairings[:, :, None], pairings[:, None]
+        alike = (self.alike[first, second] * self.pairs).sum((1, 2))
+        turned = (np.abs(self.order) * np.maximum(-self.lighter[first, second] * np.sign(self.order), 0.0)).sum((1, 2))
+        return np.asarray(away + alike + TURNED * turned)
+
+
+def completed(families: Sequence[Family], pairs: Mapping[int, int]) -> list[Family]:
+    """Return the families of paired regions, which take in those left over where they stay unlike the others.
+
+    What no family can take in without resembling another is not painted with.
+    """
+    used = sorted(set(pairs.values()))
+    found = {f: families[f] for f in used}
+    for number in [f for f in range(len(families)) if f not in used]:
+        one = families[number]
+        for f in sorted(used, key=lambda f: difference_of(found[f], one)):
+            larger = joined([found[f], one])
+            before = min((difference_of(found[f], found[g]) for g in used if g != f), default=np.inf)
+            after = min((difference_of(larger, found[g]) for g in used if g != f), default=np.inf)
+            if after >= min(LEFT, before):
+                found[f] = larger
+                break
+    return [found[f] if f in found else families[f] for f in range(len(families))]
+
+
+def best_division(
+    divisions: Sequence[Sequence[Family]], colours: Floats, glimpse: Glimpse, extra: Sequence[float]
+) -> tuple[Sequence[Family], dict[int, int]]:
+    """Return the division whose families fit the regions best, and the family of each region.
+
+    Args:
+        divisions: Ways to divide a picture.
+        colours: Colours of the regions, RGB in [0, 1]. (R, 3)
+        glimpse: What is seen of them.
+        extra: What each way costs beside how its families fit.
+    """
+    found = []
+    for number, families in enumerate(divisions):
+        pairs = paired(colours, glimpse, families)
+        cost = float(_Costs(colours, glimpse, families).of(np.array([list(pairs.values())]))[0])
+        found.append((cost + extra[number], number, pairs))
+    _, number, pairs = min(found, key=lambda one: one[:2])
+    return divisions[number], pairs

@@ -21,8 +21,9 @@ from svv.core.colour.colour_vision import (
 from svv.core.colour.distinct import distinct_palette
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.seen_colours import Pair, Seen, pairs_of
 from svv.options.editing import DistinctName
-from svv.render.colour_check import Pair, Seen, pairs_of, seen_in
+from svv.render.colour_check import seen_in
 
 TRIES = 5
 """How often a palette is looked for: each shows how much closer light, shade and opacity bring its colours."""

@@ -149,7 +149,9 @@ class Hand:
         band = np.minimum((tones * TONES).astype(np.int64), TONES - 1)
         palette = [colours[band == k].mean(0) if (band == k).any() else colours.mean(0) for k in range(TONES)]
         # An ink is the family's if most strokes around its colour are: there is at least the nearest to what they show.
-        among = cKDTree(self.colours).query(self.inks, min(NEIGHBOURS, len(self.colours)))[1].reshape(len(self.inks), -1)
+        among = (
+            cKDTree(self.colours).query(self.inks, min(NEIGHBOURS, len(self.colours)))[1].reshape(len(self.inks), -1)
+        )
         mine = own[among].mean(1)
         inks = self.inks[mine >= 0.5] if (mine >= 0.5).any() else self.inks[mine.argmax()][None]
         return replace(

@@ -26,9 +26,9 @@ from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.joined_scenes import stylize_layers
 from svv.train.match.matching import Matching
 from svv.train.match.style_loss import PAPER_LOSS
+from svv.train.paint.dividing import divided
 from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.laying import Laying
-from svv.train.paint.dividing import divided
 from svv.train.paint.plan import Order, ordered, with_hands
 from svv.train.quilt.pieces import PieceSettings
 from svv.train.report import Report, report_on
@@ -250,7 +250,13 @@ def _stylize_alone(
     report |= Report(
         features="none" if network is None else f"{network.title}, {network.channels} channels",
         styles={str(k): order.labels[v] for k, v in order.pairs.items()},
-        masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None and not order.inputs[v].divided}),
+        masked=sorted(
+            {
+                order.labels[v]
+                for v in order.pairs.values()
+                if order.masks[v] is not None and not order.inputs[v].divided
+            }
+        ),  # fmt: skip
         manner={str(k): order.manner(k) if network is None else "matched" for k in order.pairs},
         hand={str(k): hand.technique for k, hand in order.hands.items()},
         stroke_size=asked.stroke_size,

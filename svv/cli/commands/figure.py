@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from svv.core.geometry.cameras import Camera
     from svv.fields.scene.scene import Scene
-    from svv.render.colour_check import Seen
+    from svv.fields.scene.seen_colours import Seen
     from svv.render.figures.figure import Panel
     from svv.render.looks.look import Look
 

@@ -20,9 +20,10 @@ from svv.core.colour.colour import over, to_hex
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.region import checked_line
+from svv.fields.scene.seen_colours import Seen, seen_of
 from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
-from svv.render.colour_check import Seen, seen_of, told_of
+from svv.render.colour_check import told_of
 from svv.render.emptiness import SHOW, why_empty
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import (

@@ -15,7 +15,7 @@ from svv.errors import BadInput
 from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Scene
 from svv.options.making import DivisionName, PaintOptions
-from svv.styles.families import Family, areas_of, divisions, names_of
+from svv.styles.families import areas_of, divisions, names_of
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.paint.pairing import Glimpse, best_division, completed, glimpse_of, paired
 from svv.train.paint.plan import Order, hand_of, ordered
@@ -63,7 +63,9 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     shares: dict[int, dict[str, Any]] = {}
     if options.divide == "no" and words:
         word = next(iter(words.values()))
-        raise BadInput(f"'{word}' names a part of a picture, but pictures are not to be divided: leave out --divide no.")
+        raise BadInput(
+            f"'{word}' names a part of a picture, but pictures are not to be divided: leave out --divide no."
+        )
     found: list[StyleInput] = []
     pairs: dict[int, int] = {}
     glimpse: Glimpse | None = None
@@ -101,7 +103,8 @@ def _without_words(inputs: Sequence[StyleInput], options: PaintOptions) -> tuple
         number, sign, word = value.rpartition(":")
         if not sign and len(inputs) > 1:
             raise BadInput(
-                f"'{value}' could be a part of any of {len(inputs)} pictures: write --map {region}=0:{value} for the first."
+                f"'{value}' could be a part of any of {len(inputs)} pictures: write --map "
+                f"{region}=0:{value} for the first."
             )
         plain[region], words[region] = int(number) if sign else 0, word
     return replace(options, mapping=plain), words
@@ -116,17 +119,16 @@ def _shared(
     counts = [len(regions) + more for more in range(MORE + 1)]
     every = divisions(picture, hand_of(picture, mask), counts, ways)
     if all(len(families) == 1 for families in every):
-        whole = {region: 0 for region in regions}
+        whole = dict.fromkeys(regions, 0)
         one = StyleInput(picture, label, mask)
         return ([one], whole), {}, [f"{label} has one colour only, so it was not divided among the regions."]
-    own = _of(glimpse, regions)
-    colours = np.array([scene.regions[k].edited_colour or scene.regions[k].colour for k in regions])
+    own = glimpse.of(regions)
     extra = [SCATTERED * (way == "colours" and len(ways) > 1) for way in ways for _ in counts]
-    families, pairs = best_division(every, colours, own, extra)
+    families, pairs = best_division(every, own, extra)
     names = names_of(families)
     if named:
         fixed = {regions.index(k): _family(word, names, label) for k, word in named.items()}
-        pairs = paired(colours, own, families, fixed)
+        pairs = paired(own, families, fixed)
     used = sorted(set(pairs.values()))
     full = completed(families, pairs)
     areas = areas_of(picture, [full[f] for f in used], mask)
@@ -139,12 +141,6 @@ def _shared(
         for number, region in enumerate(regions)
     }  # fmt: skip
     return (parts, {region: used.index(pairs[n]) for n, region in enumerate(regions)}), told, _notes(scene, label, told)
-
-
-def _of(glimpse: Glimpse, regions: Sequence[int]) -> Glimpse:
-    """Return what is seen of some of the regions."""
-    both = np.ix_(regions, regions)
-    return Glimpse(glimpse.seen[list(regions)], glimpse.together[both], glimpse.before[both])
 
 
 def _family(word: str, names: Sequence[Sequence[str]], label: str) -> int:

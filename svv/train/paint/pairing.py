@@ -14,11 +14,11 @@ from math import perm
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import colour_differences, lab_to_rgb
-from svv.core.colour.colour_vision import oklab
+from svv.core.colour.colour import WHITE, colour_differences, lab_to_rgb
 from svv.errors import silent
 from svv.fields.scene.scene import Scene
-from svv.styles.families import HUES, LIGHTNESS, Family, joined
+from svv.fields.scene.seen_colours import seen_of
+from svv.styles.families import Family, features_of, joined
 from svv.train.match.stylize import visible_from
 
 GLANCES, GLANCE = 6, 64
@@ -28,10 +28,10 @@ PROMINENT = 0.2
 """Share of what is visible to which a region's is added before its vividness is divided by it: small regions choose
 first."""
 
-CLEAR = 25.0
+CLEAR = 40.0
 """CIEDE2000 between two families from which more makes no difference."""
 
-ALIKE, TURNED = 0.25, 0.1
+ALIKE, TURNED = 0.3, 0.1
 """Cost of two families that look the same in two regions that are seen together, and of an order of lightness that is
 turned by :data:`DECIDED`, where 1 is the difference of black and white."""
 
@@ -57,6 +57,14 @@ class Glimpse:
     """Share of the pixels of one region, in which the other is seen too, of the two the larger. (R, R)"""
     before: Floats
     """Share of the second's pixels in which the first lies before it. (R, R)"""
+    colours: Floats
+    """Their colours, CIELAB: the lightness with which they appear over white, the hue and chroma of what they are made
+    of. (R, 3)"""
+
+    def of(self, regions: Sequence[int]) -> Glimpse:
+        """Return what is seen of some of the regions."""
+        both = np.ix_(regions, regions)
+        return Glimpse(self.seen[list(regions)], self.together[both], self.before[both], self.colours[list(regions)])
 
     def encloses(self, first: int, second: int) -> bool:
         """Whether one region encloses another: it is before it in most of its pixels, and not the other way round."""
@@ -65,10 +73,12 @@ class Glimpse:
 
 def glimpse_of(scene: Scene) -> Glimpse:
     """Return what small views show of a scene with a palette network, as edited."""
-    count = len(scene.regions)
+    from skimage.color import rgb2lab
+
+    count, cameras = len(scene.regions), scene.rig.sphere(GLANCES, GLANCE)
     opacity = np.array([region.seen_opacity for region in scene.regions])
     seen, both, ahead, pixels = np.zeros(count), np.zeros((count,) * 2), np.zeros((count,) * 2), np.zeros(count)
-    for view in visible_from(scene, scene.rig.sphere(GLANCES, GLANCE), silent):
+    for view in visible_from(scene, cameras, silent):
         region, pixel = view.region.cpu().numpy().astype(np.int64), view.pixel.cpu().numpy().astype(np.int64)
         weight = view.weight.cpu().numpy().astype(np.float64) * opacity[region]
         shape = view.height * view.width, count
@@ -84,7 +94,11 @@ def glimpse_of(scene: Scene) -> Glimpse:
         for k in range(count):
             ahead[k] += (there & there[:, k : k + 1] & (first[:, k : k + 1] < first)).sum(0)
     share = np.maximum(pixels, 1.0)
-    return Glimpse(seen / max(seen.sum(), 1e-9), both / np.minimum(share[:, None], share), ahead / share)
+    own = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
+    colours = np.asarray(rgb2lab(own[None])[0], np.float64)
+    for k, one in seen_of(scene, [scene.render(camera, "pcn") for camera in cameras], WHITE).items():
+        colours[k, 0] = float(rgb2lab(one.colours[None])[0][:, 0] @ one.weights)
+    return Glimpse(seen / max(seen.sum(), 1e-9), both / np.minimum(share[:, None], share), ahead / share, colours)
 
 
 def difference_of(a: Family, b: Family) -> float:
@@ -93,24 +107,21 @@ def difference_of(a: Family, b: Family) -> float:
     return float(np.diag(colour_differences(lab_to_rgb(a.tones[:tones]), lab_to_rgb(b.tones[:tones]))).mean())
 
 
-def paired(
-    colours: Floats, glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int] | None = None
-) -> dict[int, int]:
+def paired(glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int] | None = None) -> dict[int, int]:
     """Return the family of each region; if there are fewer families than regions, some are shared.
 
     Args:
-        colours: Colours of the regions, RGB in [0, 1]. (R, 3)
-        glimpse: What is seen of them.
+        glimpse: What is seen of the regions.
         families: The picture's families.
         fixed: Region -> family where the user has chosen.
     """
-    costs = _Costs(colours, glimpse, families)
+    costs = _Costs(glimpse, families)
     fixed = dict(fixed or {})
-    free = [k for k in range(len(colours)) if k not in fixed]
+    free = [k for k in range(len(glimpse.seen)) if k not in fixed]
     left = [f for f in range(len(families)) if f not in fixed.values()]
     while len(left) < len(free):
         left += range(len(families))
-    chosen = np.zeros(len(colours), np.int64)
+    chosen = np.zeros(len(glimpse.seen), np.int64)
     chosen[list(fixed)] = list(fixed.values())
     if perm(len(left), len(free)) <= MOST_TRIED:
         tried = np.array(list(permutations(left, len(free)))).reshape(-1, len(free))
@@ -147,22 +158,19 @@ def _improved(costs: _Costs, chosen: NDArray[np.int64], free: Sequence[int], lef
 class _Costs:
     """Costs of pairings."""
 
-    def __init__(self, colours: Floats, glimpse: Glimpse, families: Sequence[Family]) -> None:
-        from skimage.color import rgb2lab
-
-        scale = np.array([LIGHTNESS, HUES, HUES])
-        self.regions, self.families = oklab(colours) * scale, np.stack([
-            oklab(lab_to_rgb(one.mean).astype(np.float64)) * scale for one in families
-        ])  # fmt: skip
+    def __init__(self, glimpse: Glimpse, families: Sequence[Family]) -> None:
+        self.regions, self.families = (
+            features_of(colours) for colours in (glimpse.colours, np.stack([one.mean for one in families]))
+        )
         chroma = np.hypot(*self.regions[:, 1:].T)
         weight = (0.02 + np.square(chroma)) / (PROMINENT + glimpse.seen) * (glimpse.seen > 0.0)
         self.weight = weight / max(weight.sum(), 1e-9)
-        count = len(colours)
+        count = len(glimpse.seen)
         apart = np.array([[difference_of(a, b) for b in families] for a in families])
         self.alike = ALIKE * np.square(1.0 - np.minimum(apart / CLEAR, 1.0))
         # Every two regions are told apart, those that are seen through or before one another above all.
         self.pairs = np.triu(0.3 + 0.7 * glimpse.together, 1) * np.outer(glimpse.seen > 0.0, glimpse.seen > 0.0)
-        light, tone = rgb2lab(colours[None])[0][:, 0], np.array([one.mean[0] for one in families])
+        light, tone = glimpse.colours[:, 0], np.array([one.mean[0] for one in families])
         order = np.array([[glimpse.encloses(a, b) for b in range(count)] for a in range(count)], float)
         self.order = order * np.clip((light[:, None] - light) / DECIDED, -1.0, 1.0)
         self.lighter = np.clip((tone[:, None] - tone) / DECIDED, -1.0, 1.0)
@@ -198,20 +206,19 @@ def completed(families: Sequence[Family], pairs: Mapping[int, int]) -> list[Fami
 
 
 def best_division(
-    divisions: Sequence[Sequence[Family]], colours: Floats, glimpse: Glimpse, extra: Sequence[float]
+    divisions: Sequence[Sequence[Family]], glimpse: Glimpse, extra: Sequence[float]
 ) -> tuple[Sequence[Family], dict[int, int]]:
     """Return the division whose families fit the regions best, and the family of each region.
 
     Args:
         divisions: Ways to divide a picture.
-        colours: Colours of the regions, RGB in [0, 1]. (R, 3)
-        glimpse: What is seen of them.
+        glimpse: What is seen of the regions.
         extra: What each way costs beside how its families fit.
     """
     found = []
     for number, families in enumerate(divisions):
-        pairs = paired(colours, glimpse, families)
-        cost = float(_Costs(colours, glimpse, families).of(np.array([list(pairs.values())]))[0])
+        pairs = paired(glimpse, families)
+        cost = float(_Costs(glimpse, families).of(np.array([list(pairs.values())]))[0])
         found.append((cost + extra[number], number, pairs))
     _, number, pairs = min(found, key=lambda one: one[:2])
     return divisions[number], pairs

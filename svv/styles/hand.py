@@ -67,6 +67,9 @@ CIELAB between two of them."""
 FLAT, EVEN = 0.75, 10.0
 """Fraction of the picture, and deviation of lightness around a pixel, up to which a pixel shows one ink alone."""
 
+NEARLY = 0.03
+"""Fraction of strokes that are darker than nearly the darkest, and so on."""
+
 LEAST_CONTRAST = 1.0
 """Contrast in units of lightness below which strokes cannot be seen: such a picture is called plain."""
 
@@ -116,6 +119,9 @@ class Hand:
     """Anticlockwise angles of these strokes from the horizontal, in radians, in [0, pi). (N,)"""
     coherences: Floats
     """Consistency of the directions around them, in [0, 1]. (N,)"""
+    gamut: tuple[float, float, float] = field(default=(0.0, 100.0, 130.0), kw_only=True)
+    """Lightness of nearly its darkest and lightest strokes, and chroma of nearly its most vivid ones, CIELAB: in the
+    whole picture, if this is the hand of one of its areas."""
     technique: HandName = field(default="oil", kw_only=True)
     """The technique in which it is painted."""
 
@@ -208,7 +214,13 @@ def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None =
         *_uses(lab, inside),
         np.array(palette, np.float32), colours[tones <= 0.03].mean(0).astype(np.float32),
         *(np.asarray(values, np.float32) for values in (colours, places, tones, angles, coherences)),
+        gamut=_gamut(colours),
     )  # fmt: skip
+
+
+def _gamut(colours: Floats) -> tuple[float, float, float]:
+    low, high = np.quantile(colours[:, 0], (NEARLY, 1.0 - NEARLY)).tolist()
+    return low, high, float(np.quantile(np.hypot(colours[:, 1], colours[:, 2]), 1.0 - NEARLY))
 
 
 class _Scale:

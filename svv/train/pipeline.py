@@ -256,7 +256,7 @@ def _stylize_alone(
                 for v in order.pairs.values()
                 if order.masks[v] is not None and not order.inputs[v].divided
             }
-        ),  # fmt: skip
+        ),
         manner={str(k): order.manner(k) if network is None else "matched" for k in order.pairs},
         hand={str(k): hand.technique for k, hand in order.hands.items()},
         stroke_size=asked.stroke_size,

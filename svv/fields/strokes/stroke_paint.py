@@ -113,10 +113,10 @@ class StrokePaint:
         cells, grid = cells_near(self.strokes.where, self.reach)
         return grid[tuple((place * cells).astype(np.int64).clip(0, cells).T)]
 
-    def with_strokes(self, strokes: Strokes) -> StrokePaint:
-        """Return the paint of strokes that differ only in their colours."""
+    def with_strokes(self, strokes: Strokes, brush: Brush) -> StrokePaint:
+        """Return the paint of strokes and a brush that differ only in their colours."""
         other = copy.copy(self)
-        other.strokes, other._there = strokes, {}
+        other.strokes, other.brush, other._there = strokes, brush, {}
         return other
 
     @cached_property

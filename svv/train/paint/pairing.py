@@ -20,6 +20,7 @@ from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import seen_of
 from svv.styles.families import Family, features_of, joined
 from svv.train.match.stylize import visible_from
+from svv.train.paint.view_pixels import ViewPixels
 
 GLANCES, GLANCE = 6, 64
 """Number of views in which it is seen which region encloses which, and their side in pixels."""
@@ -54,9 +55,9 @@ class Glimpse:
     seen: Floats
     """How much of what is visible each region is; they sum to 1. (R,)"""
     together: Floats
-    """Share of the pixels of one region, in which the other is seen too, of the two the larger. (R, R)"""
-    before: Floats
-    """Share of the second's pixels in which the first lies before it. (R, R)"""
+    """Share of the pixels of one region in which another is seen too, of the two the larger. (R, R)"""
+    encloses: NDArray[np.bool_]
+    """Whether one region encloses another. (R, R)"""
     colours: Floats
     """Their colours, CIELAB: the lightness with which they appear over white, the hue and chroma of what they are made
     of. (R, 3)"""
@@ -64,41 +65,22 @@ class Glimpse:
     def of(self, regions: Sequence[int]) -> Glimpse:
         """Return what is seen of some of the regions."""
         both = np.ix_(regions, regions)
-        return Glimpse(self.seen[list(regions)], self.together[both], self.before[both], self.colours[list(regions)])
-
-    def encloses(self, first: int, second: int) -> bool:
-        """Whether one region encloses another: it is before it in most of its pixels, and not the other way round."""
-        return bool(self.before[first, second] > 0.5 and self.before[first, second] > 1.5 * self.before[second, first])
+        return Glimpse(self.seen[list(regions)], self.together[both], self.encloses[both], self.colours[list(regions)])
 
 
 def glimpse_of(scene: Scene) -> Glimpse:
     """Return what small views show of a scene with a palette network, as edited."""
     from skimage.color import rgb2lab
 
-    count, cameras = len(scene.regions), scene.rig.sphere(GLANCES, GLANCE)
+    cameras = scene.rig.sphere(GLANCES, GLANCE)
     opacity = np.array([region.seen_opacity for region in scene.regions])
-    seen, both, ahead, pixels = np.zeros(count), np.zeros((count,) * 2), np.zeros((count,) * 2), np.zeros(count)
-    for view in visible_from(scene, cameras, silent):
-        region, pixel = view.region.cpu().numpy().astype(np.int64), view.pixel.cpu().numpy().astype(np.int64)
-        weight = view.weight.cpu().numpy().astype(np.float64) * opacity[region]
-        shape = view.height * view.width, count
-        index = pixel * count + region
-        inside = np.bincount(index, weight, shape[0] * count).reshape(shape)
-        first = np.full(shape[0] * count, len(index))
-        np.minimum.at(first, index, np.arange(len(index)))
-        first = first.reshape(shape)
-        there = inside > 0.02
-        seen += inside.sum(0)
-        pixels += there.sum(0)
-        both += there.T.astype(np.float64) @ there
-        for k in range(count):
-            ahead[k] += (there & there[:, k : k + 1] & (first[:, k : k + 1] < first)).sum(0)
-    share = np.maximum(pixels, 1.0)
+    pixels = ViewPixels(visible_from(scene, cameras, silent), opacity)
     own = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
     colours = np.asarray(rgb2lab(own[None])[0], np.float64)
     for k, one in seen_of(scene, [scene.render(camera, "pcn") for camera in cameras], WHITE).items():
         colours[k, 0] = float(rgb2lab(one.colours[None])[0][:, 0] @ one.weights)
-    return Glimpse(seen / max(seen.sum(), 1e-9), both / np.minimum(share[:, None], share), ahead / share, colours)
+    seen = pixels.inside.sum(0)
+    return Glimpse(seen / max(seen.sum(), 1e-9), pixels.together, pixels.encloses, colours)
 
 
 def difference_of(a: Family, b: Family) -> float:
@@ -165,14 +147,12 @@ class _Costs:
         chroma = np.hypot(*self.regions[:, 1:].T)
         weight = (0.02 + np.square(chroma)) / (PROMINENT + glimpse.seen) * (glimpse.seen > 0.0)
         self.weight = weight / max(weight.sum(), 1e-9)
-        count = len(glimpse.seen)
         apart = np.array([[difference_of(a, b) for b in families] for a in families])
         self.alike = ALIKE * np.square(1.0 - np.minimum(apart / CLEAR, 1.0))
         # Every two regions are told apart, those that are seen through or before one another above all.
         self.pairs = np.triu(0.3 + 0.7 * glimpse.together, 1) * np.outer(glimpse.seen > 0.0, glimpse.seen > 0.0)
         light, tone = glimpse.colours[:, 0], np.array([one.mean[0] for one in families])
-        order = np.array([[glimpse.encloses(a, b) for b in range(count)] for a in range(count)], float)
-        self.order = order * np.clip((light[:, None] - light) / DECIDED, -1.0, 1.0)
+        self.order = glimpse.encloses * np.clip((light[:, None] - light) / DECIDED, -1.0, 1.0)
         self.lighter = np.clip((tone[:, None] - tone) / DECIDED, -1.0, 1.0)
 
     def of(self, pairings: NDArray[np.int64]) -> Floats:

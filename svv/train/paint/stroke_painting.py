@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from svv.core.colour.colour import colour_differences, lab_to_rgb
+from svv.core.colour.colour import lab_to_rgb
+from svv.core.colour.colour_vision import LEAST_DIFFERENCE
 from svv.errors import Progress, part
+from svv.fields.scene.region import Region, label_of
 from svv.fields.scene.scene import Scene
 from svv.styles.hand import Hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import CLEAR, Brushwork, Painter
 from svv.train.paint.surface_form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
-from svv.train.paint.toning import toned
+from svv.train.paint.toning import Laid, Toned, toned
 from svv.train.paint.visible_surface import VisibleSurface, visible_surface
 
 WIDTH, PICTURE = 10.0, 800.0
@@ -42,9 +43,6 @@ longer follows them: strokes are cut up there, and the form is all in the opacit
 SKY = 0.5
 """Fraction of the picture, from its top, whose light strokes give fog its colour."""
 
-APART = 10.0
-"""CIEDE2000 between the mean colours of two regions below which they look alike."""
-
 
 @dataclass(frozen=True, eq=False)
 class PaintedRegion:
@@ -54,8 +52,6 @@ class PaintedRegion:
     """The strokes; None for an even wash."""
     flat: Floats | None
     """Colour of the wash, RGB. (3,)"""
-    mean: NDArray[np.float64] | None
-    """Mean colour that views show, CIELAB; None if hardly anything is visible. (3,)"""
     glaze: float = 0.0
     """How much the region's opacity is to follow the strokes, from 0 for what is opaque."""
 
@@ -77,7 +73,7 @@ class Brushing:
     """
 
     def __init__(self, scene: Scene, views: Sequence[StyledView], size: float, cell: float, seed: int) -> None:
-        self.views, self.cell, self.seed = views, cell, seed
+        self.scene, self.views, self.cell, self.seed = scene, views, cell, seed
         self.width = stroke_width(scene, size)
         self.cells = grid_cells(scene.occupancy)
         self.opacity = opacity_grid(scene.base, scene.occupancy, self.cells)
@@ -89,16 +85,30 @@ class Brushing:
 
         Notes say which regions are washed because they are fog, and which look alike.
         """
-        found = {}
+        found: dict[int, PaintedRegion] = {}
+        laid: dict[int, Laid] = {}
         for number, (region, hand) in enumerate(hands.items()):
-            told = part(progress, number / len(hands), (number + 1) / len(hands))
+            told = part(progress, 0.8 * number / len(hands), 0.8 * (number + 1) / len(hands))
             one = self._region(region, hand, told)
-            if one is not None:
+            if isinstance(one, PaintedRegion):
                 found[region] = one
-        self.notes += alike({k: one.mean for k, one in found.items() if one.mean is not None})
-        return found
+            elif one is not None:
+                laid[region], glaze = one
+                found[region] = PaintedRegion(None, None, glaze)
+        progress(0.8, "tones")
+        regions = self.scene.regions
+        colours = np.array([region.edited_colour or region.colour for region in regions], np.float64)
+        flats = colours.copy()
+        for region, washed in found.items():
+            if washed.flat is not None:
+                flats[region] = washed.flat
+        opacity = np.array([region.seen_opacity for region in regions])
+        done = toned(laid, self.views, colours, flats, opacity, self.cell)
+        self.notes += alike(regions, done)
+        return {k: replace(one, work=done.laid[k].work) if k in laid else one for k, one in found.items()}
 
-    def _region(self, region: int, hand: Hand, progress: Progress) -> PaintedRegion | None:
+    def _region(self, region: int, hand: Hand, progress: Progress) -> PaintedRegion | tuple[Laid, float] | None:
+        """Return an even wash, or strokes and how much the opacity is to follow them; None if it is not seen."""
         progress(0.0, "laying strokes")
         surface = visible_surface(self.views, region, self.form, self.width)
         if surface is None or len(surface) < 2:
@@ -124,14 +134,13 @@ class Brushing:
             )
             return _washed(hand)
         clear = 1.0 - min(alpha / CLEAR, 1.0)
-        work, shown = toned(work, hand, self.views, region, self.cell, clear)
         glaze = glaze_of(work.brush.body == 1.0, clear, deep, painter.crumpled)
         if glaze > 0.0:
             self.notes.append(
                 f"Region {region} is translucent, so its strokes are more opaque than the ground between them: svv "
                 "edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
             )
-        return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
+        return Laid(work, hand, clear), glaze
 
 
 def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
@@ -162,17 +171,14 @@ def _washed(hand: Hand) -> PaintedRegion:
     """Return an even wash: the mean of the lighter strokes in the upper part of the picture."""
     top = hand.places[:, 1] >= (1.0 - SKY) * float(hand.places[:, 1].max())
     light = hand.colours[top & (hand.tones >= np.median(hand.tones[top]))].mean(0)
-    return PaintedRegion(None, lab_to_rgb(light), light)
+    return PaintedRegion(None, lab_to_rgb(light))
 
 
-def alike(means: Mapping[int, NDArray[np.float64]]) -> list[str]:
-    """Return a sentence about each two regions whose mean colours, CIELAB, differ by less than :data:`APART`."""
-    regions = sorted(means)
-    if len(regions) < 2:
-        return []
-    colours = np.stack([lab_to_rgb(means[k]) for k in regions])
-    away = colour_differences(colours, colours)
+def alike(regions: Sequence[Region], toned: Toned) -> list[str]:
+    """Return a sentence about each two regions that look more alike than they should."""
     return [
-        f"Regions {a} and {b} are hard to tell apart (CIEDE2000 {away[i, j]:.0f}): give one of them another style."
-        for i, a in enumerate(regions) for j, b in enumerate(regions) if i < j and away[i, j] < APART
-    ]  # fmt: skip
+        f"{label_of(regions, a)} and {label_of(regions, b)} are hard to tell apart (CIEDE2000 {away:.0f}): give one of "
+        "them another style."
+        for (a, b), away in toned.apart.items()
+        if away < min(toned.asked[a, b], LEAST_DIFFERENCE)
+    ]

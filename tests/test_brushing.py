@@ -21,7 +21,7 @@ from svv.train.paint.brushwork import NARROWEST, WIDEST, Painter
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.paint.painting import _owners, _owners_at
 from svv.train.paint.picture_map import PictureMap
-from svv.train.paint.stroke_painting import alike, stroke_width
+from svv.train.paint.stroke_painting import stroke_width
 from svv.train.paint.toning import retoned
 from svv.train.paint.visible_surface import BENT, VisibleSurface, surface_of
 from svv.train.pipeline import stylize_scene
@@ -215,13 +215,6 @@ def test_retoning_changes_lightness_as_asked_and_not_hue() -> None:
     assert brighter[0] == pytest.approx(lab[0] + 12.0, abs=0.3)
     assert brighter[1:] == pytest.approx(lab[1:], abs=0.5)
     assert rgb2lab(retoned(stroke, 1.3, 1.0, 0.0).colour)[0] == pytest.approx(lab, abs=0.3)  # it is its own mean
-
-
-def test_regions_that_look_alike_are_named() -> None:
-    means = {0: np.array([50.0, 10.0, 10.0]), 1: np.array([52.0, 11.0, 10.0]), 3: np.array([50.0, -40.0, 10.0])}
-    (said,) = alike(means)
-    assert said.startswith("Regions 0 and 1 are hard to tell apart")
-    assert alike({0: means[0]}) == []
 
 
 # --- scenes ----------------------------------------------------------------------------------------------------------

@@ -17,8 +17,7 @@ from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import Brushwork
-from svv.train.paint.legibility import AWAY
-from svv.train.paint.stroke_painting import alike
+from svv.train.paint.legibility import AWAY, alike
 from svv.train.paint.toning import Laid, Toned, toned
 from svv.train.paint.view_pixels import ViewPixels
 
@@ -121,8 +120,8 @@ def test_what_encloses_stays_lighter_than_what_it_encloses(hand: Hand) -> None:
 
 def test_regions_that_look_alike_are_named() -> None:
     regions = [Region(colour, 1.0 / 3.0) for colour in (RED, BLUE, (0.0, 1.0, 0.0))]
-    found = Toned({}, {(0, 1): 7.2, (0, 2): 30.0, (1, 2): 3.0}, {(0, 1): 12.0, (0, 2): 12.0, (1, 2): 2.0})
-    (said,) = alike(regions, found)
+    apart, asked = {(0, 1): 7.2, (0, 2): 30.0, (1, 2): 3.0}, {(0, 1): 12.0, (0, 2): 12.0, (1, 2): 2.0}
+    (said,) = alike(regions, apart, asked)
     assert said.startswith("Region 0 and Region 1 are hard to tell apart (CIEDE2000 7)")
 
 

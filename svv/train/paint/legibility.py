@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 
 from svv.core.colour.colour import colour_differences, lab_to_rgb
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE
+from svv.fields.scene.region import Region, label_of
 from svv.train.paint.view_pixels import ViewPixels
 
 FEWEST = 16
@@ -229,3 +230,21 @@ def _quantiles(lab: Floats) -> Floats:
     at = ((np.arange(QUANTILES) + 0.5) / QUANTILES * len(ordered)).astype(np.int64)
     wide = max(len(ordered) // (2 * QUANTILES), 0)
     return np.stack([ordered[max(k - wide, 0) : k + wide + 1].mean(0) for k in at])
+
+
+def alike(
+    regions: Sequence[Region], apart: Mapping[tuple[int, int], float], asked: Mapping[tuple[int, int], float]
+) -> list[str]:
+    """Return a sentence about each two regions that look more alike than they should.
+
+    Args:
+        regions: The regions.
+        apart: CIEDE2000 between each two.
+        asked: What it should be.
+    """
+    return [
+        f"{label_of(regions, a)} and {label_of(regions, b)} are hard to tell apart (CIEDE2000 {away:.0f}): give one of "
+        "them another style."
+        for (a, b), away in apart.items()
+        if away < min(asked[a, b], LEAST_DIFFERENCE)
+    ]

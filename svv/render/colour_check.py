@@ -120,11 +120,11 @@ def seen_of(scene: Scene, pictures: Sequence[Rendering], background: Sequence[fl
         # Pixels at the border of a region show the background above all.
         own = own[own[:, 3] >= 0.5 * np.percentile(own[:, 3], 90)]
         colours = over(own, background)
-        found[number] = Seen(label_of(scene.regions, number), *_clusters(colours, own[:, 3]))
+        found[number] = Seen(label_of(scene.regions, number), *clustered(colours, own[:, 3]))
     return found
 
 
-def _clusters(colours: NDArray[np.floating], weights: NDArray[np.floating]) -> tuple[Array, Array]:
+def clustered(colours: NDArray[np.floating], weights: NDArray[np.floating]) -> tuple[Array, Array]:
     """Return at most :data:`COLOURS` colours that stand for many (N, 3), and their weights."""
     from scipy.cluster.vq import kmeans2
 

@@ -368,7 +368,9 @@ def task_scene(name: str) -> tuple[TaskScene, Camera]:
     """
     kind, _, seed = name.rpartition("-")
     if kind not in KINDS or not (seed.isascii() and seed.isdigit() and len(seed) < 10):
-        raise BadInput(f"'{name}' is not a generated scene: give KIND-SEED, such as shells-0; kinds: {', '.join(KINDS)}.")
+        raise BadInput(
+            f"'{name}' is not a generated scene: give KIND-SEED, such as shells-0; kinds: {', '.join(KINDS)}."
+        )
     for attempt in range(ATTEMPTS):
         scene = KINDS[kind](np.random.default_rng([sorted(KINDS).index(kind), int(seed), attempt]))
         camera = best_camera(scene)

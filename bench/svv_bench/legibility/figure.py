@@ -68,7 +68,7 @@ class Legibility:
     apart: float
     contrast: float
     order: float
-    smallest: dict[str, float]
+    smallest: Mapping[VisionName, float]
     """Smallest CIEDE2000 between two regions in each way of seeing them."""
 
     @property

@@ -369,7 +369,7 @@ def task_scene(name: str) -> tuple[TaskScene, Camera]:
     kind, _, seed = name.rpartition("-")
     if kind not in KINDS or not (seed.isascii() and seed.isdigit() and len(seed) < 10):
         raise BadInput(
-            f"'{name}' is not a generated scene: give KIND-SEED, such as shells-0; kinds: {', '.join(KINDS)}."
+            f"'{name}' is no generated scene: give a kind ({', '.join(KINDS)}) and a seed, such as shells-0."
         )
     for attempt in range(ATTEMPTS):
         scene = KINDS[kind](np.random.default_rng([sorted(KINDS).index(kind), int(seed), attempt]))

@@ -1,8 +1,9 @@
 """Paintings judged by tasks: sheets with questions whose answers are known, and the evaluation of answers.
 
-``write_sheets`` writes a folder for each judge: sheets of one picture each, in shuffled order and without names. A judge
-sees each scene in one way only (rendered, painted like this or like that), and of as many judges as there are ways each
-sees it in another one (a Latin square). ``score`` counts right answers and how often the figure of legibility agrees.
+``write_sheets`` writes a folder for each judge: sheets of one picture each, in shuffled order and without names. A
+judge sees each scene in one way only (rendered, painted like this or like that), and of as many judges as there are
+ways each sees it in another one (a Latin square). ``score`` counts right answers and how often the figure of legibility
+agrees.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from svv.io.files.atomic import check_writable, make_folder, write_json
 from svv.io.pictures.output import write_png
 from svv.render.pictures import Picture, over_white
 from svv_bench.legibility.figure import VIEW_SIZE, Yardstick
-from svv_bench.legibility.scenes import Mark, Question, TaskScene, task_scene
+from svv_bench.legibility.scenes import Mark, TaskScene, task_scene
 from svv_bench.styles.blind import check_places, percent, read_object, share
 from svv_bench.styles.table import markdown
 
@@ -35,7 +36,7 @@ ANSWERS, READ_ME = "answers.json", "README.txt"
 DONT_KNOW = "?"
 """The answer of a judge who cannot tell; it is not right."""
 
-INSTRUCTIONS = f"""Look at each picture (001.png, 002.png ...) and answer the questions below it, from the picture alone.
+INSTRUCTIONS = f"""Look at each picture (001.png, 002.png ...) and answer the questions below it from the picture alone.
 
 Write one of the choices for every question into {ANSWERS}, as text, for example {{"001": {{"1": "4", "2": "B"}}}}.
 If a picture does not tell, take the most likely choice; write "{DONT_KNOW}" only if you see nothing at all.
@@ -131,9 +132,8 @@ def write_sheets(
         for number, index in enumerate(order):
             write_png(folder / f"{number + 1:03d}.png", sheets[index][whose[index]])
         (folder / READ_ME).write_text(INSTRUCTIONS, encoding="utf-8")
-        blank = {
-            f"{n + 1:03d}": {str(q + 1): None for q in range(len(cases[i]["questions"]))} for n, i in enumerate(order)
-        }
+        asked = [len(cases[index]["questions"]) for index in order]
+        blank = {f"{n + 1:03d}": {str(q + 1): None for q in range(count)} for n, count in enumerate(asked)}
         write_json(folder / ANSWERS, blank)
         shown.append([{"scene": int(index), "way": whose[index]} for index in order])
     write_json(key, {"seed": seed, "ways": [way.resolve().name for way in ways], "scenes": cases, "judges": shown})
@@ -297,17 +297,27 @@ def agreement(
 
 def report(found: Mapping[str, Any]) -> str:
     """Format the tables of :func:`score` as Markdown."""
-    ways = found["ways"]
-    lines = [{"way": way, "right": f"{r['right']} of {r['of']}", "share": percent(r["share"]), "guessed": percent(r["guessed"]),
-              "95 % interval": f"{percent(r['low'])} to {percent(r['high'])}", "legibility": f"{r['legibility']:.2f}"}
-             for way, r in ways.items()]  # fmt: skip
-    tables = [markdown(lines, "way", ("right", "share", "95 % interval", "guessed", "legibility"))]
-    kinds = [
-        {"question": k, **{w: f"{r['right']} of {r['of']}" for w, r in v.items()}}
-        for k, v in found["questions"].items()
+    ways, interval = found["ways"], "95 % interval"
+    lines = [
+        {"way": way, **_shown(r, "right"), "guessed": percent(r["guessed"]), "legibility": f"{r['legibility']:.2f}"}
+        for way, r in ways.items()
     ]
-    tables.append(markdown(kinds, "question", list(ways)))
-    parts = [{"figure": name, "agreed": f"{r['agreed']} of {r['of']}", "share": percent(r["share"]),
-              "95 % interval": f"{percent(r['low'])} to {percent(r['high'])}"} for name, r in found["figures"].items()]  # fmt: skip
-    tables.append(markdown(parts, "figure", ("agreed", "share", "95 % interval")))
+    kinds = [
+        {"question": what, **{way: _shown(r, "right")["right"] for way, r in each.items()}}
+        for what, each in found["questions"].items()
+    ]
+    parts = [{"figure": name, **_shown(r, "agreed")} for name, r in found["figures"].items()]
+    tables = (
+        markdown(lines, "way", ("right", "share", interval, "guessed", "legibility")),
+        markdown(kinds, "question", list(ways)),
+        markdown(parts, "figure", ("agreed", "share", interval)),
+    )
     return "\n\n".join(tables) + "\n"
+
+
+def _shown(counted: Mapping[str, Any], what: str) -> dict[str, str]:
+    """Format the result of :func:`svv_bench.styles.blind.share`."""
+    return {
+        what: f"{counted[what]} of {counted['of']}", "share": percent(counted["share"]),
+        "95 % interval": f"{percent(counted['low'])} to {percent(counted['high'])}",
+    }  # fmt: skip

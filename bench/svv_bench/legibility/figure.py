@@ -8,7 +8,8 @@ region that it hides has the colours of what is seen instead. The figure is the 
     rendering's, the smallest fraction over all pairs and over normal vision and the three deficiencies.
 ``contrast``
     How well regions stand out where they end: the CIEDE2000 between the pixels just inside and just outside their
-    silhouettes, tile by tile, as a fraction of the volume rendering's. Mean over the regions, however small they are.
+    silhouettes, tile by tile, less what strokes alone give beside it, as a fraction of the volume rendering's. Mean
+    over the regions, however small they are.
 ``order``
     Whether what is enclosed is lighter or darker than what encloses it, as in the volume rendering: between 1/2 (all
     reversed) and 1 (all kept), weighted by the volume rendering's difference.
@@ -115,11 +116,7 @@ class Yardstick:
         """Compare pictures of the same views with the volume rendering."""
         own, found = self._own, _Measured(self.pictures, pictures)
         apart = [_fraction(found.pairs[pair], min(d, CLEAR)) for pair, d in own.pairs.items() if d >= LEAST]
-        contrast = [
-            _fraction(float(np.minimum(found.edges[k], CLEAR).sum()), float(np.minimum(edge, CLEAR).sum()))
-            for k, edge in own.edges.items()
-            if edge.sum() > 0
-        ]
+        contrast = [max(0.0, _fraction(found.edges[k], edge)) for k, edge in own.edges.items() if edge >= LEAST]
         kept = weights = 0.0
         for outer, inner in self.enclosing:
             if outer in own.light and inner in own.light:
@@ -151,7 +148,7 @@ class _Measured:
     """What pictures show at the places where the volume rendering shows each region.
 
     ``light``: lightness of each region that is visible. ``pairs``: CIEDE2000 of each two, in each way of seeing them.
-    ``edges``: CIEDE2000 along the silhouette of each, in each tile of each view.
+    ``edges``: how far each stands out along its silhouette, the mean of :func:`_along` over all views.
     """
 
     def __init__(self, reference: Sequence[Rendering], pictures: Sequence[Rendering]) -> None:
@@ -160,13 +157,14 @@ class _Measured:
         regions = np.stack([picture.region for picture in reference])
         seen = {}
         self.light: dict[int, float] = {}
-        self.edges: dict[int, Array] = {}
+        self.edges: dict[int, float] = {}
         for region in np.unique(regions[regions >= 0]).tolist():
             # Pixels at the border of a region show the background above all.
             own = (regions == region) & (alpha >= 0.5 * np.percentile(alpha[regions == region], 90))
             seen[region] = _main(colours[own])
             self.light[region] = float(oklab(colours[own])[:, 0].mean())
-            self.edges[region] = np.array([d for c, r in zip(colours, regions) for d in _along(c, r == region)])
+            edges = [d for c, r in zip(colours, regions) for d in _along(c, r == region)]
+            self.edges[region] = float(np.mean(edges)) if edges else 0.0
         self.pairs = {
             (a, b, vision): _difference(seen[a], seen[b], vision)
             for a, b in combinations(seen, 2)
@@ -186,17 +184,24 @@ def _difference(one: tuple[Array, Array], other: tuple[Array, Array], vision: Vi
 
 
 def _along(colours: NDArray[np.floating], mask: Bool) -> Iterator[float]:
-    """Yield the CIEDE2000 between the inside and the outside of a silhouette (h, w)in each tile."""
+    """Yield the CIEDE2000 across a silhouette (h, w) in each tile, less what strokes alone would give.
+
+    Across is between the bands just inside and just outside; the strokes' is between that outside and a band beyond it.
+    A picture that has nothing to do with the region has 0 in the mean.
+    """
     cross, width = generate_binary_structure(2, 1), max(1, round(BAND * mask.shape[1]))
     inside = mask & ~binary_erosion(mask, cross, width, border_value=1)
-    outside = binary_dilation(mask, cross, width) & ~mask
+    near, far = (binary_dilation(mask, cross, n * width) for n in (1, 2))
+    bands = inside, near & ~mask, far & ~near
     side = max(1, round(TILE * mask.shape[1]))
     for top in range(0, mask.shape[0], side):
         for left in range(0, mask.shape[1], side):
             tile = np.s_[top : top + side, left : left + side]
-            within, beyond = colours[tile][inside[tile]], colours[tile][outside[tile]]
-            if min(len(within), len(beyond)) >= FEWEST:
-                yield _difference(_main(within), _main(beyond), "normal")
+            parts = [colours[tile][band[tile]] for band in bands]
+            if min(map(len, parts)) >= FEWEST:
+                within, beyond, farther = map(_main, parts)
+                across, strokes = (min(CLEAR, _difference(beyond, c, "normal")) for c in (within, farther))
+                yield across - strokes
 
 
 def enclosures(silhouettes: Sequence[Bool]) -> list[tuple[int, int]]:

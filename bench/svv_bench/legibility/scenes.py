@@ -80,8 +80,8 @@ class Mark:
     at: Point
     part: int
     """Number of the range that is visible there."""
-    beyond: float = 0.0
-    """Least distance from the line of sight through the middle."""
+    beside: tuple[Point, float] | None = None
+    """A place, and how far from the line of sight through it the mark lies at least."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ TRACE = "A tube starts at the ring S. Follow it: at which of the rings does it e
 
 
 def shells(random: np.random.Generator) -> TaskScene:
-    """Return two nested skins, two tubes wound between them, and three balls, one of which is inside the inner skin."""
+    """Return two nested skins, two tubes wound between them, and three balls, one of which is in the inner skin."""
     phase, turns, first = random.uniform(0, 6), random.uniform(0.7, 1.2), random.uniform(0, 2 * np.pi)
     tubes = []
     for start in (first, first + np.pi):
@@ -191,20 +191,20 @@ def shells(random: np.random.Generator) -> TaskScene:
         height, angle = np.radians(-62 + 124 * along), start + 2 * np.pi * turns * along
         ring = np.stack([np.cos(height) * np.cos(angle), np.sin(height), np.cos(height) * np.sin(angle)], axis=1)
         tubes.append(0.74 * ring)
-    inner = _spread(random, 1, 0.25, 0.0)
+    aside = random.normal(size=3)
+    centre = 0.26 * aside / np.linalg.norm(aside)
+    winding = cKDTree(np.concatenate(tubes))
     while True:
-        around = random.normal(size=(2, 3))
-        around *= 0.66 / np.linalg.norm(around, axis=1)[:, None]
-        clear = cKDTree(np.concatenate(tubes)).query(around)[0].min()
-        if clear > 0.2 and np.linalg.norm(around[0] - around[1]) > 0.5:
+        around = np.array(_spread(random, 2, 0.64, 0.4))
+        if winding.query(around)[0].min() > 0.18 and np.linalg.norm(around - centre, axis=1).min() > 0.58:
             break
-    places = [inner[0], *(_point(place) for place in around)]
+    inner = centre + _spread(random, 1, 0.17, 0.0)[0]
+    places = [_point(place) for place in (inner, *around)]
 
     def values(point: Array) -> Array:
-        radius = _length(point)
-        skins = _skin(0.9 - radius) + _skin(0.46 - radius * _dented(point, phase))
-        balls = np.minimum(_to_balls(point, places[:1], 0.13), _to_balls(point, places[1:], 0.09))
-        return _put(_put(skins, BALL, balls), TUBE, _to_curves(point, tubes, 0.045))
+        from_centre = point - np.reshape(centre, (3,) + (1,) * (point.ndim - 1))
+        skins = _skin(0.9 - _length(point)) + _skin(0.4 - _length(from_centre) * _dented(point, phase))
+        return _put(_put(skins, BALL, _to_balls(point, places, 0.1)), TUBE, _to_curves(point, tubes, 0.045))
 
     ranges = (TUBES, _skin_range(0, 0.05, BEIGE), _skin_range(1, 0.12, BLUE), BALLS)
     marks, trace = _end(
@@ -212,7 +212,7 @@ def shells(random: np.random.Generator) -> TaskScene:
     )  # fmt: skip
     order = random.permutation(3)
     for number, k in enumerate(order):
-        marks[str(number + 1)] = Mark(places[k], 3, 0.56 if k else 0.0)
+        marks[str(number + 1)] = Mark(places[k], 3, (_point(centre), 0.54) if k else None)
     inside = str(list(order).index(0) + 1)
     text = "There are two skins, one inside the other. Which ball lies inside the inner skin?"
     return TaskScene(
@@ -395,9 +395,12 @@ def _spread_of(scene: TaskScene, camera: Camera) -> float:
     """Return the smallest distance of two marks in widths of the picture, 0 if one is not where it must be."""
     away = -camera.camera_to_world[:3, 2]
     places = np.array([mark.at for mark in scene.marks.values()]).reshape(-1, 3)
-    aside = np.linalg.norm(places - (places @ away)[:, None] * away, axis=1)
-    if (aside < [mark.beyond for mark in scene.marks.values()]).any():
-        return 0.0
+    for mark in scene.marks.values():
+        if (
+            mark.beside is not None
+            and np.linalg.norm(np.cross(away, np.subtract(mark.at, mark.beside[0]))) < mark.beside[1]
+        ):
+            return 0.0
     shown = _in_widths(camera, places)
     for curve in scene.curves if len(places) else ():
         passing = np.linalg.norm(places[:, None] - curve, axis=2) > OWN

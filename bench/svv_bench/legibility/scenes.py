@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import grey_dilation, label
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
+from scipy.spatial.transform import Rotation
 
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.errors import BadInput
@@ -94,6 +95,8 @@ class TaskScene:
     """Their letters or numbers."""
     curves: Sequence[Array] = ()
     """Middles of its tubes: none but its own passes near a mark in the picture. (n, 3) each"""
+    forks: Sequence[tuple[Array, Array]] = ()
+    """Forks of a tree, and the middles of another, which does not pass near them in the picture. (n, 3), (m, 3)"""
     bodies: tuple[int, int] | None = None
     """Number of a range and of its bodies, which lie side by side in the picture."""
 
@@ -184,13 +187,14 @@ TRACE = "A tube starts at the ring S. Follow it: at which of the rings does it e
 
 def shells(random: np.random.Generator) -> TaskScene:
     """Return two nested skins, two tubes wound between them, and three balls, one of which is in the inner skin."""
-    phase, turns, first = random.uniform(0, 6), random.uniform(0.7, 1.2), random.uniform(0, 2 * np.pi)
+    phase, turns, first = random.uniform(0, 6), random.uniform(0.8, 1.5), random.uniform(0, 2 * np.pi)
+    turned, handed = Rotation.random(random_state=random).as_matrix(), random.choice((-1.0, 1.0))
     tubes = []
     for start in (first, first + np.pi):
         along = np.linspace(0.0, 1.0, 400)
-        height, angle = np.radians(-62 + 124 * along), start + 2 * np.pi * turns * along
+        height, angle = np.radians(-62 + 124 * along), start + handed * 2 * np.pi * turns * along
         ring = np.stack([np.cos(height) * np.cos(angle), np.sin(height), np.cos(height) * np.sin(angle)], axis=1)
-        tubes.append(0.74 * ring)
+        tubes.append(0.74 * ring @ turned)
     aside = random.normal(size=3)
     centre = 0.26 * aside / np.linalg.norm(aside)
     winding = cKDTree(np.concatenate(tubes))
@@ -232,7 +236,7 @@ def _tree(random: np.random.Generator, root: Array, others: Sequence[Array]) -> 
             way = way + random.normal(0, 0.25, 3)
             way /= np.linalg.norm(way)
             nearer = place + 0.12 * way
-            if np.linalg.norm(nearer / (0.74, 0.6, 0.64)) > 1 or (far is not None and far.query(nearer)[0] < 0.2):
+            if np.linalg.norm(nearer / (0.74, 0.6, 0.64)) > 1 or (far is not None and far.query(nearer)[0] < 0.15):
                 break
             place = nearer
             points.append(place)
@@ -250,7 +254,7 @@ def _tree(random: np.random.Generator, root: Array, others: Sequence[Array]) -> 
         grow(place, way + aside, forks - 1)
         grow(place, way - aside, forks - 1)
 
-    grow(root, np.array([0.0, 1.0, 0.0]) + 0.4 * np.sign(root) * (1, 0, 1), 2)
+    grow(root, np.array([-np.sign(root[0]), 1.2, 0.0]), 2)  # the trees pass each other
     return branches, tips
 
 
@@ -264,13 +268,16 @@ def _dense(points: Array, count: int = 60) -> Array:
 def tissue(random: np.random.Generator) -> TaskScene:
     """Return lobed tissue with two branching vessels and one to five balls."""
     while True:
-        roots = [np.array([side * 0.3, -0.45, random.uniform(-0.15, 0.15)]) for side in (-1.0, 1.0)]
+        roots = [np.array([side * 0.35, -0.42, side * random.uniform(0.1, 0.25)]) for side in (-1.0, 1.0)]
         one, one_tips = _tree(random, roots[0], [])
         two, two_tips = _tree(random, roots[1], one)
         if len(one_tips) >= 2 and len(two_tips) >= 2:
             break
     count, phase = int(random.integers(1, 6)), random.uniform(0, 6)
     vessels = [*one, *two]
+    forks = [
+        (np.array([branch[0] for branch in tree]), np.concatenate(other)) for tree, other in ((one, two), (two, one))
+    ]
     near = cKDTree(np.concatenate(vessels))
     while True:
         balls = _spread(random, count, 0.55, 0.3)
@@ -290,7 +297,7 @@ def tissue(random: np.random.Generator) -> TaskScene:
     right = one_tips[int(random.integers(len(one_tips)))]
     marks, trace = _end(random, roots[0], right, wrong, text, (0, 0, 0, 0))
     counted = Question("count", "How many balls are there?", _numbers(1, 6), str(count))
-    return TaskScene(KnownScene(values, ranges), (_parts(3), counted, trace), marks, vessels, (2, count))
+    return TaskScene(KnownScene(values, ranges), (_parts(3), counted, trace), marks, vessels, forks, (2, count))
 
 
 def _meets_itself(curve: Array, clear: float = 0.2) -> bool:
@@ -405,6 +412,9 @@ def _spread_of(scene: TaskScene, camera: Camera) -> float:
     for curve in scene.curves if len(places) else ():
         passing = np.linalg.norm(places[:, None] - curve, axis=2) > OWN
         if (cdist(shown, _in_widths(camera, curve))[passing] < AROUND).any():
+            return 0.0
+    for forks, other in scene.forks:
+        if (cdist(_in_widths(camera, forks), _in_widths(camera, other)) < AROUND).any():
             return 0.0
     apart = cdist(shown, shown)
     return float(apart[np.triu_indices(len(places), 1)].min(initial=1.0))

@@ -4,8 +4,9 @@ A picture is compared at the places at which the volume rendering shows each reg
 region that it hides has the colours of what is seen instead. The figure is the geometric mean of three parts:
 
 ``apart``
-    How well the two regions that are most alike can be told apart: their CIEDE2000 as a fraction of the volume
-    rendering's, the smallest fraction over all pairs and over normal vision and the three deficiencies.
+    How well the two regions that are most alike can be told apart, or a region from the white background: their
+    CIEDE2000 as a fraction of the volume rendering's, the smallest fraction over all pairs and over normal vision and
+    the three deficiencies.
 ``contrast``
     How well regions stand out where they end: the CIEDE2000 between the pixels just inside and just outside their
     silhouettes, tile by tile, less what strokes alone give beside it, as a fraction of the volume rendering's. Mean
@@ -51,6 +52,9 @@ LEAST = 2.3
 BAND, TILE = 1 / 60, 1 / 6
 """Width of the bands inside and outside a silhouette, and of the tiles in which they are compared, in widths of the
 picture."""
+
+BACKGROUND = -1
+"""Number of the white background among regions."""
 
 FEWEST = 12
 """Pixels that a band needs in a tile."""
@@ -123,7 +127,10 @@ class Yardstick:
                 before, after = (x.light[outer] - x.light[inner] for x in (own, found))
                 weights += abs(before)
                 kept += abs(before) * (before * after > 0)
-        smallest = {vision: min(d for (_, _, v), d in found.pairs.items() if v == vision) for vision in COLOUR_VISIONS}
+        smallest = {
+            vision: min(d for (_, b, v), d in found.pairs.items() if v == vision and b != BACKGROUND)
+            for vision in COLOUR_VISIONS
+        }
         return Legibility(
             min(apart, default=1.0), float(np.mean(contrast)) if contrast else 1.0,
             0.5 + 0.5 * kept / weights if weights else 1.0, smallest,
@@ -165,6 +172,7 @@ class _Measured:
             self.light[region] = float(oklab(colours[own])[:, 0].mean())
             edges = [d for c, r in zip(colours, regions) for d in _along(c, r == region)]
             self.edges[region] = float(np.mean(edges)) if edges else 0.0
+        seen[BACKGROUND] = np.array([WHITE], np.float64), np.ones(1)
         self.pairs = {
             (a, b, vision): _difference(seen[a], seen[b], vision)
             for a, b in combinations(seen, 2)

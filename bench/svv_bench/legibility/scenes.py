@@ -38,6 +38,9 @@ RIG = CameraRig((0.0, 0.0, 0.0), 5.0, float(np.pi / 6))
 CANDIDATES, LOOK, LOOK_RESOLUTION = 96, 96, 64
 """Number of cameras to choose from, and the size of their pictures and of the volume in them."""
 
+AT_ONCE = 8
+"""Cameras whose pictures are drawn together."""
+
 APART, AROUND = 0.1, 0.045
 """Smallest distance of two marks in a picture, and of a mark and a tube that passes it, in widths of it."""
 
@@ -300,7 +303,7 @@ def tissue(random: np.random.Generator) -> TaskScene:
     return TaskScene(KnownScene(values, ranges), (_parts(3), counted, trace), marks, vessels, forks, (2, count))
 
 
-def _meets_itself(curve: Array, clear: float = 0.2) -> bool:
+def _meets_itself(curve: Array, clear: float = 0.17) -> bool:
     """Return whether places of a curve (n, 3) that are farther apart along it come near each other."""
     along = np.concatenate([[0.0], np.linalg.norm(np.diff(curve, axis=0), axis=1).cumsum()])[::4]
     near = np.linalg.norm(curve[::4, None] - curve[::4], axis=2) < clear
@@ -312,16 +315,16 @@ def tangle(random: np.random.Generator) -> TaskScene:
     count, skin = int(random.integers(2, 4)), bool(random.integers(2))
     tubes: list[Array] = []
     while len(tubes) < count:
-        curve = _dense(np.array(_spread(random, 5, 0.72, 0.55)), 400)
+        curve = _dense(np.array(_spread(random, 5, 0.72, 0.5)), 400)
         if np.linalg.norm(curve, axis=1).max() < 0.8 and not _meets_itself(curve):
-            if not tubes or cKDTree(np.concatenate(tubes)).query(curve)[0].min() > 0.16:
+            if not tubes or cKDTree(np.concatenate(tubes)).query(curve)[0].min() > 0.13:
                 tubes.append(curve)
-            elif random.random() < 0.1:
+            elif random.random() < 0.03:
                 tubes.clear()
 
     def values(point: Array) -> Array:
         around = _skin(0.93 - _length(point)) if skin else np.full(point.shape[1:], STEP)
-        return _put(_put(around, TUBE, _to_curves(point, tubes[::2], 0.06)), BALL, _to_curves(point, tubes[1::2], 0.06))
+        return _put(_put(around, TUBE, _to_curves(point, tubes[::2], 0.05)), BALL, _to_curves(point, tubes[1::2], 0.05))
 
     ranges = (TUBES, *([_skin_range(0, 0.06, BEIGE)] if skin else []), Range(BALLS.low, BALLS.high, 0.9, BLUE))
     looks = [0 if k % 2 == 0 else len(ranges) - 1 for k in range(count)]
@@ -389,13 +392,15 @@ def task_scene(name: str) -> tuple[TaskScene, Camera]:
 def best_camera(scene: TaskScene) -> Camera | None:
     """Return the camera that shows all marks farthest apart, and every body by itself; None if none does."""
     cameras = RIG.sphere(CANDIDATES, LOOK)
-    fitting = [(spread, camera) for camera in cameras if (spread := _spread_of(scene, camera)) >= APART]
-    if not fitting:
-        return None
-    volume = scene.known.volume(LOOK_RESOLUTION)
-    maps = scene.known.class_maps(volume, [camera for _, camera in fitting])
-    shown = [pair for pair, seen in zip(fitting, maps) if _shows(scene, pair[1], seen)]
-    return max(shown, key=lambda pair: pair[0])[1] if shown else None
+    spreads = {number: _spread_of(scene, camera) for number, camera in enumerate(cameras)}
+    fitting = sorted((n for n, spread in spreads.items() if spread >= APART), key=lambda n: -spreads[n])
+    volume = scene.known.volume(LOOK_RESOLUTION) if fitting else None
+    for first in range(0, len(fitting), AT_ONCE):
+        some = [cameras[number] for number in fitting[first : first + AT_ONCE]]
+        for camera, seen in zip(some, scene.known.class_maps(volume, some), strict=True):
+            if _shows(scene, camera, seen):
+                return camera
+    return None
 
 
 def _spread_of(scene: TaskScene, camera: Camera) -> float:

@@ -6,9 +6,11 @@ import json
 import struct
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,9 +24,10 @@ from svv.dvr.read.grids import to_array
 from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput
 from svv.fields.scene.scene import Rendering, Scene
+from svv_bench.legibility import tasks
 from svv_bench.legibility.figure import Legibility, Yardstick, enclosures
 from svv_bench.legibility.scenes import KINDS, TaskScene, task_scene, write_scene
-from svv_bench.legibility.tasks import agreement, assignment, read_answers, report, score, write_sheets
+from svv_bench.legibility.tasks import agreement, assignment, check_volume, read_answers, report, score, write_sheets
 
 NAMES = ("nuts-0", "tissue-0", "shells-0")
 WAYS = ("rendered", "alike", "lost")
@@ -203,7 +206,26 @@ def folders(balls: Scene, tmp_path_factory: pytest.TempPathFactory) -> list[Path
 
 
 @pytest.fixture(scope="module")
-def trial(folders: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def any_volume() -> Iterator[None]:
+    """Scenes of any volume are taken for those of the name."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tasks, "LEAST_OVERLAP", 0.0)
+        yield
+
+
+def test_a_scene_of_another_volume_than_its_name_is_refused(yardstick: Yardstick) -> None:
+    nut, camera = task_scene("nuts-0")
+    seen = nut.known.class_maps(nut.known.volume(48), [camera])
+    shown = SimpleNamespace(cameras=[camera], pictures=[SimpleNamespace(region=seen[0])])
+    check_volume("nuts-0", cast("Yardstick", shown))  # as a scene that was learned well shows it
+    shown.pictures = [SimpleNamespace(region=np.roll(seen[0], 12, axis=0))]
+    for other in (yardstick, cast("Yardstick", shown)):
+        with pytest.raises(BadInput, match="shows another volume than nuts-0: train it on"):
+            check_volume("nuts-0", other)
+
+
+@pytest.fixture(scope="module")
+def trial(folders: list[Path], any_volume: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("trial")
     assert write_sheets(folders, root / "sheets", root / "key.json", size=200) == (3, 3)
     return root
@@ -323,7 +345,7 @@ def test_letters_may_be_small_and_numbers_plain(tmp_path: Path) -> None:
 
 def test_the_commands_go_from_scenes_to_scores(
     folders: list[Path],
-    balls: Scene,
+    any_volume: None,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -26,7 +26,8 @@ from svv.io.files.atomic import check_writable, make_folder, write_json
 from svv.io.pictures.output import write_png
 from svv.render.pictures import Picture, over_white
 from svv_bench.legibility.figure import VIEW_SIZE, Yardstick
-from svv_bench.legibility.scenes import Mark, TaskScene, task_scene
+from svv_bench.legibility.scenes import LOOK_RESOLUTION, Mark, TaskScene, task_scene
+from svv_bench.stability.measures import overlaps
 from svv_bench.styles.blind import check_places, percent, read_object, share
 from svv_bench.styles.table import markdown
 
@@ -46,6 +47,9 @@ The pictures are renderings or paintings of bodies in translucent skins. Skins, 
 whatever their colours are. Rings with a letter or a number are marks, which belong to no part; the middle of a ring
 is the place that it marks.
 """
+
+OPAQUE, LEAST_OVERLAP = 0.5, 0.5
+"""Opacity of parts by which a volume is recognized, and their least overlap with a region (intersection over union)."""
 
 PARTS = ("legibility", "apart", "contrast", "order")
 """Figures whose agreement with the answers is reported."""
@@ -104,7 +108,8 @@ def write_sheets(
         The number of judges, and of the sheets of each.
 
     Raises:
-        BadInput: See :func:`scene_names`; a name is none of a generated scene; or a file cannot be read or written.
+        BadInput: See :func:`scene_names` and :func:`check_volume`; a name is none of a generated scene; or a file
+            cannot be read or written.
     """
     names = scene_names(ways)
     judges = len(ways) if judges is None else judges
@@ -117,7 +122,9 @@ def write_sheets(
         for number, way in enumerate(ways):
             progress((place + number / len(ways)) / len(names), f"{name}, {way.name}")
             scene = Scene.load(way / f"{name}.svv")
-            yardstick = yardstick or Yardstick(scene, [camera.resized(VIEW_SIZE, VIEW_SIZE)])
+            if yardstick is None:
+                yardstick = Yardstick(scene, [camera.resized(VIEW_SIZE, VIEW_SIZE)])
+                check_volume(name, yardstick)
             figures[way.resolve().name] = yardstick.measure_scene(scene).to_json()
             image = scene.render(camera.resized(size, size), background=WHITE).rgba
             pictures.append(_sheet(over_white(image), case, camera))
@@ -139,6 +146,21 @@ def write_sheets(
     write_json(key, {"seed": seed, "ways": [way.resolve().name for way in ways], "scenes": cases, "judges": shown})
     progress(1.0, "")
     return judges, len(names)
+
+
+def check_volume(name: str, yardstick: Yardstick) -> None:
+    """Raise BadInput if a scene does not show the volume of its name: the answers would be another picture's.
+
+    Each opaque part has to cover about the same pixels as a region, in the views of the yardstick.
+    """
+    known = task_scene(name)[0].known
+    truth = known.class_maps(known.volume(LOOK_RESOLUTION), yardstick.cameras)
+    shown = np.stack([picture.region for picture in yardstick.pictures])
+    overlap = overlaps(truth, shown, len(known.ranges), int(shown.max()) + 1).max(axis=1)
+    if np.mean([found for found, part in zip(overlap, known.ranges) if part.opacity >= OPAQUE]) < LEAST_OVERLAP:
+        raise BadInput(
+            f"The scene {name}.svv shows another volume than {name}: train it on the one that svv bench volumes writes."
+        )
 
 
 def _sheet(picture: Picture, case: TaskScene, camera: Camera) -> Picture:

@@ -394,7 +394,9 @@ def best_camera(scene: TaskScene) -> Camera | None:
     cameras = RIG.sphere(CANDIDATES, LOOK)
     spreads = {number: _spread_of(scene, camera) for number, camera in enumerate(cameras)}
     fitting = sorted((n for n, spread in spreads.items() if spread >= APART), key=lambda n: -spreads[n])
-    volume = scene.known.volume(LOOK_RESOLUTION) if fitting else None
+    if not fitting:
+        return None
+    volume = scene.known.volume(LOOK_RESOLUTION)
     for first in range(0, len(fitting), AT_ONCE):
         some = [cameras[number] for number in fitting[first : first + AT_ONCE]]
         for camera, seen in zip(some, scene.known.class_maps(volume, some), strict=True):

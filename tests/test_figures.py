@@ -31,6 +31,8 @@ from tests.cube import cube_paint
 
 pytest.importorskip("matplotlib")
 
+pytestmark = pytest.mark.filterwarnings("ignore:Regions look alike")  # those of the cube do
+
 SMALL: Any = {"dpi": 50, "width": 60.0}
 """Options of a figure that is drawn in little time."""
 

@@ -36,6 +36,9 @@ VIEW_SIZE = 160
 COLOURS = 8
 """Colours that stand for a region: its paint, light and shade."""
 
+MOST_GROUPS = 3
+"""Groups of regions that look alike, of which a legend names that many."""
+
 MOST_PIXELS = 4000
 """Pixels of a region that its colours are found from."""
 
@@ -143,13 +146,40 @@ def _clusters(colours: NDArray[np.floating], weights: NDArray[np.floating]) -> t
     return centres[share > 0], share[share > 0] / share.sum()
 
 
-def pairs_of(seen: Sequence[Seen]) -> list[Pair]:
+def pairs_of(seen: Sequence[Seen], visions: Sequence[VisionName] = VISIONS) -> list[Pair]:
     """Return how far each pair of regions is apart in each way of seeing them."""
     return [
         Pair(a.name, b.name, vision, set_difference(a.colours, b.colours, a.weights, b.weights, vision))
-        for vision in VISIONS
+        for vision in visions
         for a, b in combinations(seen, 2)
     ]
+
+
+def merging(seen: Sequence[Seen]) -> list[Pair]:
+    """Return the pairs of regions that look alike to everybody, the most alike first."""
+    alike = [pair for pair in pairs_of(seen, VISIONS[:1]) if pair.difference < LEAST_DIFFERENCE]
+    return sorted(alike, key=lambda pair: pair.difference)
+
+
+def alike_said(pairs: Sequence[Pair]) -> str:
+    """Return which regions look alike, for a legend; '' if none do.
+
+    >>> alike_said([Pair(*names.split(), "normal", 5.0) for names in ("bone fat", "bone skin", "fat skin", "fat air")])
+    'bone, fat and skin look alike; fat and air look alike'
+    """
+    alike = {frozenset((pair.first, pair.second)) for pair in pairs}
+    names = list(dict.fromkeys(name for pair in pairs for name in (pair.first, pair.second)))
+    groups: list[list[str]] = []
+    for pair in pairs:
+        if any(pair.first in group and pair.second in group for group in groups):
+            continue
+        group = [pair.first, pair.second]
+        for name in names:
+            if all(frozenset((name, other)) in alike for other in group):
+                group.append(name)
+        groups.append(group)
+    said = [f"{', '.join(group[:-1])} and {group[-1]} look alike" for group in groups[:MOST_GROUPS]]
+    return "; ".join([*said, "others look alike, too"] if len(groups) > MOST_GROUPS else said)
 
 
 def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str, Any]:

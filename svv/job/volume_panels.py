@@ -8,6 +8,7 @@ and says so.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -103,13 +104,16 @@ def panel_of(scene: Scene, found: Remembered, camera: Camera | None = None, titl
     return Panel(plain, camera, title, look, network, found.draw, SHOWS, note)
 
 
-def remembered(scene: Scene, named: Sequence[Path], folders: Iterable[Path]) -> Remembered:
+def remembered(
+    scene: Scene, named: Sequence[Path | vtkDataObject], folders: Iterable[Path], within: Path | None = None
+) -> Remembered:
     """Find the volume of a scene.
 
     Args:
         scene: The scene.
         named: Files or images that may be it, whatever they are called.
         folders: Where a file of its name is looked for: in each of these folders, and in those that hold them.
+        within: The folder beyond which nothing is read of what is looked for; by default anywhere.
 
     Raises:
         BadInput: A file that was named does not exist.
@@ -124,7 +128,7 @@ def remembered(scene: Scene, named: Sequence[Path], folders: Iterable[Path]) -> 
     meta = ViewMeta.from_json(scene.made.get("source"), "source")
     if meta.volume is None or meta.grid is None or meta.tf is None or meta.shading is None:
         return Remembered(None, "the scene does not say which volume it was trained on")
-    every = [*named, *_beside(meta.volume, folders)]
+    every = [*named, *_beside(meta.volume, folders, within)]
     if not every:
         return Remembered(None, f"the volume {meta.volume} is not beside the scene; name its file with --volume")
     said = ""
@@ -136,12 +140,13 @@ def remembered(scene: Scene, named: Sequence[Path], folders: Iterable[Path]) -> 
     return Remembered(None, said)
 
 
-def _beside(name: str, folders: Iterable[Path]) -> list[Path]:
+def _beside(name: str, folders: Iterable[Path], within: Path | None) -> list[Path]:
     """Return the files of a name in some folders, and in those that hold them; no scene names one elsewhere."""
     if not name or Path(name).name != name:
         return []
     places = [place for folder in folders for place in (folder.resolve(), folder.resolve().parent)]
-    return [path for path in dict.fromkeys(place / name for place in places) if path.exists()]
+    found = [path for path in dict.fromkeys(place / name for place in places) if path.exists()]
+    return [path for path in found if within is None or path.resolve().is_relative_to(within)]
 
 
 def _known_again(meta: ViewMeta, path: Path | vtkDataObject) -> Remembered:
@@ -156,8 +161,17 @@ def _known_again(meta: ViewMeta, path: Path | vtkDataObject) -> Remembered:
     if known is not None and content_of(path) != known:
         raise BadInput(OTHER.format(path.name))
     how: dict[str, Any] = {key: read(told[key], f"source.file.{key}") for key, read in READ.items() if key in told}
-    draw = _drawing(meta, VolumeSource(path, nearest=bool(meta.nearest), **how).image(), path.name)
+    draw = _drawing(meta, _read(meta, path, how), path.name)
     return Remembered(draw, path.name if known is not None else f"{path.name}, {BY_GRID}")
+
+
+def _read(meta: ViewMeta, path: Path, how: dict[str, Any]) -> Volume:
+    """Read a file as a scene's volume; where views do not say how, their volume may be an array of the file."""
+    nearest = bool(meta.nearest)
+    if meta.file is None and path.name != meta.volume:
+        with suppress(BadInput):
+            return VolumeSource(path, array=meta.volume, nearest=nearest).image()
+    return VolumeSource(path, nearest=nearest, **how).image()
 
 
 def _drawing(meta: ViewMeta, volume: Volume, name: str) -> Draw:

@@ -117,7 +117,7 @@ def seen_of(scene: Scene, pictures: Sequence[Rendering], background: Sequence[fl
     regions = np.concatenate([picture.region.ravel() for picture in pictures])
     found = {}
     for number in range(len(scene.regions)):
-        own = rgba[regions == number]
+        own = rgba[(regions == number) & (rgba[:, 3] > 0.0)]
         if not len(own):
             continue
         # Pixels at the border of a region show the background above all.

@@ -368,7 +368,7 @@ def test_a_figures_differences_are_those_of_check_colours(named: Scene, tmp_path
     ],
 )
 def test_look_alikes_are_said_in_few_words(pairs: str, said: str) -> None:
-    assert alike_said([Pair(*pair, "normal", 5.0) for pair in pairs.split()]) == said
+    assert alike_said([Pair(pair[0], pair[1], "normal", 5.0) for pair in pairs.split()]) == said
 
 
 def test_a_region_of_clear_pixels_has_no_colours(cube: Scene) -> None:

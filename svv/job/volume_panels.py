@@ -26,13 +26,13 @@ from svv.fields.scene.scene import Scene
 from svv.fields.values.followed_scene import FOLLOWED
 from svv.io.views.view_meta import ViewMeta
 from svv.job.source import VolumeSource, content_of
-from svv.render.figures.figure import SHOWN, Panel
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkDataObject
 
     from svv.dvr.draw.views import Caster
     from svv.job.source import Volume
+    from svv.render.figures.figure import Panel
 
 Draw = Callable[[Camera], NDArray[np.float32]]
 """What draws a volume: straight RGBA (h, w, 4) in [0, 1]."""
@@ -92,6 +92,8 @@ def volume_panel(
 
 def panel_of(scene: Scene, found: Remembered, camera: Camera | None = None, title: str = "") -> Panel:
     """Return a panel of a scene with its volume as it was found; see :func:`volume_panel`."""
+    from svv.render.figures.figure import SHOWN, Panel  # matplotlib's, which ParaView's Python may not have
+
     if found.draw is None:
         network = "pcn" if "pcn" in scene.networks else "base"
         note = f"shows the {SHOWN[network]}, not the volume rendering, because {found.said}."

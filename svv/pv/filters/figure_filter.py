@@ -25,7 +25,7 @@ __all__ = ["StyleRFFigure"]
 @panel(
     *properties_of(FigureOptions()),
     switch("VolumeRendering", False, "Also show the volume rendering, in a panel before it; the palette network if the "
-           "volume is not there."),
+           "volume is not there.", advanced=True),
     file("VolumeFile", "vti mhd mha nrrd nhdr nii gz raw npy tif tiff h5 nc vtk vtu pvti", "Volumes", "The file of the "
          "scene's volume, for the panel above. The macro StyleRF figure names that of the pipeline.", advanced=True),
     switch("Background", False, "Give the figure a background; otherwise it is white."),

@@ -333,7 +333,8 @@ class Drawing:
         there = {one.name for number in numbers for one in self.seen[number]}
         found = [Alike(pair, f"in {self._name(k)}") for k in numbers for pair in merging(self.seen[k])]
         around = [one for one in self.around[numbers[0]] if one.name in there]
-        found += [Alike(pair, "from all around") for pair in merging(around)]
+        whose = "" if len(self.shared) == 1 else f" {self._name(numbers[0])}'s scene"
+        found += [Alike(pair, f"from all around{whose}") for pair in merging(around)]
         nearest: dict[tuple[str, str], Alike] = {}
         for one in sorted(found, key=lambda told: told.pair.difference):
             nearest.setdefault((one.pair.first, one.pair.second), one)

@@ -347,6 +347,7 @@ def test_looks_that_ship_are_sound_and_differ() -> None:
         assert look.title and all(region.edits or region.style for region in look.regions)
 
 
+@pytest.mark.filterwarnings("ignore:Regions look alike")  # those of the cube do
 def test_a_figure_takes_camera_and_settings_from_a_look(
     cube: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

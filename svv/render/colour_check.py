@@ -21,7 +21,7 @@ from svv.core.geometry.cameras import Camera
 from svv.core.json_values import object_in, parsed
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.seen_colours import Seen, pairs_of, seen_of
+from svv.fields.scene.seen_colours import Pair, Seen, pairs_of, seen_of
 from svv.io.pictures.output import to_bytes
 from svv.render.pictures import sheet
 
@@ -30,6 +30,9 @@ FRAMES = (30, 60, 90, 120, 150)
 
 VIEW_SIZE = 160
 """Side of these views in pixels."""
+
+MOST_GROUPS = 3
+"""Groups of regions that look alike, of which a legend names that many."""
 
 Array = NDArray[np.float64]
 
@@ -61,6 +64,33 @@ def seen_in(
         progress(number / len(views), "colours")
         pictures.append(scene.render(camera, network))
     return seen_of(scene, pictures, background)
+
+
+def merging(seen: Sequence[Seen]) -> list[Pair]:
+    """Return the pairs of regions that look alike to everybody, the most alike first."""
+    alike = [pair for pair in pairs_of(seen, VISIONS[:1]) if pair.difference < LEAST_DIFFERENCE]
+    return sorted(alike, key=lambda pair: pair.difference)
+
+
+def alike_said(pairs: Sequence[Pair]) -> str:
+    """Return which regions look alike, for a legend; '' if none do.
+
+    >>> alike_said([Pair(*names.split(), "normal", 5.0) for names in ("bone fat", "bone skin", "fat skin", "fat air")])
+    'bone, fat and skin look alike; fat and air look alike'
+    """
+    alike = {frozenset((pair.first, pair.second)) for pair in pairs}
+    names = list(dict.fromkeys(name for pair in pairs for name in (pair.first, pair.second)))
+    groups: list[list[str]] = []
+    for pair in pairs:
+        if any(pair.first in group and pair.second in group for group in groups):
+            continue
+        group = [pair.first, pair.second]
+        for name in names:
+            if all(frozenset((name, other)) in alike for other in group):
+                group.append(name)
+        groups.append(group)
+    said = [f"{', '.join(group[:-1])} and {group[-1]} look alike" for group in groups[:MOST_GROUPS]]
+    return "; ".join([*said, "others look alike, too"] if len(groups) > MOST_GROUPS else said)
 
 
 def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str, Any]:

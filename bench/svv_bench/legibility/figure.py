@@ -37,7 +37,8 @@ from svv.core.colour.colour_vision import COLOUR_VISIONS, VisionName, oklab, set
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.scene import Rendering, Scene
-from svv.render.colour_check import FRAMES, clustered
+from svv.fields.scene.seen_colours import clustered
+from svv.render.colour_check import FRAMES
 from svv_bench.styles.table import markdown
 
 VIEW_SIZE = 240

@@ -236,7 +236,7 @@ def _fraction(found: float, wanted: float) -> float:
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Format figures of paintings as Markdown: each a scene, a painting and :meth:`Legibility.to_json`."""
     lines = [
-        {"scene": Path(row["scene"]).stem, "painting": row["painting"],
+        {"scene": str(Path(row["scene"]).with_suffix("")), "painting": row["painting"],
          **{name: f"{row[name]:.2f}" for name in ("legibility", "apart", "contrast", "order")},
          **{vision: f"{difference:.1f}" for vision, difference in row["smallest"].items()}}
         for row in rows

@@ -1,7 +1,8 @@
 """The style pictures of paintings, which a scene keeps so that its look can be saved and applied to other scenes.
 
 They belong to the record of how a painting was made: ``made["kept"]["styles"]`` holds each style's picture and mask as
-data URIs, by its name, ``made["kept"]["laid"]`` how the paint of each region was laid. In a file they are arrays, each
+data URIs, by its name, and of a divided picture the ``part``, a mask too; ``made["kept"]["laid"]`` says how the paint of
+each region was laid. In a file they are arrays, each
 once, however many paintings share it.
 """
 

@@ -19,9 +19,9 @@ from svv.styles.hand import Hand, measure_hand
 from svv.train.paint import tracing_kernels as numba_tracing
 from svv.train.paint.brushwork import NARROWEST, WIDEST, Painter
 from svv.train.paint.ink import Ink, StyleInput
-from svv.train.paint.painting import _owners, _owners_at
+from svv.train.paint.painting import _owners_at, owners_of
 from svv.train.paint.picture_map import PictureMap
-from svv.train.paint.stroke_painting import alike, stroke_width
+from svv.train.paint.stroke_painting import stroke_width
 from svv.train.paint.toning import retoned
 from svv.train.paint.visible_surface import BENT, VisibleSurface, surface_of
 from svv.train.pipeline import stylize_scene
@@ -217,13 +217,6 @@ def test_retoning_changes_lightness_as_asked_and_not_hue() -> None:
     assert rgb2lab(retoned(stroke, 1.3, 1.0, 0.0).colour)[0] == pytest.approx(lab, abs=0.3)  # it is its own mean
 
 
-def test_regions_that_look_alike_are_named() -> None:
-    means = {0: np.array([50.0, 10.0, 10.0]), 1: np.array([52.0, 11.0, 10.0]), 3: np.array([50.0, -40.0, 10.0])}
-    (said,) = alike(means)
-    assert said.startswith("Regions 0 and 1 are hard to tell apart")
-    assert alike({0: means[0]}) == []
-
-
 # --- scenes ----------------------------------------------------------------------------------------------------------
 
 
@@ -382,12 +375,12 @@ def test_twice_the_stroke_size_is_twice_the_width(balls: Scene, oil: tuple[Scene
 
 def test_owners_of_vertices_are_those_with_the_largest_palette_weight(balls: Scene) -> None:
     occupied, cells = balls.occupancy.occupied, balls.occupancy.cells
-    found = _owners(balls, 2 * cells, [0, 1])
+    found = owners_of(balls, 2 * cells, [0, 1])
     exact = _owners_at(balls, places_of(occupied, cells, 2 * cells), [0, 1])
     assert set(np.unique(exact)) == {0, 1}
     assert (found != exact).mean() < 1e-3
-    assert (_owners(balls, cells, [0, 1]) == _owners_at(balls, places_of(occupied, cells, cells), [0, 1])).all()
-    assert (_owners(balls, 2 * cells, [1]) == 1).all()
+    assert (owners_of(balls, cells, [0, 1]) == _owners_at(balls, places_of(occupied, cells, cells), [0, 1])).all()
+    assert (owners_of(balls, 2 * cells, [1]) == 1).all()
 
 
 def test_baked_paint_is_flat_where_no_stroke_reaches() -> None:

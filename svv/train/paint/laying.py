@@ -17,6 +17,7 @@ from svv.train.config import StylizeSettings
 from svv.train.match.contrast import match_contrast, stroke_scales
 from svv.train.paint.ink import PAPER
 from svv.train.paint.painting import Start, painted_field, painted_start
+from svv.train.paint.pieces_apart import keep_pieces_apart
 from svv.train.paint.plan import Order
 from svv.train.paint.style_choice import mean_colour
 from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_styles
@@ -75,6 +76,11 @@ class Laying:
         if solved:
             match_contrast(self.scene, field, styles, self.settings, part(progress, end, 1.0))
             self.seconds["contrast"] = time.monotonic() - begin - self.seconds["paint"]
+        if styles:
+            pictures = {k: self.order.styles[self.order.pairs[k]] for k in styles}
+            self.notes += keep_pieces_apart(
+                self.scene, field, pictures, self._transferred(styles), part(progress, 1.0, 1.0)
+            )
         return field
 
     def _laid(self, styles: dict[int, PieceStyle], progress: Progress) -> UnrestrictedField:

@@ -192,7 +192,7 @@ def _paint_by_strokes(
 ) -> None:  # fmt: skip
     """Paint a scene of which all paint is strokes: its lattice follows from them, and waits until it is needed."""
     cells = paint.resolutions[0]
-    owner = cache(partial(_owners, scene, cells, sorted(start.hands)))
+    owner = cache(partial(owners_of, scene, cells, sorted(start.hands)))
     flats = start.transferred.cpu().numpy().astype(np.float32)
     ground = Brushed({}, owner, flats)
     paint.bake_later(ground, ground.baked)
@@ -225,7 +225,7 @@ def _worked(
 
 
 @torch.no_grad()
-def _owners(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.uint8]:
+def owners_of(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.uint8]:
     """Return the painted region with the largest weight at each vertex of a lattice with ``cells`` cells. (V,)
 
     Features are trilinear in the cells of the scene. A vertex whose cell has one owner at all corners has it as well;

@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from svv.core.colour.colour import lab_to_rgb
-from svv.core.colour.colour_vision import LEAST_DIFFERENCE
 from svv.errors import Progress, part
-from svv.fields.scene.region import Region, label_of
 from svv.fields.scene.scene import Scene
 from svv.styles.hand import Hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import CLEAR, Brushwork, Painter
+from svv.train.paint.legibility import alike
 from svv.train.paint.surface_form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
-from svv.train.paint.toning import Laid, Toned, toned
+from svv.train.paint.toning import Laid, toned
 from svv.train.paint.visible_surface import VisibleSurface, visible_surface
 
 WIDTH, PICTURE = 10.0, 800.0
@@ -104,7 +103,7 @@ class Brushing:
                 flats[region] = washed.flat
         opacity = np.array([region.seen_opacity for region in regions])
         done = toned(laid, self.views, colours, flats, opacity, self.cell)
-        self.notes += alike(regions, done)
+        self.notes += alike(regions, done.apart, done.asked)
         return {k: replace(one, work=done.laid[k].work) if k in laid else one for k, one in found.items()}
 
     def _region(self, region: int, hand: Hand, progress: Progress) -> PaintedRegion | tuple[Laid, float] | None:
@@ -172,13 +171,3 @@ def _washed(hand: Hand) -> PaintedRegion:
     top = hand.places[:, 1] >= (1.0 - SKY) * float(hand.places[:, 1].max())
     light = hand.colours[top & (hand.tones >= np.median(hand.tones[top]))].mean(0)
     return PaintedRegion(None, lab_to_rgb(light))
-
-
-def alike(regions: Sequence[Region], toned: Toned) -> list[str]:
-    """Return a sentence about each two regions that look more alike than they should."""
-    return [
-        f"{label_of(regions, a)} and {label_of(regions, b)} are hard to tell apart (CIEDE2000 {away:.0f}): give one of "
-        "them another style."
-        for (a, b), away in toned.apart.items()
-        if away < min(toned.asked[a, b], LEAST_DIFFERENCE)
-    ]

@@ -56,7 +56,8 @@ class ViewPixels:
         """Box coordinates of the samples. (S, 3)"""
         self.region: NDArray[np.int64] = np.concatenate(region)
         """Their regions. (S,)"""
-        self.pixel = np.unique(np.concatenate(pixel), return_inverse=True)[1].reshape(-1).astype(np.int64)
+        _, index = np.unique(np.concatenate(pixel), return_inverse=True)
+        self.pixel: NDArray[np.int64] = index.reshape(-1).astype(np.int64)
         """Their pixels, in ascending order, front to back within each. (S,)"""
         self.pixels = int(self.pixel.max(initial=-1)) + 1
         self.whole: Floats = np.concatenate(weight)
@@ -80,9 +81,9 @@ class ViewPixels:
     def encloses(self) -> NDArray[np.bool_]:
         """Whether one region encloses another: it lies before it in most of its pixels, and not the reverse. (R, R)"""
         index = self.pixel * self.count + self.region
-        first = np.full(self.pixels * self.count, len(index))
-        np.minimum.at(first, index, np.arange(len(index)))
-        first = first.reshape(self.pixels, self.count)
+        nearest = np.full(self.pixels * self.count, len(index))
+        np.minimum.at(nearest, index, np.arange(len(index)))
+        first = nearest.reshape(self.pixels, self.count)
         there = self.inside > SHOWN
         ahead = np.stack([
             (there & there[:, k : k + 1] & (first[:, k : k + 1] < first)).sum(0) for k in range(self.count)

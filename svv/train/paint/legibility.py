@@ -1,0 +1,250 @@
+"""What keeps the regions of a painting apart, as they are rendered over white.
+
+Regions that could be confused move apart in lightness and chroma, within the range of their pictures; what encloses
+stays lighter or darker than what it encloses, as in the volume rendering. Changes are tried on pixels of views.
+
+Letters: P pixels, R regions, N pixels of one region.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from svv.core.colour.colour import colour_differences, lab_to_rgb
+from svv.core.colour.colour_vision import LEAST_DIFFERENCE
+from svv.fields.scene.region import Region, label_of
+from svv.train.paint.view_pixels import ViewPixels
+
+FEWEST = 16
+"""Number of pixels from which a region counts."""
+
+MARGIN = 1.15
+"""How much more than what is asked two regions are to differ in these views, because others show less."""
+
+SMALL, VESSELS = 0.15, 24.0
+"""Share of what is visible below which a region is a vessel, a wire or a speck, and the largest CIEDE2000 to what is
+around it that it keeps of the volume rendering's."""
+
+AWAY, GREYER, VIVIDER = 40.0, 0.35, 1.8
+"""Largest change of lightness, and the bounds of the factor on chroma, that keep regions apart."""
+
+STIFF = 30.0
+"""Cost, in squared CIEDE2000, of a change of lightness by :data:`AWAY`, or of chroma by a factor of e."""
+
+ORDERED, EASY = 5.0, 3.0
+"""Difference in lightness between what encloses and what is enclosed whose order is kept, and the least that is kept
+of it."""
+
+QUANTILES, SAMPLED = 10, 600
+"""Number of tones at which regions are compared, and maximum number of pixels of each."""
+
+STEPS = 12
+"""Maximum number of steps of the search."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Move:
+    """A change of a region's colours that keeps their hues."""
+
+    shift: float = 0.0
+    """Change of lightness, CIELAB."""
+    factor: float = 1.0
+    """Factor on chroma."""
+
+    def __bool__(self) -> bool:
+        return self != Move()
+
+    def then(self, other: Move) -> Move:
+        """Return both changes, one after the other."""
+        return Move(self.shift + other.shift, self.factor * other.factor)
+
+    def of(self, lab: Floats) -> Floats:
+        """Return colours, CIELAB (N, 3), after the change."""
+        return np.concatenate([(lab[:, :1] + self.shift).clip(0.0, 100.0), self.factor * lab[:, 1:]], 1)
+
+    def of_rgb(self, rgb: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Return colours, RGB (N, 3), after the change."""
+        from skimage.color import rgb2lab
+
+        return np.asarray(lab_to_rgb(self.of(rgb2lab(np.asarray(rgb, np.float64)))), np.float32)
+
+
+class Legibility:
+    """How far regions are apart in some pixels, and what they should be.
+
+    Args:
+        pixels: Pixels of views.
+        colours: Colours of all regions in the volume rendering, RGB. (R, 3)
+        flats: Colours of the regions of which no others are given, RGB. (R, 3)
+    """
+
+    def __init__(self, pixels: ViewPixels, colours: Floats, flats: Floats) -> None:
+        from skimage.color import rgb2lab
+
+        self.pixels, self.flats = pixels, np.asarray(flats, np.float64)
+        self.sets = self._sets()
+        volume = {k: rgb2lab(self._over(np.asarray(colours, np.float64), k, {})) for k in self.sets}
+        self.asked = {pair: self._asked(pair, away) for pair, away in self.differences(volume).items()}
+        """The least CIEDE2000 of each two regions."""
+        self.order: dict[tuple[int, int], float] = {}
+        """Sign of the difference in lightness of two regions, one of which encloses the other."""
+        for pair in self.asked:
+            away = _lighter(volume, pair)
+            if (pixels.encloses[pair] or pixels.encloses[pair[::-1]]) and abs(away) > ORDERED:
+                self.order[pair] = float(np.sign(away))
+
+    def _sets(self) -> dict[int, NDArray[np.int64]]:
+        """Return the pixels that each region dominates, as :func:`svv.fields.scene.seen_colours.seen_of` takes them."""
+        inside = self.pixels.inside
+        alpha, first = inside.sum(1), inside.argmax(1)
+        found = {}
+        for k in range(self.pixels.count):
+            own = np.flatnonzero((first == k) & (inside[:, k] > 0.0))
+            if len(own) >= FEWEST:
+                own = own[alpha[own] >= 0.5 * np.percentile(alpha[own], 90)]
+                found[k] = own[:: -(-len(own) // SAMPLED)]
+        return found
+
+    def _asked(self, pair: tuple[int, int], away: float) -> float:
+        """Return the least difference of two regions, of which the volume rendering has some."""
+        seen = self.pixels.inside.sum(0) / max(float(self.pixels.inside.sum()), 1e-9)
+        small = min(seen[list(pair)]) < SMALL and self.pixels.together[pair] > 0.5
+        return min(away, VESSELS if small else LEAST_DIFFERENCE)
+
+    def _over(self, flats: Floats, region: int, among: Mapping[int, Floats]) -> Floats:
+        """Return what pixels that a region dominates show over white, RGB. (N, 3)
+
+        Args:
+            flats: Colour of each region. (R, 3)
+            region: The region.
+            among: Colours of some regions in all pixels, (P, 3), in place of flat ones.
+        """
+        chosen = self.sets[region]
+        weight = self.pixels.inside[chosen]
+        own = np.tile(flats, (len(chosen), 1, 1))
+        for k, mixed in among.items():
+            own[:, k] = mixed[chosen]
+        return np.asarray((weight[:, :, None] * own).sum(1) + (1.0 - weight.sum(1))[:, None])
+
+    def shown(self, lab: Mapping[int, Floats], moves: Mapping[int, Move] | None = None) -> dict[int, Floats]:
+        """Return what pixels that each region dominates show over white, CIELAB (N, 3), by region.
+
+        Args:
+            lab: Colours of regions in all pixels, CIELAB. (P, 3)
+            moves: Changes of these.
+        """
+        from skimage.color import rgb2lab
+
+        every = np.unique(np.concatenate([*self.sets.values(), np.zeros(0, np.int64)]))
+        colours = {}
+        for k, own in lab.items():
+            colours[k] = np.zeros((self.pixels.pixels, 3))
+            colours[k][every] = lab_to_rgb((moves or {}).get(k, Move()).of(own[every]))
+        return {k: rgb2lab(self._over(self.flats, k, colours).clip(0.0, 1.0)) for k in self.sets}
+
+    def differences(self, shown: Mapping[int, Floats]) -> dict[tuple[int, int], float]:
+        """Return CIEDE2000 between each two regions of which colours, CIELAB, are shown, tone by tone."""
+        tones = {k: lab_to_rgb(_quantiles(lab)) for k, lab in shown.items()}
+        return {
+            (a, b): float(np.diag(colour_differences(tones[a], tones[b])).mean())
+            for a, b in combinations(sorted(tones), 2)
+        }
+
+    def moves(
+        self, lab: Mapping[int, Floats], means: Mapping[int, Floats], gamuts: Mapping[int, tuple[float, float, float]],
+        before: Mapping[int, Move],
+    ) -> dict[int, Move]:  # fmt: skip
+        """Return changes of regions that keep all apart; none if they are.
+
+        Args:
+            lab: Colours of regions in all pixels, CIELAB, that can change. (P, 3)
+            means: Their mean colours, CIELAB, by region. (3,)
+            gamuts: Least and largest lightness, and largest chroma, of their pictures.
+            before: Earlier changes, which count towards the bounds.
+        """
+        shown = self.shown(lab)
+        differ = self.differences(shown)
+        alike = [pair for pair, least in self.asked.items() if differ[pair] < MARGIN * least]
+        turned = [pair for pair, sign in self.order.items() if sign * _lighter(shown, pair) < EASY]
+        movable = sorted({k for pair in [*alike, *turned] for k in pair if k in means})
+        if not movable:
+            return {}
+        bounds = np.array([
+            bound for k in movable for bound in _bounds(means[k], gamuts[k], before.get(k, Move()))
+        ])  # fmt: skip
+        pairs = [pair for pair in self.asked if set(pair) & set(movable)]
+
+        def changes(values: Floats) -> dict[int, Move]:
+            return {k: Move(AWAY * values[2 * n], float(np.exp(values[2 * n + 1]))) for n, k in enumerate(movable)}
+
+        def cost(values: Floats) -> float:
+            tried = self.shown(lab, changes(values))
+            found = self.differences(tried)
+            missing = sum(max(MARGIN * self.asked[pair] - found[pair], 0.0) ** 2 for pair in pairs)
+            wrong = sum(max(EASY - sign * _lighter(tried, pair), 0.0) ** 2 for pair, sign in self.order.items())
+            return float(missing + wrong + STIFF * np.square(values).sum())
+
+        # Where regions are equally light, both ways apart are possible, and the search would stay between them.
+        spread = _spread([float(means[k][0]) for k in movable])
+        starts = [np.clip(sign * spread, *bounds.T) for sign in (0.0, 1.0, -1.0)]
+        found = minimize(
+            cost, min(starts, key=cost), method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS, "eps": 0.02}
+        )
+        return changes(found.x)
+
+
+def _spread(light: Sequence[float]) -> Floats:
+    """Return changes, as the search counts them, that make the lightest region lighter and the darkest darker."""
+    rank = np.argsort(np.argsort(light)) - 0.5 * (len(light) - 1)
+    out = np.zeros(2 * len(light))
+    out[::2] = 0.25 * rank / max(float(np.abs(rank).max()), 0.5)
+    return out
+
+
+def _lighter(shown: Mapping[int, Floats], pair: tuple[int, int]) -> float:
+    return float(shown[pair[0]][:, 0].mean() - shown[pair[1]][:, 0].mean())
+
+
+def _bounds(mean: Floats, gamut: tuple[float, float, float], before: Move) -> list[tuple[float, float]]:
+    """Return bounds of the changes of a region, as the search counts them: within the range of its whole picture."""
+    (low, high, vivid), chroma = gamut, float(np.hypot(mean[1], mean[2]))
+    most = min(VIVIDER / before.factor, max(vivid / max(chroma, 1e-3), 1.0))
+    return [
+        (max(min(low - mean[0], 0.0), -AWAY - before.shift) / AWAY,
+         min(max(high - mean[0], 0.0), AWAY - before.shift) / AWAY),
+        (min(float(np.log(GREYER / before.factor)), 0.0), max(float(np.log(most)), 0.0)),
+    ]  # fmt: skip
+
+
+def _quantiles(lab: Floats) -> Floats:
+    """Return the mean colours of as many parts of colours (N, 3), from dark to light. (QUANTILES, 3)"""
+    ordered = lab[np.argsort(lab[:, 0], kind="stable")]
+    at = ((np.arange(QUANTILES) + 0.5) / QUANTILES * len(ordered)).astype(np.int64)
+    wide = max(len(ordered) // (2 * QUANTILES), 0)
+    return np.stack([ordered[max(k - wide, 0) : k + wide + 1].mean(0) for k in at])
+
+
+def alike(
+    regions: Sequence[Region], apart: Mapping[tuple[int, int], float], asked: Mapping[tuple[int, int], float]
+) -> list[str]:
+    """Return a sentence about each two regions that look more alike than they should.
+
+    Args:
+        regions: The regions.
+        apart: CIEDE2000 between each two.
+        asked: What it should be.
+    """
+    return [
+        f"{label_of(regions, a)} and {label_of(regions, b)} are hard to tell apart (CIEDE2000 {away:.0f}): give one of "
+        "them another style."
+        for (a, b), away in apart.items()
+        if away < min(asked[a, b], LEAST_DIFFERENCE)
+    ]

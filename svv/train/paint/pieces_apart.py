@@ -1,0 +1,83 @@
+"""Regions painted by pieces of pictures are kept apart, as those painted by strokes are while they are toned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.errors import Progress
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.scene.scene import Scene
+from svv.train.match.stylize import visible_from
+from svv.train.paint.ink import Style
+from svv.train.paint.legibility import Legibility, alike
+from svv.train.paint.painting import owners_of
+from svv.train.paint.view_pixels import ViewPixels
+
+VIEWS, SIDE, MOST = 5, 128, 400
+"""Number of views in which regions are looked at, their side in pixels, and the most pixels of each region in one."""
+
+NEARLY = 0.03
+"""Fraction of a picture's pixels that are darker than nearly the darkest, and so on."""
+
+
+@torch.no_grad()
+def keep_pieces_apart(
+    scene: Scene, field: UnrestrictedField, pictures: Mapping[int, Style], flats: Tensor, progress: Progress
+) -> Sequence[str]:
+    """Move the lightness and chroma of regions' paint where they could be confused.
+
+    Args:
+        scene: The scene that is painted.
+        field: Its paint, which is changed.
+        pictures: Picture of each region that is painted by pieces.
+        flats: Mean colours of all regions, RGB. (R, 3)
+        progress: Called several times a second.
+
+    Returns:
+        Notes about regions that remain alike.
+    """
+    from skimage.color import rgb2lab
+
+    opacity = np.array([region.seen_opacity for region in scene.regions])
+    views = visible_from(scene, scene.rig.sphere(VIEWS, SIDE), progress)
+    painted = sorted(pictures)
+    if not views or len(scene.regions) < 2:
+        return []
+    pixels = ViewPixels(views, opacity, painted, MOST)
+    labs, means = {}, {}
+    for k in painted:
+        where = torch.from_numpy(pixels.where[pixels.region == k]).to(scene.device)
+        if not len(where):
+            continue
+        labs[k] = rgb2lab(pixels.mixed(k, field(where).clamp(0.0, 1.0).cpu().numpy()))
+        shown = np.unique(pixels.pixel[pixels.region == k])
+        means[k] = labs[k][shown].mean(0)
+    colours = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
+    legibility = Legibility(pixels, colours, flats.cpu().numpy().astype(np.float64))
+    gamuts = {k: _gamut(np.asarray(pictures[k], np.float32)) for k in means}
+    moves = legibility.moves(labs, means, gamuts, {})
+    lattice = field.encoding
+    assert isinstance(lattice, SparseLattice)
+    if moves:
+        owner, table = owners_of(scene, field.resolutions[-1], painted), lattice.table.cpu().numpy()
+        for k, move in moves.items():
+            mine = owner == k
+            table[mine] = move.of_rgb(table[mine].clip(0.0, 1.0))
+            labs[k] = move.of(labs[k])
+        lattice.table.copy_(torch.from_numpy(table))
+    return alike(scene.regions, legibility.differences(legibility.shown(labs)), legibility.asked)
+
+
+def _gamut(picture: NDArray[np.float32]) -> tuple[float, float, float]:
+    """Return nearly the least and largest lightness and nearly the largest chroma of a picture, CIELAB."""
+    from skimage.color import rgb2lab
+
+    lab = rgb2lab(picture.reshape(-1, 3)[:: max(picture.size // 60_000, 1)])
+    low, high = np.quantile(lab[:, 0], (NEARLY, 1.0 - NEARLY)).tolist()
+    return low, high, float(np.quantile(np.hypot(lab[:, 1], lab[:, 2]), 1.0 - NEARLY))

@@ -127,4 +127,3 @@ def _painted(
         if saved is not None:
             saved.unlink(missing_ok=True)
     return scene, notes
-

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,9 @@ from svv.errors import BadInput
 from svv.fields.scene.region import Region, label_of
 from svv.fields.scene.scene import Scene
 from svv.options.making import DivisionName, PaintOptions
-from svv.styles.families import Family, areas_of, divisions, names_of
+from svv.styles.families import Family, areas_of, divisions, joined, names_of
 from svv.train.paint.ink import Ink, StyleInput
-from svv.train.paint.pairing import Glimpse, best_division, completed, glimpse_of, paired
+from svv.train.paint.pairing import Glimpse, best_division, completed, difference_of, glimpse_of, paired
 from svv.train.paint.plan import Order, hand_of, ordered
 from svv.train.paint.style_choice import leftovers, style_pairs
 
@@ -26,6 +27,10 @@ MORE = 2
 
 SCATTERED = 0.02
 """Cost of dividing by colours where a picture has areas: a stroke's neighbours are no longer the painter's."""
+
+
+SAME = 3.0
+"""CIEDE2000 up to which two families are one: nobody could tell apart the regions that they paint."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,9 @@ def _without_words(
             continue
         number, sign, word = (text.strip() for text in value.rpartition(":"))
         if sign and not (number.isascii() and number.isdigit()):
-            raise BadInput(f"'{value}' names no part: write the number of the picture first, such as {region}=0:{word}.")
+            raise BadInput(
+                f"'{value}' names no part: write the number of the picture first, such as {region}=0:{word}."
+            )
         if not sign and len(inputs) > 1:
             raise BadInput(
                 f"'{value}' could be a part of any of {len(inputs)} pictures: write --map "
@@ -154,7 +161,7 @@ def _shared(
     ways: tuple[DivisionName, ...] = ("areas", "colours") if how == "auto" else (how,)  # type: ignore[assignment]
     regions = [*own, *kept]
     counts = [len(regions) + more for more in range(MORE + 1)]
-    every = divisions(picture, hand_of(picture, mask), counts, ways)
+    every = [_distinct(families) for families in divisions(picture, hand_of(picture, mask), counts, ways)]
     extra = [SCATTERED * (way == "colours" and len(ways) > 1) for way in ways for _ in counts]
     # What is named is looked for in every division, so that a name does not depend on which of them fits best.
     fit = [n for n, families in enumerate(every) if _has_all(families, named.values())] or range(len(every))
@@ -185,6 +192,17 @@ def _shared(
         for number, region in enumerate(own)
     }  # fmt: skip
     return (parts, {region: used.index(pairs[n]) for n, region in enumerate(own)}), told, _notes(scene, label, told)
+
+
+def _distinct(families: Sequence[Family]) -> list[Family]:
+    """Return families of which those that look the same are joined, the largest first."""
+    found = list(families)
+    while len(found) > 1:
+        apart, a, b = min((difference_of(found[a], found[b]), a, b) for a, b in combinations(range(len(found)), 2))
+        if apart >= SAME:
+            break
+        found = [joined([found[a], found[b]]), *(one for n, one in enumerate(found) if n not in (a, b))]
+    return sorted(found, key=lambda one: -one.share)
 
 
 def _has_all(families: Sequence[Family], words: Iterable[str]) -> bool:

@@ -158,7 +158,9 @@ class Workshop:
         path = self._new_scene(out)
         named = [style_named(self.source(style)) for style in styles]
         given = [StyleInput(style, label) for label, style in named]
-        mapping = None if parts is None else {_number(region): part for region, part in parts.items()}
+        mapping: dict[int, int | str] | None = (
+            None if parts is None else {_number(region): part for region, part in parts.items()}
+        )
         options = PaintOptions(mapping=mapping, divide=divide, preset=preset)
         painted, report = stylize_scene(self._scene(scene), given, options, progress)
         painted.save(path)

@@ -120,9 +120,7 @@ def _without_words(
             continue
         number, sign, word = (text.strip() for text in value.rpartition(":"))
         if sign and not (number.isascii() and number.isdigit()):
-            raise BadInput(
-                f"'{value}' names no part: write the number of the picture first, such as {region}=0:{word}."
-            )
+            raise BadInput(f"'{value}' names no part: begin with the picture's number, such as {region}=0:{word}.")
         if not sign and len(inputs) > 1:
             raise BadInput(
                 f"'{value}' could be a part of any of {len(inputs)} pictures: write --map "

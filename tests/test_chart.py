@@ -358,10 +358,10 @@ class Sources(HTMLParser):
 @pytest.mark.slow
 def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from svv.io.files.atomic import write_json
-    from svv.job.demo import _write_volume
+    from svv.job.demo import write_volume
     from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
-    _write_volume(tmp_path / "ball.vti", stirred_volume(24))
+    write_volume(tmp_path / "ball.vti", stirred_volume(24))
     write_json(tmp_path / "tf.json", [stirred_transfer_function().to_dict()])
     out = tmp_path / "out"
     arguments = [str(tmp_path / "ball.vti"), "--tf", str(tmp_path / "tf.json"), "--presets", "draft", "--encodings",

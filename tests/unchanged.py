@@ -24,7 +24,7 @@ KEPT = """
 test_triton_cells test_triton_compiles test_triton_images test_triton_kernels test_triton_networks test_triton_strokes
 test_triton_regions test_triton_tomography test_triton_variants
 test_ablation test_bench_gpu test_blind test_campaign test_chart test_chart_figures test_compared test_consistency
-test_exhibits test_flow test_frames test_frames_input test_lines test_profile
+test_exhibits test_flow test_frames test_frames_input test_legibility test_lines test_profile
 test_rival_frames test_stability test_stability_bar
 """.split()
 """Tests of the GPU's kernels in the interpreter, of ``bench/`` and of ``campaign/``; all others always run."""

@@ -52,7 +52,7 @@ def generate(out: Path, resolution: int = 128, progress: Progress = silent) -> N
     from svv.styles.gallery import gallery_picture
 
     progress(0.0, "volume")
-    _write_volume(out / "volume.vti", demo_volume(resolution))
+    write_volume(out / "volume.vti", demo_volume(resolution))
     write_json(out / "tf.json", [demo_transfer_function().to_dict()])  # a list, as ParaView exports presets
     for index, name in enumerate(STYLES):
         progress((index + 1) / (len(STYLES) + 1), name)
@@ -60,7 +60,8 @@ def generate(out: Path, resolution: int = 128, progress: Progress = silent) -> N
     progress(1.0, "")
 
 
-def _write_volume(path: Path, image: object) -> None:
+def write_volume(path: Path, image: object) -> None:
+    """Write VTK image data as ``.vti``; raises BadInput if it cannot be written."""
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
     with atomic_path(path) as temporary:

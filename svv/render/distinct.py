@@ -22,8 +22,16 @@ from svv.core.colour.distinct import distinct_palette
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import Pair, Seen, pairs_of
+from svv.fields.strokes.stroke_edits import PALETTE_SIZE, luminance
+from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.options.editing import DistinctName
-from svv.render.colour_check import seen_in
+from svv.render.colour_check import FRAMES, VIEW_SIZE, seen_in
+from svv.train.match.stylize import visible_from
+from svv.train.paint.legibility import Legibility
+from svv.train.paint.view_pixels import ViewPixels
+
+MOST = 400
+"""Maximum number of pixels of a painted region in a view."""
 
 TRIES = 5
 """How often a palette is looked for: each shows how much closer light, shade and opacity bring its colours."""
@@ -52,7 +60,7 @@ def distinct(
 ) -> Recoloured:
     """Return a scene with the nearest colours found that everybody can tell apart, as one edit.
 
-    Painted regions keep their colours; the others keep their hues where that is possible.
+    Strokes keep their hues, and other regions where that is possible; pieces of pictures and ink do not change.
 
     Args:
         scene: A scene with a palette network.
@@ -65,22 +73,22 @@ def distinct(
         The scene, of all that were tried the one whose nearest pair is farthest apart, unless an earlier one sufficed.
 
     Raises:
-        BadInput: The scene has no regions, or all that are visible are painted.
+        BadInput: The scene has no regions, or all that are visible are painted by pieces or ink.
     """
     visions = VISIONS if how == "lightness" else COLOUR_VISIONS
     free = [k for k, r in enumerate(scene.regions) if r.seen_opacity > 0.0 and r.style is None]
     before = seen_in(scene, None, background, progress=part(progress, 0.0, 0.1))
     if all(region.seen_opacity == 0.0 for region in scene.regions):
         raise BadInput("Every region is hidden or transparent, so no colour shows: show one, with svv edit --show all.")
-    if not free:
+    if not free and not scene.stroked:
         raise BadInput(
-            "No visible region has a colour that can be changed: their colours come from styles; show the palette with "
-            "--strength 0, or paint other styles."
+            "No visible region has a colour that can be changed: their colours come from pieces of pictures or ink; "
+            "show the palette with --strength 0, or paint by strokes."
         )
     fixed = [one.colours[one.weights.argmax()] for k, one in before.items() if k not in free]
     own = np.array([scene.regions[k].edited_colour or scene.regions[k].colour for k in free])
     best, colours, seen = Recoloured(scene, _nearest(before.values(), visions)), own, before
-    for number in range(TRIES):
+    for number in range(TRIES if free else 0):
         if best.nearest is None or best.nearest.difference >= least:
             break
         each = part(progress, 0.1 + 0.9 * number / TRIES, 0.1 + 0.9 * (number + 1) / TRIES)
@@ -95,7 +103,48 @@ def distinct(
         nearest = _nearest(seen.values(), visions)
         if nearest is not None and nearest.difference > best.nearest.difference:
             best = Recoloured(changed, nearest)
+    for number in range(TRIES if scene.stroked else 0):
+        if best.nearest is None or best.nearest.difference >= least:
+            break
+        changed = _strokes_apart(best.scene, visions, BEYOND ** (2 * number + 1) * least, background)
+        seen = seen_in(changed, None, background, progress=part(progress, 1.0, 1.0))
+        nearest = _nearest(seen.values(), visions)
+        if nearest is None or nearest.difference <= best.nearest.difference:
+            break
+        best = Recoloured(changed, nearest)
     return Recoloured(best.scene.as_one_step(scene), best.nearest)
+
+
+def _strokes_apart(scene: Scene, visions: Sequence[VisionName], least: float, background: Sequence[float]) -> Scene:
+    """Return a scene with another lightness and chroma of the strokes of regions that are alike.
+
+    The range of a painting is that of the strokes of all its regions.
+    """
+    from skimage.color import rgb2lab
+
+    paint = scene.paint_shown
+    assert paint is not None and paint.brushed is not None
+    views = visible_from(scene, scene.rig.orbit(181, VIEW_SIZE, frames=FRAMES), silent)
+    opacity = np.array([region.seen_opacity for region in scene.regions])
+    pixels = ViewPixels(views, opacity, sorted(scene.stroked), MOST)
+    labs, means, strokes = {}, {}, {}
+    for k, root in scene.stroked.items():
+        own = paint.brushed.regions[k if k in paint.brushed.regions else root]
+        strokes[k], mine = own[0], pixels.region == k
+        if mine.any():
+            labs[k] = rgb2lab(pixels.mixed(k, StrokePaint(*own, 1.0 / paint.resolutions[-1])(pixels.where[mine])))
+            means[k] = labs[k][np.unique(pixels.pixel[mine])].mean(0)
+    every = rgb2lab(np.concatenate([one.colour for one in strokes.values()]))
+    low, high = np.quantile(every[:, 0], (0.03, 0.97)).tolist()
+    gamut = low, high, float(np.quantile(np.hypot(every[:, 1], every[:, 2]), 0.97))
+    flats = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
+    legibility = Legibility(pixels, flats, flats, visions, least, background)
+    moves = legibility.moves(labs, means, dict.fromkeys(means, gamut), {})
+    for k, move in moves.items():
+        colours = strokes[k].colour[np.argsort(luminance(strokes[k].colour), kind="stable")]
+        chosen = colours[((np.arange(PALETTE_SIZE) + 0.5) * len(colours) / PALETTE_SIZE).astype(np.int64)]
+        scene = scene.with_strokes(k, palette=move.of_rgb(chosen).astype(np.float64).clip(0.0, 1.0).tolist())
+    return scene
 
 
 def _wanted(

@@ -10,7 +10,7 @@ import typer
 
 from svv.cli.options import examples
 from svv_bench import results
-from svv_bench.cli import blind, chart, gpu, profile, sheets, stability, styles
+from svv_bench.cli import blind, chart, gpu, legibility, profile, sheets, stability, styles
 
 app = typer.Typer(name="bench", no_args_is_help=True)
 
@@ -25,6 +25,9 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "sheet": (sheets.sheet, sheets.SHEET),
     "figures": (sheets.figures, sheets.FIGURES),
     "blind": (blind.blind, blind.BLIND),
+    "legibility": (legibility.legibility, legibility.LEGIBILITY),
+    "volumes": (legibility.volumes, legibility.VOLUMES),
+    "tasks": (legibility.tasks, legibility.TASKS),
 }
 """Each command's name, its function and the examples in its help, in the order of the help."""
 

@@ -122,7 +122,7 @@ class KnownScene:
         return np.where(alpha == 0, -1, np.where(alpha < 255 * LEAST_ALPHA, -2, largest)).astype(np.int16)
 
 
-def _shape(distance: Array) -> Array:
+def solid(distance: Array) -> Array:
     """Return 1 inside a shape, 0 outside, and 0.5 on its surface (distance 0, negative inside)."""
     return 0.5 - 0.5 * np.tanh(2.0 * distance / EDGE)
 
@@ -139,12 +139,12 @@ def _ring(point: Array) -> Array:
 def ring_and_balls(point: Array) -> Array:
     """Return a ring (values near 1) and three balls (near 0) in 0.5, so neither has a skin of the other's values."""
     balls = np.min([_ball(point, (0.0, 0.0, h), 0.22) for h in (-0.65, 0.0, 0.65)], axis=0)
-    return np.asarray(0.5 + 0.5 * _shape(_ring(point)) - 0.5 * _shape(balls))
+    return np.asarray(0.5 + 0.5 * solid(_ring(point)) - 0.5 * solid(balls))
 
 
 def ring(point: Array) -> Array:
     """Return the ring without the balls."""
-    return 0.5 + 0.5 * _shape(_ring(point))
+    return 0.5 + 0.5 * solid(_ring(point))
 
 
 def shells(point: Array) -> Array:
@@ -164,7 +164,7 @@ def wires(point: Array) -> Array:
         turn = np.mod((angle - way * 1.6 * z) * 6.0 / (2.0 * np.pi), 1.0) - 0.5
         along = turn * 2.0 * np.pi / 6.0 * across * np.cos(np.arctan(1.6 * 0.55))
         distance = np.minimum(distance, np.hypot(across - 0.55, along))
-    return 0.5 + 0.5 * _shape(np.maximum(distance - 0.03, np.abs(z) - 0.9))
+    return 0.5 + 0.5 * solid(np.maximum(distance - 0.03, np.abs(z) - 0.9))
 
 
 def layers(count: int) -> Callable[[Array], Array]:

@@ -91,7 +91,7 @@ def _known_styles(styles: Path | None) -> dict[str, str]:
         return {name: PREFIX + name for name in GALLERY}
     if styles.is_dir():
         return {path.stem: str(path) for path in sorted(styles.iterdir()) if path.is_file()}
-    content = _read_json(styles, "styles")
+    content = read_object(styles, "styles")
     if not all(isinstance(value, str) for value in content.values()):
         raise BadInput(f"{styles} must give a style picture or gallery:NAME for each picture's name.")
     return content
@@ -123,10 +123,7 @@ def write_sheets(
             cannot be read, are empty, or differ in size.
     """
     cases = find_cases(ways, styles)
-    if out.resolve() in key.resolve().parents:
-        raise BadInput(f"The key must not be among the sheets: choose another place than {key} for it.")
-    if (out / CHOICES).exists() or key.exists():
-        raise BadInput(f"{out} or {key} contains another trial: choose other places, or remove both first.")
+    check_places(out, key, out / CHOICES)
     loaded = {case.name: _pictures(case) for case in cases}
     hashes = {case.name: [digest(p) for p in loaded[case.name]] for case in cases}
     random = np.random.default_rng([seed, int(digest(hashes)[:12], 16)])
@@ -146,6 +143,14 @@ def write_sheets(
     write_json(out / CHOICES, {f"{number + 1:03d}": None for number in range(len(sheets))})
     progress(1.0, "")
     return len(sheets)
+
+
+def check_places(out: Path, key: Path, template: Path) -> None:
+    """Raise BadInput if the key would be among the sheets, or there is another trial."""
+    if out.resolve() in key.resolve().parents:
+        raise BadInput(f"The key must not be among the sheets: choose another place than {key} for it.")
+    if template.exists() or key.exists():
+        raise BadInput(f"{out} or {key} contains another trial: choose other places, or remove both first.")
 
 
 def _pictures(case: Case) -> list[Picture]:
@@ -193,7 +198,7 @@ def read_choices(path: Path, sheets: int, columns: int) -> list[int]:
     Raises:
         BadInput: The file cannot be read, sheets have no choice, or a sheet or column does not exist.
     """
-    content = _read_json(path, "choices")
+    content = read_object(path, "choices")
     names = [f"{number + 1:03d}" for number in range(sheets)]
     given = {f"{int(name):03d}" if name.isdecimal() else name: value for name, value in content.items()}
     unknown = sorted(set(given) - set(names))
@@ -228,7 +233,7 @@ def open_key(choices: Path, key: Path, progress: Progress = silent) -> dict[str,
     Raises:
         BadInput: See :func:`read_choices`; or the key is damaged, or the pictures are no longer those of the sheets.
     """
-    content = _read_json(key, "key")
+    content = read_object(key, "key")
     try:
         ways, entries = [Path(way) for way in content["ways"]], list(content["sheets"])
         cases = [Case(e["name"], e["style"], tuple(way / f"{e['name']}.png" for way in ways)) for e in entries]
@@ -299,18 +304,20 @@ def report(found: Mapping[str, Any]) -> str:
     """Format both tables of :func:`open_key` as Markdown; the parts of ``lines`` are only in the JSON file."""
     tables = []
     for first, rows, column in (("way", found["ways"], "chosen"), ("figure", found["figures"], "agreed")):
-        lines = [{first: name, column: f"{r[column]} of {r['of']}", "share": _percent(r["share"]),
-                  "95 % interval": f"{_percent(r['low'])} to {_percent(r['high'])}"}
+        lines = [{first: name, column: f"{r[column]} of {r['of']}", "share": percent(r["share"]),
+                  "95 % interval": f"{percent(r['low'])} to {percent(r['high'])}"}
                  for name, r in rows.items() if not name.startswith("lines:")]  # fmt: skip
         tables.append(markdown(lines, first, (column, "share", "95 % interval")))
     return "\n\n".join(tables) + "\n"
 
 
-def _percent(value: float) -> str:
+def percent(value: float) -> str:
+    """Format a share; a dash where nothing was counted."""
     return "-" if np.isnan(value) else f"{100 * value:.0f} %"
 
 
-def _read_json(path: Path, what: str) -> dict[str, Any]:
+def read_object(path: Path, what: str) -> dict[str, Any]:
+    """Read a JSON object of ``what``; raises BadInput if there is none."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -72,17 +72,17 @@ def seen_of(scene: Scene, pictures: Sequence[Rendering], background: Sequence[fl
     regions = np.concatenate([picture.region.ravel() for picture in pictures])
     found = {}
     for number in range(len(scene.regions)):
-        own = rgba[regions == number]
+        own = rgba[(regions == number) & (rgba[:, 3] > 0.0)]
         if not len(own):
             continue
         # Pixels at the border of a region show the background above all.
         own = own[own[:, 3] >= 0.5 * np.percentile(own[:, 3], 90)]
         colours = over(own, background)
-        found[number] = Seen(label_of(scene.regions, number), *_clusters(colours, own[:, 3]))
+        found[number] = Seen(label_of(scene.regions, number), *clustered(colours, own[:, 3]))
     return found
 
 
-def _clusters(colours: NDArray[np.floating], weights: NDArray[np.floating]) -> tuple[Array, Array]:
+def clustered(colours: NDArray[np.floating], weights: NDArray[np.floating]) -> tuple[Array, Array]:
     """Return at most :data:`COLOURS` colours that stand for many (N, 3), and their weights."""
     from scipy.cluster.vq import kmeans2
 
@@ -101,10 +101,10 @@ def _clusters(colours: NDArray[np.floating], weights: NDArray[np.floating]) -> t
     return centres[share > 0], share[share > 0] / share.sum()
 
 
-def pairs_of(seen: Sequence[Seen]) -> list[Pair]:
+def pairs_of(seen: Sequence[Seen], visions: Sequence[VisionName] = VISIONS) -> list[Pair]:
     """Return how far each pair of regions is apart in each way of seeing them."""
     return [
         Pair(a.name, b.name, vision, set_difference(a.colours, b.colours, a.weights, b.weights, vision))
-        for vision in VISIONS
+        for vision in visions
         for a, b in combinations(seen, 2)
     ]

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from svv.core.colour.colour import colour_differences, lab_to_rgb
-from svv.core.colour.colour_vision import LEAST_DIFFERENCE
+from svv.core.colour.colour import WHITE, colour_differences, lab_to_rgb
+from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VisionName, simulated
 from svv.fields.scene.region import Region, label_of
 from svv.train.paint.view_pixels import ViewPixels
 
@@ -84,15 +84,26 @@ class Legibility:
         pixels: Pixels of views.
         colours: Colours of all regions in the volume rendering, RGB. (R, 3)
         flats: Colours of the regions of which no others are given, RGB. (R, 3)
+        visions: Ways of seeing them.
+        least: CIEDE2000 that all regions are to differ by; by default :data:`LEAST_DIFFERENCE`, more for vessels, and
+            no more than in the volume rendering.
+        background: What is behind them, RGB.
     """
 
-    def __init__(self, pixels: ViewPixels, colours: Floats, flats: Floats) -> None:
+    def __init__(
+        self, pixels: ViewPixels, colours: Floats, flats: Floats, visions: Sequence[VisionName] = ("normal",),
+        least: float | None = None, background: Sequence[float] = WHITE,
+    ) -> None:  # fmt: skip
         from skimage.color import rgb2lab
 
-        self.pixels, self.flats = pixels, np.asarray(flats, np.float64)
+        self.pixels, self.flats, self.visions = pixels, np.asarray(flats, np.float64), visions
+        self.background = np.array(background, np.float64)
         self.sets = self._sets()
         volume = {k: rgb2lab(self._over(np.asarray(colours, np.float64), k, {})) for k in self.sets}
-        self.asked = {pair: self._asked(pair, away) for pair, away in self.differences(volume).items()}
+        self.asked = {
+            pair: self._asked(pair, away) if least is None else least
+            for pair, away in self.differences(volume).items()
+        }  # fmt: skip
         """The least CIEDE2000 of each two regions."""
         self.order: dict[tuple[int, int], float] = {}
         """Sign of the difference in lightness of two regions, one of which encloses the other."""
@@ -120,7 +131,7 @@ class Legibility:
         return min(away, VESSELS if small else LEAST_DIFFERENCE)
 
     def _over(self, flats: Floats, region: int, among: Mapping[int, Floats]) -> Floats:
-        """Return what pixels that a region dominates show over white, RGB. (N, 3)
+        """Return what pixels that a region dominates show over the background, RGB. (N, 3)
 
         Args:
             flats: Colour of each region. (R, 3)
@@ -132,7 +143,7 @@ class Legibility:
         own = np.tile(flats, (len(chosen), 1, 1))
         for k, mixed in among.items():
             own[:, k] = mixed[chosen]
-        return np.asarray((weight[:, :, None] * own).sum(1) + (1.0 - weight.sum(1))[:, None])
+        return np.asarray((weight[:, :, None] * own).sum(1) + (1.0 - weight.sum(1))[:, None] * self.background)
 
     def shown(self, lab: Mapping[int, Floats], moves: Mapping[int, Move] | None = None) -> dict[int, Floats]:
         """Return what pixels that each region dominates show over white, CIELAB (N, 3), by region.
@@ -153,8 +164,9 @@ class Legibility:
     def differences(self, shown: Mapping[int, Floats]) -> dict[tuple[int, int], float]:
         """Return CIEDE2000 between each two regions of which colours, CIELAB, are shown, tone by tone."""
         tones = {k: lab_to_rgb(_quantiles(lab)) for k, lab in shown.items()}
+        every = [{k: simulated(own, vision) for k, own in tones.items()} for vision in self.visions]
         return {
-            (a, b): float(np.diag(colour_differences(tones[a], tones[b])).mean())
+            (a, b): min(float(np.diag(colour_differences(seen[a], seen[b])).mean()) for seen in every)
             for a, b in combinations(sorted(tones), 2)
         }
 

@@ -179,7 +179,7 @@ def test_a_page_needs_nothing_beside_it(tmp_path: Path) -> None:
     cost = {"title": "Training <1>", "seconds": 70.0, "peak_rss_bytes": 2_000_000_000}
     parts: list[Picture | Table] = [
         Picture("Heading & more", "Text.", tmp_path / "a.png"),
-        Table("Table", "Text.", ["Name", "Colour"], [["a", "#ff0000"]], swatch=1),
+        Table("Table", "Text.", ["Name", "Colour"], [["a", "#ff0000"]], swatch=(1,)),
         cost_table([cost]),
     ]
     write_page(tmp_path / "r.html", Page("A title", "Text", [("3", "things")], tmp_path / "a.mp4", parts, [("k", "v")]))

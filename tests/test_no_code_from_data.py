@@ -113,7 +113,7 @@ def test_the_page_of_a_job_escapes_every_name(tmp_path: Path) -> None:
     file, movie = tmp_path / "a<b>\"'.png", tmp_path / "m.mp4"
     Image.new("RGB", (4, 4)).save(file)
     movie.write_bytes(b"movie")
-    table = Table(BAD, BAD, (BAD, BAD), [[BAD, BAD]], swatch=1)
+    table = Table(BAD, BAD, (BAD, BAD), [[BAD, BAD]], swatch=(1,))
     page = Page(BAD, BAD, [(BAD, BAD)], movie, [Picture(BAD, BAD, file), table], [(BAD, BAD)], (file, BAD))
     write_page(tmp_path / "page.html", page)
     text = (tmp_path / "page.html").read_text()

@@ -14,6 +14,7 @@ from svv.cli.app import guarded
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
 from svv.cli.options import Out, SceneFile, examples
+from svv.cli.swatches import print_swatches
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.figures import FigureOptions
@@ -152,6 +153,7 @@ def apply(
         )
     for note in result.notes:
         print(note, file=sys.stderr)
+    print_swatches(result.scene.made.get("stylized", {}).get("divided", {}), result.scene.regions)
     result.scene.save(out)
     if options.camera is not None and camera is not None:
         write_json(options.camera, told_of(camera))

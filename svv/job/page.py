@@ -41,14 +41,14 @@ class Table:
         text: One sentence about the table.
         columns: Names of the columns.
         rows: One cell per column.
-        swatch: Index of a column whose cells are colours ``#rrggbb``, shown as such; -1 for none.
+        swatch: Indices of columns whose cells are colours ``#rrggbb``, shown as such.
     """
 
     heading: str
     text: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
-    swatch: int = -1
+    swatch: Sequence[int] = ()
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _picture(picture: Picture) -> str:
 
 def _table(table: Table) -> str:
     def cell(index: int, value: str) -> str:
-        mark = f'<i style="background:{escape(value)}"></i>' if index == table.swatch and value else ""
+        mark = f'<i style="background:{escape(value)}"></i>' if index in table.swatch and value else ""
         return f"<td>{mark}{escape(value)}</td>"
 
     head = "".join(f"<th>{escape(name)}</th>" for name in table.columns)

@@ -10,6 +10,7 @@ import numpy as np
 
 from svv.core.colour.colour import to_hex
 from svv.core.interval_text import interval_text
+from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Scene
 from svv.io.views.view_meta import ViewMeta, known
 from svv.io.views.viewset import read_meta
@@ -36,6 +37,9 @@ LIGHT = {
 }
 """Lighting of a scene -> its description for people."""
 
+DARK_TO_LIGHT = ("Dark", "Middle", "Light")
+"""Headings of the colours of a part of a picture."""
+
 PROTOCOL = (
     "Views that were not trained on, truth and prediction over white. PSNR is the mean over the images; the "
     "foreground is where the true opacity is above 0. Higher is better for PSNR and SSIM, lower for FLIP and LPIPS; "
@@ -59,6 +63,7 @@ def write_result(path: Path, job: Job) -> None:
         Picture("All around", "The same views of every variant.", job.out / "contact.png"),
         _regions(scene),
         *styles,
+        *_shared(scene),
         Picture("Region by region", "Each region alone, with the others made transparent.", job.out / "regions.png"),
     ]
     if scores:
@@ -102,7 +107,21 @@ def _regions(scene: Scene) -> Table:
         rows.append([*row, region.style or "as it is"] if styled else row)
     columns = ["Region", "Colour", "Share"] + ["Values"] * known + ["Style"] * styled
     text = "The regions of the palette: each can be recoloured, relit, thinned out or stylized on its own."
-    return Table("Regions", text, columns, rows, swatch=1)
+    return Table("Regions", text, columns, rows, swatch=(1,))
+
+
+def _shared(scene: Scene) -> list[Table]:
+    """Return the table of the parts of a picture that regions share; none if no picture was divided."""
+    divided = scene.made.get("stylized", {}).get("divided", {})
+    if not divided:
+        return []
+    rows = [
+        [label_of(scene.regions, int(k)), *one["colours"], one["part"], one["style"], f"{one['share']:.0%}"]
+        for k, one in divided.items()
+    ]
+    text = "What of a picture paints each region that shares it: its colours from dark to light. --map chooses others."
+    columns = ("Region", *DARK_TO_LIGHT, "Part", "Style", "Share of the strokes")
+    return [Table("Parts of the picture", text, columns, rows, swatch=(1, 2, 3))]
 
 
 def _scores(scores: dict[str, Scores]) -> Table:

@@ -29,7 +29,7 @@ from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
 from svv.measure import usable_cpus
 from svv.options.described import chosen
-from svv.options.making import OrbitOptions, PaintOptions, TrainOptions, ViewOptions
+from svv.options.making import OrbitOptions, PaintOptions, SharingOptions, TrainOptions, ViewOptions
 from svv.render.frames import orbit, region_colours, write_frames_of
 from svv.render.looks.file import to_json
 from svv.render.looks.look import Look
@@ -60,11 +60,13 @@ class JobSettings:
     """Whether to include a recoloured scene."""
     look: Look | None = None
     """The look of the scene, in place of styles."""
+    sharing: SharingOptions = SharingOptions()
+    """Which region gets which style, or part of one."""
 
     @property
     def paint(self) -> PaintOptions:
         """Options for painting the regions: preset and seed of the training."""
-        return PaintOptions(preset=self.train.preset, seed=self.train.seed)
+        return PaintOptions(**vars(self.sharing), preset=self.train.preset, seed=self.train.seed)
 
 
 class Job:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from svv.errors import BadInput, Progress, silent
-from svv.options.making import PREFIX, PaintOptions, PresetName, TrainOptions, ViewOptions
+from svv.options.making import PREFIX, AskedDivisionName, PaintOptions, PresetName, TrainOptions, ViewOptions
 
 if TYPE_CHECKING:
     from svv.core.geometry.cameras import Camera
@@ -120,9 +120,7 @@ class Workshop:
         """Name regions of a scene by their numbers, such as {"0": "bone"}."""
         path, result = self._new_scene(out), self._scene(scene)
         for number, text in names.items():
-            if not (number.isascii() and number.isdigit()):
-                raise BadInput(f"'{number}' is no region's number: give for example {{'0': 'bone'}}.")
-            result = result.edited(int(number), name=text)
+            result = result.edited(_number(number), name=text)
         result.save(path)
         return self.shown(path)
 
@@ -138,17 +136,36 @@ class Workshop:
         return found | {f"look {PREFIX}{name}": f"look, {look['title']}" for name, look in LOOKS.items()}
 
     def stylize(
-        self, scene: str, styles: list[str], out: str, preset: PresetName = "balanced", progress: Progress = silent
-    ) -> str:
-        """Paint the regions of a scene, in turn, in styles: pictures, gallery:NAME or ink:NAME."""
+        self,
+        scene: str,
+        styles: list[str],
+        out: str,
+        preset: PresetName = "balanced",
+        divide: AskedDivisionName = "auto",
+        parts: dict[str, str] | None = None,
+        progress: Progress = silent,
+    ) -> list[str]:
+        """Paint the regions of a scene, in turn, in styles: pictures, gallery:NAME or ink:NAME.
+
+        A picture that several regions share is divided among them; the answer says which region has which part, and
+        what other parts there are. parts chooses them by name, such as {"0": "sky"}; divide="no" gives every region the
+        whole picture.
+        """
+        from svv.train.paint.dividing import swatches
         from svv.train.paint.ink import StyleInput, style_named
         from svv.train.pipeline import stylize_scene
 
         path = self._new_scene(out)
         named = [style_named(self.source(style)) for style in styles]
         given = [StyleInput(style, label) for label, style in named]
-        stylize_scene(self._scene(scene), given, PaintOptions(preset=preset), progress)[0].save(path)
-        return self.shown(path)
+        mapping: dict[int, int | str] | None = (
+            None if parts is None else {_number(region): part for region, part in parts.items()}
+        )
+        options = PaintOptions(mapping=mapping, divide=divide, preset=preset)
+        painted, report = stylize_scene(self._scene(scene), given, options, progress)
+        painted.save(path)
+        shown = [f"{label} ({', '.join(colours)})" for colours, label in swatches(report["divided"], painted.regions)]
+        return [*report["notes"], *shown, self.shown(path)]
 
     def save_look(self, scene: str, out: str) -> str:
         """Save how a scene looks to a file, for other scenes."""
@@ -222,6 +239,12 @@ class Workshop:
             raise BadInput(f"A scene is a .svv, not '{name}': choose another name.")
         check_writable(path)
         return path
+
+
+def _number(region: str) -> int:
+    if not (region.isascii() and region.isdigit()):
+        raise BadInput(f"'{region}' is no region's number: give for example {{'0': 'bone'}}.")
+    return int(region)
 
 
 def _camera(scene: Scene, azimuth: float, elevation: float, size: int) -> Camera:

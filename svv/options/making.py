@@ -171,13 +171,8 @@ class PaletteOptions:
 
 
 @dataclass(frozen=True)
-class PaintOptions:
-    """How the regions of a scene are painted.
-
-    >>> options = svv.PaintOptions(mapping={0: 1, 1: 0}, preset="draft", stroke_size=1.5)
-    >>> options.manner, options.hand
-    ('auto', 'auto')
-    """
+class SharingOptions:
+    """Which region gets which style, or which part of a picture that several share."""
 
     mapping: Annotated[
         dict[int, int | str] | dict[int, int] | Literal["colour"] | None,
@@ -188,6 +183,17 @@ class PaintOptions:
     divide: AskedDivisionName = "auto"
     """How a picture is divided among the regions that share it: by its areas (a sky, a field) or by its colours; auto
     takes what tells the regions apart, no gives every region the whole picture."""
+
+
+@dataclass(frozen=True)
+class PaintOptions(SharingOptions):
+    """How the regions of a scene are painted.
+
+    >>> options = svv.PaintOptions(mapping={0: 1, 1: 0}, preset="draft", stroke_size=1.5)
+    >>> options.manner, options.hand
+    ('auto', 'auto')
+    """
+
     keep: Annotated[tuple[int, ...], Setting(metavar="K", panel="")] = ()
     """A region to leave unpainted."""
     stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0

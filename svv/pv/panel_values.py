@@ -153,6 +153,7 @@ class RegionRow(TypedDict, total=False):
     Negative: str
     Mask: str
     Part: int
+    Share: str
 
 
 class ColourRow(TypedDict, total=False):

@@ -207,7 +207,9 @@ def stylize_scene(
     else:
         styled, report = paint(scene, inputs, asked, progress, checkpoint, preview)
     report["notes"] = list(dict.fromkeys([*division.notes, *report["notes"]]))
-    report["divided"] = {str(region): share for region, share in division.shares.items()}
+    told = scene.made.get("stylized", {}).get("divided", {}) if asked.go_on else {}
+    told = {region: share for region, share in told.items() if region not in report["styles"]}
+    report["divided"] = told | {str(region): share for region, share in division.shares.items()}
     styled = replace(styled, made={**styled.made, "stylized": report})
     return with_styles_kept(scene, styled, inputs, asked, report), report
 

@@ -12,7 +12,7 @@ import typer
 from svv.cli.option_group import spread
 from svv.cli.options import Out
 from svv.errors import BadInput
-from svv.options.making import OrbitOptions, ShownVolumeOptions, TrainOptions, ViewOptions
+from svv.options.making import OrbitOptions, SharingOptions, ShownVolumeOptions, TrainOptions, ViewOptions
 from svv.progress import duration, shown
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     volume: ShownVolumeOptions = ShownVolumeOptions(),
     drawing: ViewOptions = ViewOptions(),
     training: TrainOptions = TrainOptions(),
+    sharing: SharingOptions = SharingOptions(),
     path: OrbitOptions = OrbitOptions(),
 ) -> None:
     """Run the whole job on a volume or on views: training, scores, styles, a movie and a report.
@@ -102,13 +103,15 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
 
     if look is not None and style:
         raise BadInput("Give --look or --style, not both: a look has its own styles.")
+    if not style and sharing != SharingOptions():
+        raise BadInput("--map and --divide are about style pictures: give --style, or leave them out.")
     chosen = None if look is None else Look.load(look)
     views = transforms_file(source, "train") is not None
     if not views and is_database(source):
         with shown("Reading") as progress:
             source, views = imported_views(source, out / "views", progress), True
     origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **volume.to_read())
-    settings = JobSettings(drawing, training, path, recolour, chosen)
+    settings = JobSettings(drawing, training, path, recolour, chosen, sharing)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
     compile_beside()

@@ -12,11 +12,13 @@ from svv.cli.commands.style import read_styles
 from svv.cli.files import check_targets, finish, load
 from svv.cli.option_group import spread
 from svv.cli.options import Json, Out, SceneFile
+from svv.cli.swatches import print_swatches
 from svv.options.making import DeviceOptions, PaintOptions
 from svv.progress import shown
 
 STYLIZE = (
     "svv stylize scene.svv --style brush.jpg --out styled.svv",
+    "svv stylize scene.svv --style brush.jpg --map 0=sky --out styled.svv",
     "svv stylize scene.svv --style a.png --style gallery:mosaic --map 0=0,2=1 --keep 1 --out styled.svv",
     "svv stylize scene.svv --style a.png --style a.png --style-mask 0=sky.png --style-mask 1=sea.png -o styled.svv",
     "svv stylize styled.svv --style a.png --style-mask 0=sky.png --map 0=0 --continue --out again.svv",
@@ -70,4 +72,5 @@ def stylize(
         styled, report = stylize_scene(load(scene, where.device), styles, options, progress, checkpoint, show)
     for note in report["notes"]:
         print(note, file=sys.stderr)
+    print_swatches(report["divided"], styled.regions)
     finish(styled, report, out, json, checkpoint)

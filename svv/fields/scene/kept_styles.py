@@ -1,27 +1,33 @@
 """The style pictures of paintings, which a scene keeps so that its look can be saved and applied to other scenes.
 
 They belong to the record of how a painting was made: ``made["kept"]["styles"]`` holds each style's picture and mask as
-data URIs, by its name, ``made["kept"]["laid"]`` how the paint of each region was laid. In a file they are arrays, each
-once, however many paintings share it.
+data URIs, by its name, and of a divided picture the ``part``, a mask as well; ``made["kept"]["laid"]`` says how the
+paint of each region was laid. In a file they are arrays, each once, however many paintings share it.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.json_values import number_in, object_in, text_in
+from svv.core.json_values import list_in, number_in, object_in, text_in
 from svv.io.files.keyed_results import digest
 from svv.io.pictures.picture_data import as_text, content_of
 
 KEPT = "kept"
 """Key of a painting's record under which its styles are kept."""
 
+DIVIDED = "divided"
+"""Key under which it says which part of a picture painted each region (:mod:`svv.train.paint.dividing`)."""
+
 PREFIX = "picture."
 """Start of the names of their arrays in a file."""
+
+CODE = re.compile("#[0-9a-f]{6}")
 
 Arrays = dict[str, NDArray[np.generic]]
 
@@ -53,6 +59,8 @@ def put_apart(painted: Any, tensors: Arrays) -> Any:
 
 def put_back(painted: Any, tensors: Mapping[str, NDArray[np.generic]]) -> Any:
     """Invert :func:`put_apart`; raises KeyError, TypeError or ValueError if the content does not fit."""
+    if isinstance(painted, Mapping) and DIVIDED in painted:
+        painted = {**painted, DIVIDED: _parts_in(painted[DIVIDED])}
     if not isinstance(painted, Mapping) or KEPT not in painted:
         return painted
     kept = object_in(painted[KEPT], KEPT)
@@ -66,3 +74,20 @@ def put_back(painted: Any, tensors: Mapping[str, NDArray[np.generic]]) -> Any:
         laid[str(int(region))] = {key: text_in(how[key], key) for key in ("style", "manner", "hand")}
         laid[str(int(region))]["stroke_size"] = number_in(how["stroke_size"], "stroke_size")
     return {**painted, KEPT: {"styles": styles, "laid": laid}}
+
+
+def _parts_in(told: object) -> dict[str, dict[str, object]]:
+    """Return what a file says about the parts of divided pictures; raises as :func:`put_back` does."""
+    found: dict[str, dict[str, object]] = {}
+    for region, value in object_in(told, DIVIDED).items():
+        one = object_in(value, DIVIDED)
+        texts = {key: _texts_in(one[key], key) for key in ("colours", "parts")}
+        if not (region.isascii() and region.isdigit() and all(map(CODE.fullmatch, texts["colours"]))):
+            raise ValueError(f"{DIVIDED} needs regions' numbers and colours such as #ff8800")
+        plain = {key: text_in(one[key], key) for key in ("style", "part")}
+        found[region] = {**plain, **texts, "share": number_in(one["share"], "share")}
+    return found
+
+
+def _texts_in(told: object, name: str) -> list[str]:
+    return [text_in(text, name) for text in list_in(told, len(told) if isinstance(told, list) else 0, name)]

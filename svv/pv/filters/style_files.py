@@ -63,5 +63,6 @@ def style_key(values: Values, known: Mapping[str, str] | None = None) -> str:
     for row in (region_row(values, k) for k in range(REGIONS)):
         mask = there.get(row.get("Mask", ""), row.get("Mask"))
         rows += [row.get("Style"), row.get("Positive"), row.get("Negative"), mask, row.get("Part")]
+        rows += [("share", k, share) for k, share in enumerate([row.get("Share")]) if share]
     others = [values.get("Gallery"), values.get("Mapping"), values.get("PictureParts")]
     return digest(files, rows, others, chosen(options_in(PaintOptions, values)))

@@ -13,7 +13,7 @@ from svv.options.making import DeviceOptions, PaintOptions
 from svv.pv.filters.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel.option_panel import options_in
-from svv.pv.panel_values import Values
+from svv.pv.panel_values import Values, region_row
 from svv.pv.results.keys import digest_of_scene
 
 if TYPE_CHECKING:
@@ -35,7 +35,16 @@ class Painting:
     def told(self) -> str:
         """Return one line about the painting."""
         report = self.scene.made["stylized"]
-        return " ".join([f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"]])
+        said = [f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"], parts_said(self.scene)]
+        return " ".join(filter(None, said))
+
+
+def parts_said(scene: Scene) -> str:
+    """Return which part of a picture each region has, and its colours from dark to light; '' if none is divided."""
+    from svv.train.paint.dividing import swatches
+
+    divided = scene.made.get("stylized", {}).get("divided", {})
+    return " ".join(f"{label} ({', '.join(colours)})." for colours, label in swatches(divided, scene.regions))
 
 
 def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, str]:
@@ -118,16 +127,16 @@ class Styles:
 
     given: list[StyleInput] = field(default_factory=list)
     """Pictures or inks, with their masks."""
-    mapping: dict[int, int] = field(default_factory=dict)
-    """Region -> index into ``given``."""
+    mapping: dict[int, int | str] = field(default_factory=dict)
+    """Region -> index into ``given``, with the name of a part behind a colon if one is asked for."""
     opened: dict[str, tuple[str, Style]] = field(default_factory=dict)
     """Source -> name and style; each is read once."""
     notes: list[str] = field(default_factory=list)
     """Sentences for the user."""
     _numbers: dict[tuple[str, int | None], int] = field(default_factory=dict)
 
-    def add(self, source: str, mask: Mask | None, region: int, progress: Progress) -> None:
-        """Assign a picture, or the part of it inside a mask, to a region."""
+    def add(self, source: str, mask: Mask | None, region: int, share: str, progress: Progress) -> None:
+        """Assign a picture, or the part of it inside a mask, to a region; ``share`` names what it has of it, if any."""
         from svv.train.paint.ink import StyleInput
 
         name, picture = self.open(source, progress)
@@ -135,7 +144,7 @@ class Styles:
         if key not in self._numbers:
             self._numbers[key] = len(self.given)
             self.given.append(StyleInput(picture, name if mask is None else f"{name} (region {region})", mask))
-        self.mapping[region] = self._numbers[key]
+        self.mapping[region] = f"{self._numbers[key]}:{share}" if share else self._numbers[key]
 
     def open(self, source: str, progress: Progress) -> tuple[str, Style]:
         """Return the name and the picture or ink of a source; each source is read once."""
@@ -180,7 +189,7 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
         if source:
             style = styles.open(source, progress)[1]
             mask = mask_for(values, region, source, picture_of(style))[0] if asks_for_part(values, region) else None
-            styles.add(source, mask, region, progress)
+            styles.add(source, mask, region, region_row(values, region).get("Share", "").strip(), progress)
     if not styles.mapping:
         raise BadInput("No region is left to paint, because all stay as they are: choose a picture for at least one.")
     for source in dict.fromkeys(common):

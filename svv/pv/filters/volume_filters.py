@@ -332,7 +332,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             training_moment,
         )
         from svv.pv.filters.style_files import files_of, lost_file, style_key
-        from svv.pv.filters.styling import stylize
+        from svv.pv.filters.styling import parts_said, stylize
 
         values = self.values
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
@@ -366,10 +366,11 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             scene = painted
         if not self.shows:
             return regions_said(scene)
+        parts = "" if isinstance(scene, Stored) else parts_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         note = LOST.format(lost=self.lost) if self.lost else self.note
         said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{note}"
-        said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed")]))
+        said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed"), parts]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))

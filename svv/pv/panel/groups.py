@@ -366,4 +366,6 @@ def style_properties(region: int) -> Sequence[Property]:
              "the region learns from the white part.", advanced=advanced),
         integer(f"{name}Part", -1, "Number of the part of the picture to use, if Picture Parts divides it; -1: do not "
                 "use parts.", -1, None, advanced),
+        text(f"{name}Share", "What of a picture that regions share paints this one: the name of a part, such as sky; "
+             "Status tells them. Empty: as Divide finds it.", "", advanced),
     ])  # fmt: skip

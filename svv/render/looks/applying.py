@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,9 @@ def applied(
     """Return a scene with a look.
 
     A region that a look's region matches (:func:`.matching.matched`) gets its colour, style and edits in place of its
-    own; others stay. The painting replaces the scene's painting of the same name.
+    own; others stay. A look whose one picture paints all of its regions is divided anew among all regions of a scene
+    that has other ones (:meth:`.matching.Matches.divided_anew`). The painting replaces the scene's painting of the same
+    name.
 
     Args:
         look: The look.
@@ -54,7 +56,7 @@ def applied(
     """
     matches = matched(look, scene, mapping)
     source = {match.region: look.regions[match.source] for match in matches.pairs}
-    result, notes = _painted(look, scene, source, progress, checkpoint, paint)
+    result, notes = _painted(look, scene, source, matches, progress, checkpoint, paint)
     phong = scene.settings.lighting == "phong"
     regions = list(result.regions)
     for number, theirs in source.items():
@@ -80,15 +82,33 @@ def _looking_like(region: Region, theirs: LookRegion, phong: bool) -> Region:
     return with_edits(region, edits)
 
 
+def _options(laid: Laid) -> PaintOptions:
+    """Return the options with which paint is laid so."""
+    return PaintOptions(
+        manner="auto" if laid.manner not in ("strokes", "pieces") else laid.manner,  # type: ignore[arg-type]
+        hand=laid.hand if laid.manner == "strokes" else "auto",  # type: ignore[arg-type]
+        stroke_size=laid.stroke_size,
+    )
+
+
+def _told(notes: Sequence[str]) -> list[str]:
+    return [note for note in notes if not note.endswith("--manner chooses otherwise.")]
+
+
 def _painted(
     look: Kept,
     scene: Scene,
     source: Mapping[int, LookRegion],
+    matches: Matches,
     progress: Progress,
     checkpoint: Path | None,
     paint: Mapping[str, object],
 ) -> tuple[Scene, list[str]]:
     """Return the scene with the paint of a look, a pass for each way to lay it, and the notes of the painting."""
+    if (style := matches.divided_anew(look)) is not None:
+        options: Any = _options(look.regions[0].laid)
+        scene, report = stylize_scene(scene, [style], replace(options, **paint), progress, checkpoint)
+        return scene, _told(report["notes"])
     ways: dict[Laid, dict[int, str]] = {}
     for number, theirs in source.items():
         if theirs.style is not None:
@@ -96,19 +116,14 @@ def _painted(
     notes: list[str] = []
     for count, (laid, names) in enumerate(ways.items()):
         used = sorted(set(names.values()))
-        options = PaintOptions(
-            mapping={region: used.index(name) for region, name in names.items()},
-            manner="auto" if laid.manner not in ("strokes", "pieces") else laid.manner,  # type: ignore[arg-type]
-            hand=laid.hand if laid.manner == "strokes" else "auto",  # type: ignore[arg-type]
-            stroke_size=laid.stroke_size,
-            go_on=count > 0,
-        )
+        mapping = {region: used.index(name) for region, name in names.items()}
+        options = replace(_options(laid), mapping=mapping, divide="no", go_on=count > 0)
         asked: dict[str, Any] = {name: value for name, value in paint.items() if count == 0 or name != "variant"}
         saved = None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}.{count}")
         each = part(progress, count / len(ways), (count + 1) / len(ways))
         styles = [look.styles[name] for name in used]
         scene, report = stylize_scene(scene, styles, replace(options, **asked), each, saved)
-        notes += [note for note in report["notes"] if not note.endswith("--manner chooses otherwise.")]
+        notes += _told(report["notes"])
         if saved is not None:
             saved.unlink(missing_ok=True)
     return scene, notes

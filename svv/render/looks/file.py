@@ -31,7 +31,7 @@ from svv.options.described import Described, described
 from svv.options.figures import FigureOptions
 from svv.options.making import AskedHandName
 from svv.render.looks.checked import checked_edits
-from svv.render.looks.kept import Kept, Laid, LookRegion
+from svv.render.looks.kept import Kept, Laid, LookRegion, style_with
 from svv.render.looks.offered import offered
 from svv.train.paint.ink import Ink, StyleInput, ink_named
 from svv.train.paint.plan import LEAST_STROKE, MOST_STROKE
@@ -107,8 +107,9 @@ def _region_told(region: LookRegion) -> dict[str, object]:
 def _style_told(style: StyleInput) -> dict[str, str]:
     if isinstance(style.style, Ink):
         return {"ink": style.style.kind}
-    told = {"picture": as_data(style.style)}
-    return told if style.mask is None else {**told, "mask": mask_as_data(style.mask)}
+    masks = {"mask": style.measured, "part": style.mask} if style.divided else {"mask": style.mask}
+    told = {kind: mask_as_data(mask) for kind, mask in masks.items() if mask is not None}
+    return {"picture": as_data(style.style), **told}
 
 
 def from_json(content: object, name: str) -> Kept:
@@ -188,7 +189,7 @@ def _laid_in(told: object, name: str) -> Laid:
 
 def _style_in(content: Json, key: str, name: str) -> StyleInput:
     """Return a style: an ink, a picture of the gallery that ships, or a picture inside the file."""
-    _known(content, ("ink", "gallery", "picture", "mask"), f"{name}: the style '{key}'")
+    _known(content, ("ink", "gallery", "picture", "mask", "part"), f"{name}: the style '{key}'")
     if "ink" in content:
         ink = ink_named("ink:" + text_in(content["ink"], f"{name}: the ink '{key}'"))
         assert ink is not None
@@ -198,10 +199,12 @@ def _style_in(content: Json, key: str, name: str) -> StyleInput:
 
         return StyleInput(gallery_picture(text_in(content["gallery"], f"{name}: the style '{key}'")), key)
     picture = picture_in(content.get("picture"), f"{name}: the picture of the style '{key}'")
-    mask = None
-    if content.get("mask") is not None:
-        mask = mask_in(content["mask"], picture.shape, f"{name}: the mask of the style '{key}'")
-    return StyleInput(picture, key, mask)
+    masks = {
+        kind: mask_in(content[kind], picture.shape, f"{name}: the {kind} of the style '{key}'")
+        for kind in ("mask", "part")
+        if content.get(kind) is not None
+    }
+    return style_with(picture, key, masks.get("mask"), masks.get("part"))
 
 
 def _lamp_in(content: Json, name: str) -> Lamp | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
@@ -87,6 +88,18 @@ def moved(camera: Camera, scene: Scene, to_box: bool) -> Camera:
     return replace(
         camera, camera_to_world=matrix, span_x=None if span is None else span / side if to_box else span * side
     )
+
+
+def style_with(
+    picture: NDArray[np.floating], name: str, mask: NDArray[np.bool_] | None, part: NDArray[np.bool_] | None
+) -> StyleInput:
+    """Return the style that a mask of a picture makes, or a part of a divided picture within that mask, if any."""
+    return StyleInput(picture, name, mask) if part is None else StyleInput(picture, name, part, mask, divided=True)
+
+
+def whole_of(style: StyleInput) -> StyleInput:
+    """Return the picture of which a style is a part, with the name that it has without the part's."""
+    return StyleInput(style.style, (style.name or "").rpartition(" (")[0] or style.name, style.measured)
 
 
 def region_with(region: Region, look: LookRegion) -> dict[str, Any]:

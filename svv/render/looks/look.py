@@ -20,7 +20,7 @@ from svv.options.described import chosen
 from svv.options.figures import FigureOptions
 from svv.render.looks.applying import Applied, applied
 from svv.render.looks.file import read, write
-from svv.render.looks.kept import Kept, Laid, LookRegion, moved
+from svv.render.looks.kept import Kept, Laid, LookRegion, moved, style_with
 from svv.render.looks.matching import Matches, matched
 from svv.train.paint.ink import StyleInput, ink_named
 
@@ -123,6 +123,9 @@ def _style_of(
             "styles), or paint the scene again."
         )
     picture = picture_in(kept[key]["picture"], f"The picture of the style '{name}'")
-    mask = kept[key].get("mask")
-    kind = f"The mask of the style '{name}'"
-    return StyleInput(picture, key, None if mask is None else mask_in(mask, picture.shape, kind))
+    masks = {
+        kind: mask_in(kept[key][kind], picture.shape, f"The {kind} of the style '{name}'")
+        for kind in ("mask", "part")
+        if kind in kept[key]
+    }
+    return style_with(picture, key, masks.get("mask"), masks.get("part"))

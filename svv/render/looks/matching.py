@@ -14,7 +14,8 @@ from svv.core.colour.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.scene.region import Region, label_of
 from svv.fields.scene.scene import Scene
-from svv.render.looks.kept import Kept, LookRegion
+from svv.render.looks.kept import Kept, LookRegion, whole_of
+from svv.train.paint.ink import Ink, StyleInput
 
 LEAST_OVERLAP = 0.25
 """Least fraction that two ranges of values share of what both cover, for their regions to be the same."""
@@ -40,13 +41,34 @@ class Matches:
     unused: tuple[int, ...]
     """Regions of the look that nothing gets."""
 
+    def divided_anew(self, look: Kept) -> StyleInput | None:
+        """Return the picture that is divided anew among all regions of the scene; None if regions get what they match.
+
+        It is that of a look which paints all of its regions with parts of one picture, or its only region with all of
+        it, if regions of the scene or of the look are left over, and none was paired by the user.
+        """
+        names = [region.style for region in look.regions]
+        if not (self.left or self.unused) or None in names or any(match.reason == ASKED for match in self.pairs):
+            return None
+        styles = [look.styles[name] for name in names if name is not None]
+        pictures = [style.style for style in styles if not isinstance(style.style, Ink)]
+        if len(pictures) < len(styles) or len({region.laid for region in look.regions}) > 1:
+            return None
+        if len(styles) > 1 and not all(
+            style.divided and np.array_equal(picture, pictures[0])
+            for style, picture in zip(styles, pictures, strict=True)
+        ):
+            return None
+        return whole_of(styles[0]) if styles[0].divided else styles[0]
+
     def said(self, look: Kept, scene: Scene) -> list[str]:
         """Return a line for each region of both sides: what it gets, or that it gets nothing."""
         lines = [
             f"{_named(scene, m.region)} looks like {look.regions[m.source].label(m.source)}: {m.reason}"
             for m in self.pairs
         ]
-        lines += [f"{_named(scene, region)} keeps its look: nothing of the look is left for it" for region in self.left]
+        gets = "keeps its look" if self.divided_anew(look) is None else "gets a part of the look's picture"
+        lines += [f"{_named(scene, region)} {gets}: nothing of the look is left for it" for region in self.left]
         return lines + [f"{look.regions[k].label(k)} is not used: no region of the scene is left" for k in self.unused]
 
 
@@ -68,7 +90,7 @@ def matched(look: Kept, scene: Scene, mapping: Mapping[int, int] | None = None) 
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     regions, sources = scene.regions, look.regions
-    found = {k: Match(k, v, "as asked") for k, v in _checked(mapping or {}, len(regions), len(sources)).items()}
+    found = {k: Match(k, v, ASKED) for k, v in _checked(mapping or {}, len(regions), len(sources)).items()}
     used = {match.source for match in found.values()}
 
     def pair(costs: Callable[[Sequence[int], Sequence[int]], NDArray[np.float64]], most: float, why: str) -> None:
@@ -98,7 +120,7 @@ def matched(look: Kept, scene: Scene, mapping: Mapping[int, int] | None = None) 
     return Matches(tuple(found[k] for k in sorted(found)), left, tuple(k for k in range(len(sources)) if k not in used))
 
 
-NAME, VALUES = "the same name", "overlapping values"
+ASKED, NAME, VALUES = "as asked", "the same name", "overlapping values"
 COLOUR, TURN = "the nearest colour, {:.0f} apart", "in turn"
 
 

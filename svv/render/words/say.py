@@ -13,6 +13,7 @@ from svv.fields.scene.scene import Scene
 from svv.options.making import PREFIX, PaintOptions, PresetName
 from svv.render.words.colours import changed
 from svv.render.words.grammar import Clause, understood
+from svv.train.paint.dividing import swatches
 from svv.train.paint.ink import StyleInput, style_named
 from svv.train.pipeline import stylize_scene
 
@@ -64,6 +65,9 @@ def say(
             "and leave it out."
         )
     result = _painted(scene, clauses, progress, checkpoint, preset)
+    if result is not scene:
+        told = result.made["stylized"]["divided"]
+        lines += [label for _, label in swatches(told, result.regions)]
     before = result
     for clause in clauses:
         result = _edited(result, clause)

@@ -5,27 +5,32 @@ A style that several regions share becomes several styles: the same picture and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from svv.errors import BadInput
-from svv.fields.scene.region import label_of
+from svv.fields.scene.region import Region, label_of
 from svv.fields.scene.scene import Scene
 from svv.options.making import DivisionName, PaintOptions
-from svv.styles.families import areas_of, divisions, names_of
+from svv.styles.families import Family, areas_of, divisions, joined, names_of
 from svv.train.paint.ink import Ink, StyleInput
-from svv.train.paint.pairing import Glimpse, best_division, completed, glimpse_of, paired
+from svv.train.paint.pairing import Glimpse, best_division, completed, difference_of, glimpse_of, paired
 from svv.train.paint.plan import Order, hand_of, ordered
-from svv.train.paint.style_choice import leftovers
+from svv.train.paint.style_choice import leftovers, style_pairs
 
 MORE = 2
 """How many more families than regions are looked for: regions choose, and the others join what they resemble."""
 
 SCATTERED = 0.02
 """Cost of dividing by colours where a picture has areas: a stroke's neighbours are no longer the painter's."""
+
+
+SAME = 3.0
+"""CIEDE2000 up to which two families are one: nobody could tell apart the regions that they paint."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +50,12 @@ class Division:
 def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Division:
     """Divide the pictures that several regions share, unless the options say no.
 
+    Hidden regions have the whole picture, so that they take no part away from visible ones, unless ``mapping`` names
+    one for them. With ``go_on``, regions that keep their paint keep their parts of a picture of the same name.
+
     Args:
         scene: A scene with a palette network.
-        inputs: The styles.
+        inputs: The styles; those that are parts of a picture already are not divided again.
         options: How to paint; ``mapping`` may name parts of pictures.
 
     Returns:
@@ -57,7 +65,7 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     Raises:
         BadInput: As :func:`svv.train.pipeline.stylize_scene` does.
     """
-    asked, words = _without_words(inputs, options)
+    asked, words = _without_words(len(scene.regions), inputs, options)
     order = ordered(scene, inputs, asked)
     notes: list[str] = []
     shares: dict[int, dict[str, Any]] = {}
@@ -71,82 +79,145 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     glimpse: Glimpse | None = None
     for style in sorted(set(order.pairs.values())):
         regions = sorted(region for region, number in order.pairs.items() if number == style)
-        seen = [k for k in regions if scene.regions[k].seen_opacity > 0.0]
-        named = {k: words[k] for k in regions if k in words}
-        shared = len(seen) > 1 or named
-        if options.divide == "no" or not shared or isinstance(order.styles[style], Ink):
-            pairs |= dict.fromkeys(regions, len(found))
+        named, kept = {k: words[k] for k in regions if k in words}, _kept(scene, order, style)
+        own = [k for k in regions if scene.regions[k].seen_opacity > 0.0 or k in named]
+        whole = isinstance(order.styles[style], Ink) or inputs[style].divided
+        if named and whole:
+            raise BadInput(f"{order.labels[style]} has no parts to name: leave out '{next(iter(named.values()))}'.")
+        if options.divide == "no" or whole or not (named or len(own) + len(kept) > 1):
+            own = []
+        if rest := [k for k in regions if k not in own]:
+            pairs |= dict.fromkeys(rest, len(found))
             found.append(inputs[style])
-            continue
-        glimpse = glimpse or glimpse_of(scene)
-        given, told, said = _shared(scene, order, style, regions, glimpse, options.divide, named)
-        pairs |= {region: len(found) + number for region, number in given[1].items()}
-        found += given[0]
-        shares |= told
-        notes += said
+        if own:
+            glimpse = glimpse or glimpse_of(scene)
+            given, told, said = _shared(scene, order, style, own, glimpse, options.divide, named, kept)
+            pairs |= {region: len(found) + number for region, number in given[1].items()}
+            found += given[0]
+            shares |= told
+            notes += said
     notes = [*leftovers(order.pairs, order.labels, {order.pairs[k] for k in shares}), *notes]
     if not shares:
         return Division(inputs, asked, {}, notes)
     return Division(found, replace(asked, mapping=pairs, keep=()), dict(sorted(shares.items())), notes)
 
 
-def _without_words(inputs: Sequence[StyleInput], options: PaintOptions) -> tuple[PaintOptions, dict[int, str]]:
-    """Return the options with the number of a style in place of each part of a picture, and the parts by region."""
+def _without_words(
+    regions: int, inputs: Sequence[StyleInput], options: PaintOptions
+) -> tuple[PaintOptions, dict[int, str]]:
+    """Return the options with the number of a style in place of each part of a picture, and the parts by region.
+
+    Where only parts are named, the other regions get styles in turn, as without a mapping.
+    """
     mapping = options.mapping
     if mapping is None or isinstance(mapping, str):
         return options, {}
-    plain, words = {}, {}
+    plain: dict[int, int] = {}
+    words: dict[int, str] = {}
     for region, value in mapping.items():
-        if isinstance(value, int):
+        if not isinstance(value, str):
             plain[region] = value
             continue
-        number, sign, word = value.rpartition(":")
+        number, sign, word = (text.strip() for text in value.rpartition(":"))
+        if sign and not (number.isascii() and number.isdigit()):
+            raise BadInput(f"'{value}' names no part: begin with the picture's number, such as {region}=0:{word}.")
         if not sign and len(inputs) > 1:
             raise BadInput(
                 f"'{value}' could be a part of any of {len(inputs)} pictures: write --map "
                 f"{region}=0:{value} for the first."
             )
         plain[region], words[region] = int(number) if sign else 0, word
+    if words and len(words) == len(plain) and not options.go_on:
+        plain = style_pairs(regions, len(inputs), None, options.keep) | plain
     return replace(options, mapping=plain), words
 
 
+def _kept(scene: Scene, order: Order, style: int) -> dict[int, str]:
+    """Return the regions that keep their paint, and their parts of a picture of this style's name."""
+    if not order.go_on:
+        return {}
+    told = scene.made.get("stylized", {}).get("divided", {})
+    return {
+        int(k): one["part"]
+        for k, one in told.items()
+        if int(k) not in order.pairs and one["style"] == order.labels[style] and int(k) < len(scene.regions)
+    }
+
+
 def _shared(
-    scene: Scene, order: Order, style: int, regions: Sequence[int], glimpse: Glimpse, how: str, named: Mapping[int, str]
+    scene: Scene,
+    order: Order,
+    style: int,
+    own: Sequence[int],
+    glimpse: Glimpse,
+    how: str,
+    named: Mapping[int, str],
+    kept: Mapping[int, str],
 ) -> tuple[tuple[list[StyleInput], dict[int, int]], dict[int, dict[str, Any]], list[str]]:
     """Divide the picture of a style among regions; return its parts as styles, their pairs, what is told, and notes."""
     picture, mask, label = np.asarray(order.styles[style], np.float32), order.masks[style], order.labels[style]
     ways: tuple[DivisionName, ...] = ("areas", "colours") if how == "auto" else (how,)  # type: ignore[assignment]
+    regions = [*own, *kept]
     counts = [len(regions) + more for more in range(MORE + 1)]
-    every = divisions(picture, hand_of(picture, mask), counts, ways)
-    if all(len(families) == 1 for families in every):
-        whole = dict.fromkeys(regions, 0)
-        one = StyleInput(picture, label, mask)
-        return ([one], whole), {}, [f"{label} has one colour only, so it was not divided among the regions."]
-    own = glimpse.of(regions)
+    every = [_distinct(families) for families in divisions(picture, hand_of(picture, mask), counts, ways)]
     extra = [SCATTERED * (way == "colours" and len(ways) > 1) for way in ways for _ in counts]
-    families, pairs = best_division(every, own, extra)
+    # What is named is looked for in every division, so that a name does not depend on which of them fits best.
+    fit = [n for n, families in enumerate(every) if _has_all(families, named.values())] or range(len(every))
+    every, extra = [every[n] for n in fit], [extra[n] for n in fit]
+    if all(len(families) == 1 for families in every):
+        for word in named.values():
+            _family(word, names_of(every[0]), label)
+        one = StyleInput(picture, label, mask)
+        why = "has no areas that differ" if how == "areas" else "has one colour only"
+        return ([one], dict.fromkeys(own, 0)), {}, [f"{label} {why}, so it was not divided among the regions."]
+    seen = glimpse.of(regions)
+    families, pairs = best_division(every, seen, extra)
     names = names_of(families)
-    if named:
-        fixed = {regions.index(k): _family(word, names, label) for k, word in named.items()}
-        pairs = paired(own, families, fixed)
+    firsts = [words[0] for words in names]
+    fixed = {regions.index(k): firsts.index(part) for k, part in kept.items() if part in firsts}
+    fixed |= {regions.index(k): _family(word, names, label) for k, word in named.items()}
+    if fixed:
+        pairs = paired(seen, families, fixed)
     used = sorted(set(pairs.values()))
     full = completed(families, pairs)
     areas = areas_of(picture, [full[f] for f in used], mask)
     parts = [StyleInput(picture, label, area, mask, divided=True) for area in areas]
     told = {
         region: {
-            "style": label, "part": names[pairs[number]][0], "colours": full[pairs[number]].codes(),
-            "share": round(full[pairs[number]].share, 3), "parts": [words[0] for words in names],
+            "style": label, "part": firsts[pairs[number]], "colours": full[pairs[number]].codes(),
+            "share": round(full[pairs[number]].share, 3), "parts": firsts,
         }
-        for number, region in enumerate(regions)
+        for number, region in enumerate(own)
     }  # fmt: skip
-    return (parts, {region: used.index(pairs[n]) for n, region in enumerate(regions)}), told, _notes(scene, label, told)
+    return (parts, {region: used.index(pairs[n]) for n, region in enumerate(own)}), told, _notes(scene, label, told)
+
+
+def _distinct(families: Sequence[Family]) -> list[Family]:
+    """Return families of which those that look the same are joined, the largest first."""
+    found = list(families)
+    while len(found) > 1:
+        apart, a, b = min((difference_of(found[a], found[b]), a, b) for a, b in combinations(range(len(found)), 2))
+        if apart >= SAME:
+            break
+        found = [joined([found[a], found[b]]), *(one for n, one in enumerate(found) if n not in (a, b))]
+    return sorted(found, key=lambda one: -one.share)
+
+
+def _has_all(families: Sequence[Family], words: Iterable[str]) -> bool:
+    """Return whether each word names one of the families."""
+    names = names_of(families)
+    return all(len(_fitting(word, names)) == 1 for word in words)
+
+
+def _fitting(word: str, names: Sequence[Sequence[str]]) -> list[int]:
+    """Return the numbers of the families that a word can name: by its first name, else by another one."""
+    first = [k for k, words in enumerate(names) if word.lower() == words[0]]
+    return first or [k for k, words in enumerate(names) if word.lower() in words]
 
 
 def _family(word: str, names: Sequence[Sequence[str]], label: str) -> int:
     """Return the number of the family that a word names."""
-    fitting = [k for k, words in enumerate(names) if word.lower() == words[0]]
-    fitting = fitting or [k for k, words in enumerate(names) if word.lower() in words]
+    fitting = _fitting(word, names)
     if len(fitting) != 1:
         listed = ", ".join(words[0] for words in names)
         what = "several parts" if fitting else "no part"
@@ -155,12 +226,35 @@ def _family(word: str, names: Sequence[Sequence[str]], label: str) -> int:
 
 
 def _notes(scene: Scene, label: str, told: Mapping[int, Mapping[str, Any]]) -> list[str]:
-    """Return the sentence that says which region has which part, and how to change it."""
+    """Return the sentences that say which region has which part, and how to change it."""
+    of: dict[str, list[int]] = {}
+    for region, one in told.items():
+        of.setdefault(one["part"], []).append(region)
     listed = ", ".join(f"{label_of(scene.regions, k)} has its {one['part']}" for k, one in told.items())
-    left = [part for part in next(iter(told.values()))["parts"] if part not in {one["part"] for one in told.values()}]
-    region, other = next(iter(told)), (left or [one["part"] for one in told.values()][1:])[0]
+    left = [part for part in next(iter(told.values()))["parts"] if part not in of]
     also = f" (it also has {', '.join(left)})" if left else ""
+    others = [*left, *list(of)[1:]]
+    change = f"--map {next(iter(told))}={others[0]} changes that, " if others else ""
+    found = [
+        f"{label} is divided among the regions: {listed}{also}. {change}--divide no gives every region the whole "
+        "picture."
+    ]
+    for part, regions in of.items():
+        if len(regions) > 1:
+            names = " and ".join(label_of(scene.regions, k) for k in regions)
+            found.append(f"{names} have the same part of {label}, {part}, and may look alike.")
+    return found
+
+
+def swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[Region]) -> list[tuple[list[str], str]]:
+    """Return three colours, as hex codes from dark to light, and a label for each region with a part of a picture.
+
+    Args:
+        divided: ``report["divided"]`` of :func:`svv.train.pipeline.stylize_scene`.
+        regions: The scene's regions.
+    """
     return [
-        f"{label} is divided among the regions: {listed}{also}. --map {region}={other} changes that, --divide no gives "
-        "every region the whole picture."
+        (one["colours"], f"{label_of(regions, int(k))}: {one['part']} of {one['style']}")
+        for k, one in divided.items()
+        if int(k) < len(regions)
     ]

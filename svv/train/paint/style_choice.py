@@ -63,7 +63,7 @@ def style_pairs(
     for region in [*keep, *(mapping or {})]:
         if not 0 <= region < regions:
             raise BadInput(f"There is no region {region}: the scene has the regions 0 to {regions - 1}.")
-    numbers = {region: style for region, style in (mapping or {}).items() if isinstance(style, int)}
+    numbers = {region: style for region, style in (mapping or {}).items() if not isinstance(style, str)}
     if len(numbers) < len(mapping or {}):
         raise BadInput("A part of a picture has a name only where the picture is divided: name styles by number.")
     for style in numbers.values():

@@ -30,17 +30,24 @@ def with_styles_kept(
     told = before.made.get("stylized", {}).get(KEPT, {}) if asked.go_on else {}
     laid = {k: how for k, how in told.get("laid", {}).items() if int(k) not in order.pairs}
     styles = {how["style"]: told["styles"].get(how["style"], {}) for how in laid.values()}
+    named = {
+        number: f"{order.labels[number]} ({report['divided'][str(region)]['part']})"
+        for region, number in order.pairs.items()
+        if inputs[number].divided and str(region) in report["divided"]
+    }
     keys: dict[int, str] = {}
     for number in sorted(set(order.pairs.values())):
-        key = order.labels[number]
+        key, given = named.get(number, order.labels[number]), inputs[number]
         while key in styles:  # pictures of one name from several folders
             key += "'"
         keys[number], styles[key] = key, {}
-        style, mask = order.styles[number], order.masks[number]
+        style, mask = order.styles[number], given.measured if given.divided else order.masks[number]
         if not isinstance(style, Ink):
             styles[key]["picture"] = as_data(style)
         if mask is not None:
             styles[key]["mask"] = mask_as_data(mask)
+        if given.divided and given.mask is not None:
+            styles[key]["part"] = mask_as_data(given.mask)
     for region, number in order.pairs.items():
         laid[str(region)] = {
             "style": keys[number],

@@ -22,11 +22,11 @@ from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.model import Model
 from svv.kernels.types import Samples
 
-LOG_FACTOR = 0.7
+LOG_FACTOR = 0.9
 """Logarithm of the extinction's factor by which paint differs that is one standard deviation paler, at amount 1."""
-MOST_DEVIATIONS, BARE = 1.2, 0.6
+MOST_DEVIATIONS, BARE = 0.6, 0.6
 """Standard deviations from a middle beyond which the factor no longer changes, and how much paler than the mean that
-middle is: most paint is as opaque as the region, and the barest ground exp(-1.7) = 0.19 times."""
+middle is: most paint is as opaque as the region, and the barest ground exp(-1.1) = 0.34 times."""
 
 LEAST_DEVIATION = 0.01
 """Standard deviation of the paint's paleness below which it is noise and not strokes."""

@@ -35,7 +35,7 @@ GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
 through better; and how much it follows washes, which have no ground between them."""
 
-DEEPENED = (1.2, 1.5, -12.0)
+DEEPENED = (1.3, 1.5, -12.0)
 """Factors on the contrast and on the chroma of glazes, and change of their lightness, CIELAB, where nothing is opaque:
 thin paint shows little of its own colour."""
 

@@ -20,13 +20,11 @@ from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.model import Model
-from svv.kernels.types import Samples
 
-LOG_FACTOR = 0.9
-"""Logarithm of the extinction's factor by which paint differs that is one standard deviation paler, at amount 1."""
-MOST_DEVIATIONS, BARE = 0.6, 0.6
-"""Standard deviations from a middle beyond which the factor no longer changes, and how much paler than the mean that
-middle is: most paint is as opaque as the region, and the barest ground exp(-1.1) = 0.34 times."""
+LOG_FACTOR, MOST_DEVIATIONS = 0.9, 1.2
+"""How much smaller the extinction's logarithm is, at amount 1, where paint is one standard deviation paler than its
+mean; and deviations from which it falls no further: the barest ground has exp(-1.08) = 0.34 times its extinction. What
+is darker than the mean keeps all of it."""
 
 LEAST_DEVIATION = 0.01
 """Standard deviation of the paint's paleness below which it is noise and not strokes."""
@@ -127,6 +125,6 @@ def _measured(scene: Model, network: UnrestrictedField, amounts: list[float]) ->
     deviation = (second - first.square()).clamp(min=0.0).sqrt()
     striped = (deviation > LEAST_DEVIATION) & (asked != 0.0)
     slope = LOG_FACTOR * asked / deviation.clamp(min=LEAST_DEVIATION)
-    reach = LOG_FACTOR * MOST_DEVIATIONS * asked.abs()
-    middle = first + BARE * deviation * asked.sign()
+    reach = 0.5 * LOG_FACTOR * MOST_DEVIATIONS * asked.abs()
+    middle = first + 0.5 * MOST_DEVIATIONS * deviation * asked.sign()
     return torch.stack([-reach, slope, middle, reach], dim=1).to(opacity) * striped[:, None]

@@ -33,7 +33,7 @@ large ones remain strokes."""
 
 GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
-through; and how much it follows washes, which would leave holes."""
+through better; and how much it follows washes, which have no ground between them."""
 
 SPECKLED = (0.5, 0.62)
 """How crumpled a region is from which its opacity would become speckled if it followed the strokes, and at which it no
@@ -104,7 +104,12 @@ class Brushing:
         opacity = np.array([region.seen_opacity for region in regions])
         done = toned(laid, self.views, colours, flats, opacity, self.cell)
         self.notes += alike(regions, done.apart, done.asked)
-        return {k: replace(one, work=done.laid[k].work) if k in laid else one for k, one in found.items()}
+        for k, one in found.items():
+            if k in laid:
+                # Between glazes lies paint of their own colour: another one would speckle where strokes thin out.
+                mean = done.means.get(k) if one.glaze > 0.0 else None
+                found[k] = replace(one, work=done.laid[k].work, flat=None if mean is None else lab_to_rgb(mean))
+        return found
 
     def _region(self, region: int, hand: Hand, progress: Progress) -> PaintedRegion | tuple[Laid, float] | None:
         """Return an even wash, or strokes and how much the opacity is to follow them; None if it is not seen."""
@@ -136,10 +141,11 @@ class Brushing:
         glaze = glaze_of(work.brush.body == 1.0, clear, deep, painter.crumpled)
         if glaze > 0.0:
             self.notes.append(
-                f"Region {region} is translucent, so its strokes are more opaque than the ground between them: svv "
+                f"Region {region} is translucent, so the ground between its strokes is clearer than they are: svv "
                 "edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
             )
-        return Laid(work, hand, clear), glaze
+        glazed = clear if glaze > 0.0 and painter.on_glass.any() else 0.0
+        return Laid(work, hand, clear, glazed), glaze
 
 
 def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:

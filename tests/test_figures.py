@@ -20,9 +20,9 @@ from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.seen_colours import Pair, seen_of
+from svv.fields.scene.seen_colours import Pair, seen_in, seen_of
 from svv.options.figures import JOURNALS, FigureOptions
-from svv.render.colour_check import alike_said, report_on, seen_in, seen_in_picture
+from svv.render.colour_check import alike_said, report_on, seen_in_picture
 from svv.render.figures.annotations import bar_of, length_said
 from svv.render.figures.figure import drawing_of
 from svv.render.figures.files import KINDS, pixels_of, write_figure

@@ -37,8 +37,7 @@ from svv.core.colour.colour_vision import COLOUR_VISIONS, VisionName, oklab, set
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.scene import Rendering, Scene
-from svv.fields.scene.seen_colours import clustered
-from svv.render.colour_check import FRAMES
+from svv.fields.scene.seen_colours import FRAMES, clustered
 from svv_bench.styles.table import markdown
 
 VIEW_SIZE = 240

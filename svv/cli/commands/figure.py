@@ -226,7 +226,7 @@ def _scene_colours(
 ) -> tuple[list[list[Seen]], NDArray[np.floating] | None]:
     """Return the colours of a scene's regions, and its picture from the front if it is wanted."""
     from svv.core.colour.colour import over
-    from svv.render.colour_check import seen_in
+    from svv.fields.scene.seen_colours import seen_in
     from svv.render.frames import orbit
 
     scene = load(path, device)

@@ -21,10 +21,10 @@ from svv.core.colour.colour_vision import LEAST_DIFFERENCE
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.region import checked_line
-from svv.fields.scene.seen_colours import Pair, Seen, seen_of
+from svv.fields.scene.seen_colours import Pair, Seen, seen_in, seen_of
 from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
-from svv.render.colour_check import alike_said, merging, report_on, seen_in, told_of
+from svv.render.colour_check import alike_said, merging, report_on, told_of
 from svv.render.emptiness import SHOW, why_empty
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import (

@@ -89,10 +89,10 @@ class Toned:
     laid: Mapping[int, Laid]
     means: Mapping[int, Floats]
     """Mean colour that views show of each region where it can be seen, CIELAB. (3,)"""
-    apart: Mapping[tuple[int, int], float]
-    """CIEDE2000 between each two regions as views show them over white."""
-    asked: Mapping[tuple[int, int], float]
-    """What it should be at least."""
+    legibility: Legibility
+    """What keeps the regions apart."""
+    lab: Mapping[int, Floats]
+    """Colours of the regions in its pixels, CIELAB. (P, 3)"""
 
 
 def toned(
@@ -117,10 +117,8 @@ def toned(
             loop.moves[k] = loop.moves[k].then(move)
         loop.repaint()
         loop.look()
-    return Toned(
-        {k: replace(one, work=loop.works[k]) for k, one in laid.items()}, loop.means(),
-        legibility.differences(legibility.shown(loop.lab)), legibility.asked,
-    )  # fmt: skip
+    after = {k: replace(one, work=loop.works[k]) for k, one in laid.items()}
+    return Toned(after, loop.means(), legibility, loop.lab)
 
 
 class _Loop:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -39,7 +39,9 @@ LETTERS = st.text("abcdefghijklmnopqrstuvwxyz-", min_size=1, max_size=12)
 
 def bands(*colours: Sequence[float], seed: int = 0) -> Picture:
     """A picture of broken colours one above the other, the first at the top."""
-    rows = np.repeat(np.array(colours, np.float32), 24, 0)[:, None] + np.zeros((1, 80, 1), np.float32)
+    rows = np.repeat(np.array(colours, np.float32), [40, *[24] * (len(colours) - 1)], 0)[:, None] + np.zeros(
+        (1, 80, 1), np.float32
+    )
     return (rows + np.random.default_rng(seed).normal(0.0, 0.04, rows.shape)).clip(0.0, 1.0).astype(np.float32)
 
 
@@ -51,6 +53,7 @@ def parts(scene: Scene, picture: Picture = FOUR, mask: NDArray[np.bool_] | None 
     return divided(scene, [StyleInput(picture, "bands", mask)], PaintOptions(**how))
 
 
+@settings(max_examples=6)
 @given(st.integers(0, 99), st.integers(1, 5), st.sampled_from(["areas", "colours"]), st.booleans())
 def test_families_have_each_stroke_once_and_areas_are_disjoint(seed: int, count: int, way: Any, masked: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -67,6 +70,7 @@ def test_families_have_each_stroke_once_and_areas_are_disjoint(seed: int, count:
     assert len(set(firsts)) == len(firsts)
 
 
+@settings(max_examples=6)
 @given(st.integers(0, 999), st.permutations(range(4)))
 def test_pairs_move_with_the_regions(seed: int, order: list[int]) -> None:
     rng = np.random.default_rng(seed)
@@ -116,7 +120,7 @@ def test_regions_have_parts_of_their_own_and_no_gives_all_the_whole(cube: Scene)
 
 def test_the_colours_of_a_mask_never_leave_it(cube: Scene) -> None:
     mask = np.zeros(FOUR.shape[:2], bool)
-    mask[:48] = True  # the blue and the yellow band
+    mask[:64] = True  # the blue and the yellow band
     found = parts(cube, mask=mask)
     assert all(one.mask is not None and not (one.mask & ~mask).any() for one in found.inputs)
     order = with_hands(ordered(cube, found.inputs, found.options), "strokes")
@@ -134,6 +138,8 @@ def test_naming_a_part_leaves_the_others_as_they_are_found(cube: Scene) -> None:
         assert found.shares[1]["part"] == name and sorted(found.shares) == [0, 1, 2]
         assert found.shares[0]["parts"] == names
     assert parts(cube, mapping={1: "SKY"}).shares[1]["part"] == parts(cube, mapping={1: "0: sky"}).shares[1]["part"]
+    every = parts(cube, mapping={0: names[0], 1: names[1], 2: names[2]})
+    assert [every.shares[k]["part"] for k in range(3)] == names[:3]
     both = parts(cube, mapping={0: names[0], 1: names[0]})
     assert any("Region 0 and Region 1 have the same part of bands" in note for note in both.notes)
     assert sorted(parts(cube, mapping={0: names[0], 2: 0}).shares) == [0, 2]  # with numbers, others are not painted
@@ -142,6 +148,7 @@ def test_naming_a_part_leaves_the_others_as_they_are_found(cube: Scene) -> None:
 
 @pytest.mark.parametrize(("how", "words"), [
     ({"mapping": {0: "nonsense"}}, "bands has no part called 'nonsense'; its parts are "),
+    ({"mapping": {0: "ground"}}, "bands has several parts called 'ground': name one of them, "),
     ({"mapping": {0: "x:sky"}}, "begin with the picture's number, such as 0=0:sky"),
     ({"mapping": {0: "3:sky"}}, "There is no style 3"),
     ({"mapping": {7: "sky"}}, "There is no region 7"),
@@ -246,8 +253,10 @@ def test_a_look_keeps_parts_and_divides_anew_for_other_regions(
         assert (look.styles[str(look.regions[region].style)].mask == before.inputs[number].mask).all()
     again = look.applied(cube, preset="draft")
     camera = cube.rig.orbit(9, 40, [3])[0]
-    pictures = [one.render(camera).rgba for one in (scene, again.scene, cube)]
-    assert np.abs(pictures[0] - pictures[1]).mean() < 0.02 < np.abs(pictures[0] - pictures[2]).mean()
+    pictures = [one.render(camera) for one in (scene, again.scene, cube)]
+    for region in range(3):  # what a JPEG changes lays other pieces, of the same colours
+        before_, after, plain = (picture.rgba[picture.region == region].mean(0) for picture in pictures)
+        assert np.abs(before_ - after).max() < 0.06 and np.abs(before_ - after).sum() < np.abs(before_ - plain).sum()
     other = cube_scene().with_part(0, 0.5).edited(3, name="another", colour=(0.4, 0.4, 0.1))
     other = replace(other, regions=tuple(replace(r, part_of=None) for r in other.regions))
     matches = look.matched(other)

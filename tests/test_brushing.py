@@ -235,7 +235,7 @@ def lightness(scene: Scene, size: int = 200) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def oil(balls: Scene) -> tuple[Scene, Report]:
-    return painted(balls, stroke_size=BROAD)
+    return painted(balls, stroke_size=BROAD, divide="no")  # tests ask about the whole picture
 
 
 def test_a_painting_is_laid_by_strokes_without_weights(oil: tuple[Scene, Report]) -> None:

@@ -57,7 +57,7 @@ def parse_mapping(text: str) -> dict[int, int | str] | Literal["colour"]:
     if text.strip().lower() in ("colour", "color"):
         return "colour"
     pairs = [part.partition("=") for part in text.split(",")]
-    if not all(_is_number(region) and other.strip() for region, _, other in pairs):
+    if not all(_is_number(region) and other.strip() and "=" not in other for region, _, other in pairs):
         raise BadInput(
             f"'{text}' is not a mapping; write region=style pairs, for example --map 0=0,1=1, parts of a picture by "
             "their names, 0=sky, or colour."

@@ -156,12 +156,10 @@ class Workshop:
         from svv.train.pipeline import stylize_scene
 
         path = self._new_scene(out)
-        named = [style_named(self.source(style)) for style in styles]
-        given = [StyleInput(style, label) for label, style in named]
-        mapping: dict[int, int | str] | None = (
-            None if parts is None else {_number(region): part for region, part in parts.items()}
-        )
-        options = PaintOptions(mapping=mapping, divide=divide, preset=preset)
+        opened = [style_named(self.source(style)) for style in styles]
+        given = [StyleInput(style, label) for label, style in opened]
+        named: dict[int, int | str] = {_number(region): part for region, part in (parts or {}).items()}
+        options = PaintOptions(mapping=named or None, divide=divide, preset=preset)
         painted, report = stylize_scene(self._scene(scene), given, options, progress)
         painted.save(path)
         shown = [f"{label} ({', '.join(colours)})" for colours, label in swatches(report["divided"], painted.regions)]

@@ -19,7 +19,7 @@ from svv.options.making import DivisionName, PaintOptions
 from svv.styles.families import Family, areas_of, divisions, joined, names_of
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.paint.pairing import Glimpse, best_division, completed, difference_of, glimpse_of, paired
-from svv.train.paint.plan import Order, hand_of, ordered
+from svv.train.paint.plan import Mask, Order, hand_of, ordered
 from svv.train.paint.style_choice import leftovers, style_pairs
 
 MORE = 2
@@ -177,10 +177,10 @@ def _shared(
     fixed = {regions.index(k): firsts.index(part) for k, part in kept.items() if part in firsts}
     fixed |= {regions.index(k): _family(word, names, label) for k, word in named.items()}
     if fixed:
-        pairs = paired(seen, families, fixed)
+        pairs = fixed if len(fixed) == len(regions) else paired(seen, families, fixed)
     used = sorted(set(pairs.values()))
     full = completed(families, pairs)
-    areas = areas_of(picture, [full[f] for f in used], mask)
+    areas = _filled(areas_of(picture, [full[f] for f in used], mask), [full[f] for f in used], mask)
     parts = [StyleInput(picture, label, area, mask, divided=True) for area in areas]
     told = {
         region: {
@@ -203,6 +203,21 @@ def _distinct(families: Sequence[Family]) -> list[Family]:
     return sorted(found, key=lambda one: -one.share)
 
 
+def _filled(areas: Sequence[Mask], families: Sequence[Family], mask: Mask | None) -> list[Mask]:
+    """Return the areas (H, W) of families; one that has no pixel gets those under its strokes, which others lose."""
+    found = list(areas)
+    for number, family in enumerate(families):
+        if found[number].any():
+            continue
+        height, width = found[number].shape
+        x, y = (family.hand.places[family.own] * max(height, width)).astype(np.int64).T
+        own = np.zeros((height, width), bool)
+        own[(height - 1 - y).clip(0, height - 1), x.clip(0, width - 1)] = True
+        own &= True if mask is None else mask
+        found = [own if n == number else area & ~own for n, area in enumerate(found)]
+    return found
+
+
 def _has_all(families: Sequence[Family], words: Iterable[str]) -> bool:
     """Return whether each word names one of the families."""
     names = names_of(families)
@@ -219,9 +234,11 @@ def _family(word: str, names: Sequence[Sequence[str]], label: str) -> int:
     """Return the number of the family that a word names."""
     fitting = _fitting(word, names)
     if len(fitting) != 1:
+        if fitting:
+            listed = " or ".join(names[k][0] for k in fitting)
+            raise BadInput(f"{label} has several parts called '{word}': name one of them, {listed}.")
         listed = ", ".join(words[0] for words in names)
-        what = "several parts" if fitting else "no part"
-        raise BadInput(f"{label} has {what} called '{word}'; its parts are {listed}.")
+        raise BadInput(f"{label} has no part called '{word}'; its parts are {listed}.")
     return fitting[0]
 
 

@@ -17,9 +17,9 @@ from svv.cli import app as cli
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.views import render_views
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.grids import from_array
+from svv.dvr.read.grids import from_array, to_array
 from svv.errors import BadInput, silent
-from svv.fields.scene.scene import Scene
+from svv.fields.scene.scene import Rendering, Scene
 from svv.fields.values.followed_scene import FOLLOWED
 from svv.io.views.drawn_views import DrawnViews
 from svv.job.source import VolumeSource
@@ -84,7 +84,9 @@ def test_the_panel_is_the_volume_as_its_views_were_drawn(learned: Scene, volume:
     np.testing.assert_array_equal(panel.draw(flat) * 255, render_views(ball(0.4), tf, [flat])[0])
 
 
-def test_a_volume_is_known_again_wherever_it_is(learned: Scene, volume: Path, tmp_path: Path) -> None:
+def test_a_volume_is_known_again_wherever_it_is(
+    learned: Scene, volume: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert str(tmp_path) not in json.dumps(learned.made), "a scene that is given to others does not say where"
     for folder in (volume.parent, volume.parent / "scenes"):
         folder.mkdir(exist_ok=True)
@@ -93,8 +95,21 @@ def test_a_volume_is_known_again_wherever_it_is(learned: Scene, volume: Path, tm
     assert found(learned, moved).said == "other.vti" and found(learned, folder=volume.parent).draw is None
     old = {key: value for key, value in learned.made["source"].items() if key != "file"}
     before = replace(learned, made={"source": old})
-    assert found(before, moved).said == "other.vti, known by its grid and the range of its values"
+    assert found(before, moved).said == "other.vti is not the volume that the scene was trained on, or has changed"
+    tf = TransferFunction.from_dict(old["tf"])
+
+    def render(self: Scene, camera: Camera, network: str) -> Rendering:
+        """As a scene that has learned the ball."""
+        rgba = render_views(ball(0.4), tf, [camera])[0] / np.float32(255)
+        return Rendering(rgba, rgba[..., 3], np.zeros(rgba.shape[:2], np.int16))
+
+    monkeypatch.setattr(Scene, "render", render)
+    assert found(before, moved).said == "other.vti, known by its grid and how it looks"
     assert found(before, ball(0.4)).draw is not None, "as make_views takes it"
+    values = np.roll(to_array(ball(0.4)), 5, axis=2)
+    aside = from_array(values, (1 / 19,) * 3, (-0.5,) * 3)
+    assert aside.GetScalarRange() == ball(0.4).GetScalarRange()
+    assert found(before, aside).said == "What was given is not the volume that the scene was trained on, or has changed"
 
 
 @pytest.mark.parametrize(

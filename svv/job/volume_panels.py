@@ -39,7 +39,14 @@ Draw = Callable[[Camera], NDArray[np.float32]]
 
 SHOWS = "volume rendering"
 OTHER = "{} is not the volume that the scene was trained on, or has changed"
-BY_GRID = "known by its grid and the range of its values"
+BY_PICTURE = "known by its grid and how it looks"
+
+LIKENESS_VIEW = 64
+"""Side in pixels of the two pictures by which a volume is known that has no hash."""
+
+LEAST_LIKENESS = 20.0
+"""PSNR in dB of what the scene learned against each, where either shows something: the scene's own volumes have
+28 to 39 dB, others of the same grid and range 12 to 14."""
 
 READ: dict[str, Callable[[Any, str], object]] = {
     "dims": lambda value, name: tuple(whole_in(count, name) for count in list_in(value, 3, name)),
@@ -136,7 +143,7 @@ def remembered(
     said = ""
     for path in every:
         try:
-            return _known_again(meta, path)
+            return _known_again(scene, meta, path)
         except BadInput as error:
             said = said or str(error).removesuffix(".")
     return Remembered(None, said)
@@ -151,20 +158,34 @@ def _beside(name: str, folders: Iterable[Path], within: Path | None) -> list[Pat
     return [path for path in found if within is None or path.resolve().is_relative_to(within)]
 
 
-def _known_again(meta: ViewMeta, path: Path | vtkDataObject) -> Remembered:
+def _known_again(scene: Scene, meta: ViewMeta, path: Path | vtkDataObject) -> Remembered:
     """Return a file as the volume of a scene; raises BadInput if it is another one, or cannot be read."""
     if not isinstance(path, Path):
         from svv.dvr.draw.given import given_volume
 
         draw = _drawing(meta, given_volume(path, bool(meta.nearest)), "What was given")
-        return Remembered(draw, f"the volume that was given, {BY_GRID}")
+        _check_likeness(scene, draw, "What was given")
+        return Remembered(draw, f"the volume that was given, {BY_PICTURE}")
     told = dict(meta.file or {})
     known = told.pop("content", None)
     if known is not None and content_of(path) != known:
         raise BadInput(OTHER.format(path.name))
     how: dict[str, Any] = {key: read(told[key], f"source.file.{key}") for key, read in READ.items() if key in told}
     draw = _drawing(meta, _read(meta, path, how), path.name)
-    return Remembered(draw, path.name if known is not None else f"{path.name}, {BY_GRID}")
+    if known is not None:
+        return Remembered(draw, path.name)
+    _check_likeness(scene, draw, path.name)
+    return Remembered(draw, f"{path.name}, {BY_PICTURE}")
+
+
+def _check_likeness(scene: Scene, draw: Draw, name: str) -> None:
+    """Raise BadInput if a volume looks otherwise than what a scene learned, without its edits."""
+    for camera in scene.rig.orbit(181, LIKENESS_VIEW, frames=[20, 90]):
+        own, other = draw(camera), scene.render(camera, "base").rgba
+        seen = (own[..., 3] > 0.0) | (other[..., 3] > 0.0)
+        one, two = (np.concatenate([p[..., :3] * p[..., 3:], p[..., 3:]], axis=2)[seen] for p in (own, other))
+        if not seen.any() or float(np.square(one - two).mean()) > 10.0 ** (-0.1 * LEAST_LIKENESS):
+            raise BadInput(OTHER.format(name))
 
 
 def _read(meta: ViewMeta, path: Path, how: dict[str, Any]) -> Volume:

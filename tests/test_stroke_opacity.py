@@ -73,8 +73,8 @@ def test_nothing_is_denser_than_its_region_and_nothing_a_hole(
     painted: Scene, amounts: tuple[float, float, float]
 ) -> None:
     scene = painted
-    for region, amount in enumerate(amounts):
-        scene = scene.with_stroke_opacity(amount, region)
+    for number, amount in enumerate(amounts):
+        scene = scene.with_stroke_opacity(amount, number)
     before, after, region = sigmas(scene)
     factor = (after / before).log()
     least = -LOG_FACTOR * MOST_DEVIATIONS * torch.tensor(amounts).abs()[region]

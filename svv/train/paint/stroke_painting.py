@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from svv.styles.hand import Hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import CLEAR, Brushwork, Painter
 from svv.train.paint.surface_form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
-from svv.train.paint.toning import toned
+from svv.train.paint.toning import retoned, toned
 from svv.train.paint.visible_surface import VisibleSurface, visible_surface
 
 WIDTH, PICTURE = 10.0, 800.0
@@ -33,7 +33,11 @@ large ones remain strokes."""
 
 GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
-through; and how much it follows washes, which would leave holes."""
+through better; and how much it follows washes, which have no ground between them."""
+
+DEEPENED = (1.3, 1.5, -12.0)
+"""Factors on the contrast and on the chroma of glazes, and change of their lightness, CIELAB, where nothing is opaque:
+thin paint shows little of its own colour."""
 
 SPECKLED = (0.5, 0.62)
 """How crumpled a region is from which its opacity would become speckled if it followed the strokes, and at which it no
@@ -128,10 +132,14 @@ class Brushing:
         glaze = glaze_of(work.brush.body == 1.0, clear, deep, painter.crumpled)
         if glaze > 0.0:
             self.notes.append(
-                f"Region {region} is translucent, so its strokes are more opaque than the ground between them: svv "
+                f"Region {region} is translucent, so the ground between its strokes is clearer than they are: svv "
                 "edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
             )
-        return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
+            if painter.on_glass.any():
+                work = deepened(work, clear)
+        mean = None if shown is None else shown.mean
+        # Between glazes lies paint of their own colour: another one would speckle where strokes thin out.
+        return PaintedRegion(work, None if mean is None or glaze == 0.0 else lab_to_rgb(mean), mean, glaze)
 
 
 def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
@@ -149,6 +157,13 @@ def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
     low, high = SPECKLED
     whole = (1.0 - crumpled) * min(max((high - crumpled) / (high - low), 0.0), 1.0)
     return round(min((GLAZE if dry else WASH) * clear / max(deep, 1.0), 1.0) * whole, 2)
+
+
+def deepened(work: Brushwork, clear: float) -> Brushwork:
+    """Return strokes with colours as deep as glazes need to show, on what is translucent by ``clear``, 0 to 1."""
+    contrast, chroma, shift = DEEPENED
+    strokes = retoned(work.strokes, 1.0 + clear * (contrast - 1.0), 1.0 + clear * (chroma - 1.0), clear * shift)
+    return replace(work, strokes=strokes)
 
 
 def _median(surface: VisibleSurface, values: Floats) -> float:

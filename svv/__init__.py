@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from svv.io.pictures.style_picture import read_style as read_style
     from svv.io.views.camera_file import read_camera as read_camera
     from svv.io.views.viewset import ViewSet as ViewSet
+    from svv.job.volume_panels import volume_panel as volume_panel
     from svv.options.figures import FigureOptions as FigureOptions
     from svv.options.making import PaintOptions as PaintOptions
     from svv.options.making import PaletteOptions as PaletteOptions
@@ -85,6 +86,7 @@ PUBLIC = {
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",
+    "volume_panel": "svv.job.volume_panels",
     "widget": "svv.render.show",
     "write_html": "svv.render.web.page",
     "write_png": "svv.io.pictures.output",

@@ -17,11 +17,12 @@ from svv.fields.scene.scene import Scene
 CELLS, RADIUS = 32, 0.4
 
 
-def solid_ball(densest: float = 5.0) -> Scene:
+def solid_ball(densest: float = 5.0, hollow: float = 0.0) -> Scene:
     """A grey ball about the middle of the unit box, lit by nothing.
 
     Args:
         densest: Logarithm of its extinction: opaque at 5, fog that one sees through at 0.
+        hollow: Radius of the hole inside that makes it a shell.
     """
     torch.manual_seed(0)
     field = FieldSettings(resolutions=(8, CELLS), width=16, lighting="none")
@@ -33,7 +34,8 @@ def solid_ball(densest: float = 5.0) -> Scene:
     with torch.no_grad():
         base.density.table.zero_()
         place = base.density.places_of_level(1, occupied, CELLS)
-        outside = np.linalg.norm(place - 0.5, axis=1) - RADIUS
+        away = np.linalg.norm(place - 0.5, axis=1)
+        outside = np.maximum(away - RADIUS, hollow - away if hollow else -1.0)
         logarithm = np.clip(-outside * CELLS * 4.0, LEAST_LOG_EXTINCTION, densest).astype(np.float32)
         base.density.table[base.density.rows_of_level(1)] = torch.from_numpy(logarithm)[:, None]
     palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor([[0.5, 0.5, 0.5]]))

@@ -28,9 +28,9 @@ from svv.core.colour.distinct import distinct_palette
 from svv.core.colour.oklab import rgb_to_oklab, shift_in_oklab
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.seen_colours import Seen
+from svv.fields.scene.seen_colours import Seen, seen_in
 from svv.io.pictures.output import write_png
-from svv.render.colour_check import report_on, seen_in, seen_in_picture, simulation_sheet, told_of
+from svv.render.colour_check import report_on, seen_in_picture, simulation_sheet, told_of
 from svv.render.distinct import distinct
 from tests.cube import cube_paint
 

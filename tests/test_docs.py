@@ -141,6 +141,7 @@ def folder(tmp_path: Path, filled: Path, broad_strokes: None, monkeypatch: pytes
     "page", [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in LONG)) for page in GUIDES],
     ids=[str(page.relative_to(DOCS.parent).with_suffix("")) for page in GUIDES],
 )  # fmt: skip
+@pytest.mark.filterwarnings("ignore:(Regions look alike|Panel a )")  # the pages' scenes are small and untrained
 def test_a_page_works_as_written(page: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, object] = {}
     for block in blocks(page, "python", "sh"):

@@ -66,6 +66,7 @@ def test_a_camera_that_looks_past_it_is_told(folder: Path) -> None:
     assert done.exit_code == 0 and f"a.png is empty, because {PAST}." in done.stderr
 
 
+@pytest.mark.filterwarnings("ignore:Regions look alike")  # those of the cube do
 def test_a_figure_of_nothing_is_refused_and_an_empty_panel_told(folder: Path) -> None:
     done = run("figure", folder / "hidden.svv", "--dpi", 50, "--out", folder / "a.png")
     assert isinstance(done.exception, BadInput) and not (folder / "a.png").exists()

@@ -6,6 +6,7 @@ import re
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,21 @@ from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera, look_at
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.seen_colours import Pair, seen_in, seen_of
 from svv.options.figures import JOURNALS, FigureOptions
+from svv.render.colour_check import alike_said, report_on, seen_in_picture
 from svv.render.figures.annotations import bar_of, length_said
+from svv.render.figures.figure import drawing_of
 from svv.render.figures.files import KINDS, pixels_of, write_figure
-from svv.render.figures.framing import Window, camera_through, free_corner, parallel, preview_camera, windows_of
+from svv.render.figures.framing import (
+    Window,
+    camera_through,
+    free_corner,
+    parallel,
+    preview_camera,
+    together,
+    windows_of,
+)
 from svv.render.figures.layout import laid_out
 from svv.render.figures.lettering import Lettering, families_for
 from svv.render.figures.swatches import Entry, _towards, swatch, values_said
@@ -30,6 +42,8 @@ from svv.render.frames import orbit, seen_from
 from tests.cube import cube_paint
 
 pytest.importorskip("matplotlib")
+
+pytestmark = pytest.mark.filterwarnings("ignore:Regions look alike")  # those of the cube do
 
 SMALL: Any = {"dpi": 50, "width": 60.0}
 """Options of a figure that is drawn in little time."""
@@ -302,6 +316,95 @@ def test_the_light_of_a_swatch_is_that_of_the_scene() -> None:
 
 def test_values_and_units() -> None:
     assert values_said((), "HU") == "" and values_said(((1.0, 2.0),), None) == "1 to 2"
+
+
+def alike(scene: Scene, **options: Any) -> Any:
+    """A figure of a scene, with what is told of it."""
+    said: list[str] = []
+    return drawing_of(scene, None, tell=said.append, **(SMALL | options)), said
+
+
+def test_a_legend_names_regions_that_look_alike(named: Scene, balls: Scene) -> None:
+    """Two white regions are alike, balls of other colours are not; without a legend, it is told all the same."""
+    white = named.edited(0, colour=(1.0, 1.0, 1.0)).edited(1, colour=(1.0, 1.0, 1.0)).hidden(2)
+    for legend in ("right", "below", "none"):
+        drawing, said = alike(white, legend=legend)
+        written = "bone and soft tissue look alike" in " ".join(texts_of(drawing.figure))
+        assert written == (legend != "none")
+        assert len(said) == 1 and said[0].startswith("Regions look alike: bone and soft tissue ")
+        (pair,) = drawing.report()["legends"][0]["look_alike"]
+        assert (pair["first"], pair["second"]) == ("bone", "soft tissue") and pair["difference"] < 12.0
+    for scene in (balls, white.hidden(1), replace(named, palette_network=None, regions=())):
+        drawing, said = alike(scene)
+        assert not said and "look alike" not in " ".join(texts_of(drawing.figure))
+        assert drawing.report()["legends"][0]["look_alike"] == []
+
+
+def test_a_figures_differences_are_those_of_check_colours(named: Scene, tmp_path: Path) -> None:
+    """Of its scene from all around, and of its own file; the remark has the smaller of both."""
+    painted = named.painted(cube_paint(named, 1), {0: "oil"}, {}, "oil")
+    drawing = drawing_of(painted, tmp_path / "a.png", tell=lambda said: None, **SMALL)
+    (panel,), (legend,) = drawing.report()["panels"], drawing.report()["legends"]
+    assert panel["from_all_around"] == report_on(list(seen_in(painted).values()))
+    (seen,) = seen_in_picture(tmp_path / "a.png")
+    smallest = []
+    for told, again in ((panel["colours"], report_on(seen)), (panel["from_all_around"], panel["from_all_around"])):
+        ours, theirs = (one["smallest"]["normal"] for one in (told, again))
+        assert (
+            ours["difference"] == pytest.approx(theirs["difference"], abs=0.05) and ours["between"] == theirs["between"]
+        )
+        smallest.append(ours["difference"])
+    assert legend["look_alike"][0]["difference"] == min(smallest)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "said"),
+    [
+        ("", ""),
+        ("ab", "a and b look alike"),
+        ("ab bc ac", "a, b and c look alike"),
+        ("ab bc", "a and b look alike; b and c look alike"),
+        ("ab cd ef gh", "a and b look alike; c and d look alike; e and f look alike; others look alike, too"),
+        (" ".join(map("".join, combinations("abcdefghijkl", 2))), "a, b, c, d, e, f, g, h, i, j, k and l look alike"),
+    ],
+)
+def test_look_alikes_are_said_in_few_words(pairs: str, said: str) -> None:
+    assert alike_said([Pair(pair[0], pair[1], "normal", 5.0) for pair in pairs.split()]) == said
+
+
+def test_a_region_of_clear_pixels_has_no_colours(cube: Scene) -> None:
+    picture = cube.render(orbit(cube, 181, 24, 24)[90], "pcn")
+    clear = replace(picture, rgba=np.where(picture.region[..., None] == 1, 0.0, picture.rgba).astype(np.float32))
+    assert sorted(seen_of(cube, [clear], (1.0, 1.0, 1.0))) == [0, 2]
+
+
+def test_a_remark_has_room_in_legends_of_all_kinds() -> None:
+    lettering = Lettering(families_for([], None), 7.0, "#000000")
+    entries = [entry(f"region of number {n}") for n in range(12)]
+    remark = "region of number 1 and region of number 2 look alike; " * 3
+    for options, legends in (
+        (FigureOptions(legend="right"), [entries]), (FigureOptions(legend="below"), [entries]),
+        (FigureOptions(), [entries, entries[:1]]),
+    ):  # fmt: skip
+        layout = laid_out(options, lettering, 0.8, legends, True, len(legends), [remark] * len(legends))
+        lines = [line for line in layout.legend if line.entry is None]
+        assert len(lines) == len(legends)
+        for line in layout.legend:
+            assert line.box.top + line.box.height <= layout.height
+            assert line.box.left + max(map(lettering.width, line.name)) <= layout.width
+        for line in lines:
+            others = [o.box for o in layout.legend if o.entry is not None and o.box.left >= line.box.left]
+            assert all(line.box.top >= o.top + o.height for o in others if o.left < line.box.left + line.box.width)
+
+
+def test_panels_of_one_camera_are_trimmed_alike(cube: Scene) -> None:
+    left, right = np.zeros((20, 30), np.float32), np.zeros((20, 30), np.float32)
+    left[5:9, 3:8], right[8:15, 20:22] = 1.0, 0.5
+    camera, other = (seen_from(cube, angle, 0.0, 30, 20) for angle in (0.0, 5.0))
+    one, two, alone = together([left, right, left], [camera, camera.resized(30, 20), other])
+    np.testing.assert_array_equal(one, np.maximum(left, right))
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(alone, left)
 
 
 def test_the_widths_of_journals() -> None:

@@ -378,7 +378,7 @@ def test_the_commands_go_from_scenes_to_scores(
     ]
 
     code, told, _ = call("legibility", folders[0] / "nuts-0.svv", "--size", "64", "--json", tmp_path / "figures.json")
-    assert code == 0 and "| nuts-0 | volume rendering | 1.00 | 1.00 | 1.00 | 1.00 |" in told
+    assert code == 0 and "nuts-0 | volume rendering | 1.00 | 1.00 | 1.00 | 1.00 |" in told
     assert json.loads((tmp_path / "figures.json").read_text())["paintings"][0]["legibility"] == 1
     code, _, told = call("volumes", "onions-0", "--out", tmp_path)
     assert code == 2 and "no generated scene" in told

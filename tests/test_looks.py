@@ -359,7 +359,7 @@ def test_a_figure_takes_camera_and_settings_from_a_look(
     )
     seen = []
     monkeypatch.setattr(
-        "svv.render.figures.figure.figure", lambda panels, out, options, *_, **__: seen.append((panels, options))
+        "svv.render.figures.figure.drawing_of", lambda panels, out, options, *_, **__: seen.append((panels, options))
     )
     cli.app(["figure", "a.svv", "--look", "look.json", "--dpi", "80", "--out", "f.png"], standalone_mode=False)
     ((panel,), options) = seen[0]

@@ -1,4 +1,4 @@
-"""Opacity that follows strokes: dark or light strokes are denser, and the mean opacity of each region is preserved."""
+"""Opacity that follows strokes: dark or light strokes are as dense as the region, and the ground between is clearer."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.geometry.cameras import sphere_cameras
 from svv.core.strokes.strokes import Brush, straight_stroke
 from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
-from svv.fields.radiance.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
-from svv.fields.radiance.rendering import RayCaster, composite, march
+from svv.fields.radiance.rendering import RayCaster, march
 from svv.fields.scene.images import marching_as_edited
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.kept_strokes import Brushed
@@ -25,8 +23,6 @@ from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint, cube_scene
 
 EVERY = {0: "oil", 1: "ink", 2: "oil"}
-KEPT = 0.02
-"""Part of a region's opacity by which it may differ from what it was."""
 
 
 @pytest.fixture(scope="module")
@@ -60,45 +56,49 @@ def of_one_colour(scene: Scene) -> Scene:
     return scene.painted(network, EVERY, {}, "grey")
 
 
-def opacities(scene: Scene, views: int = LIGHT_VIEWS) -> np.ndarray:
-    """Sum of each region's weights in images from all around."""
-    sums = torch.zeros(len(scene.regions), dtype=torch.float64)
-    for camera in sphere_cameras(views, (0.0, 0.0, 0.0), 3.0, 0.5, LIGHT_VIEW_SIZE):
-        rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
-        samples = march(rays, scene.occupancy, scene.base.density, marching_as_edited(scene, "styled"))
-        _, region, sigma = scene.shade(samples, rays, "styled")
-        sums.index_add_(0, region, composite(samples, sigma, sigma[:, None])[2].double())
-    return sums.numpy()
-
-
 AMOUNT = st.floats(-1.0, 1.0)
 
 
+def sigmas(scene: Scene) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Extinctions of samples without strokes and with them, and regions, all (S,)."""
+    rays = RayCaster([cube_camera()], scene.occupancy.box, scene.device).view(0)
+    samples = march(rays, scene.occupancy, scene.base.density, marching_as_edited(scene, "styled"))
+    _, region, sigma = scene.shade(samples, rays, "styled")
+    return samples.sigma, sigma, region
+
+
 @given(st.tuples(AMOUNT, AMOUNT, AMOUNT))
-@settings(max_examples=15)
-@pytest.mark.slow
-def test_regions_are_as_opaque_as_they_were(painted: Scene, amounts: tuple[float, float, float]) -> None:
+@settings(max_examples=8)
+def test_nothing_is_denser_than_its_region_and_nothing_a_hole(
+    painted: Scene, amounts: tuple[float, float, float]
+) -> None:
     scene = painted
-    for region, amount in enumerate(amounts):
-        scene = scene.with_stroke_opacity(amount, region)
-    np.testing.assert_allclose(opacities(scene), opacities(painted), rtol=KEPT)
+    for number, amount in enumerate(amounts):
+        scene = scene.with_stroke_opacity(amount, number)
+    before, after, region = sigmas(scene)
+    factor = (after / before).log()
+    least = -LOG_FACTOR * MOST_DEVIATIONS * torch.tensor(amounts).abs()[region]
+    assert torch.all(factor <= 1e-5) and torch.all(factor >= least - 1e-5)
 
 
-def test_they_are_from_other_sides_as_well(painted: Scene) -> None:
-    """Nearly: the smallest region holds 3 % of what is seen."""
-    change = opacities(painted.with_stroke_opacity(1.0), 30) / opacities(painted, 30)
-    np.testing.assert_allclose(change, 1.0, atol=2.0 * KEPT)
+@pytest.mark.parametrize("amount", [1.0, -1.0])
+def test_most_paint_is_as_opaque_as_its_region(painted: Scene, amount: float) -> None:
+    before, after, region = sigmas(painted.with_stroke_opacity(amount))
+    for own in range(3):
+        mine = region == own
+        assert float((after / before)[mine].mean()) > 0.7
 
 
 @pytest.mark.parametrize("opacity", [0.2, 3.0])
 def test_that_holds_of_regions_as_they_are_edited(painted: Scene, opacity: float) -> None:
     edited = painted.edited(0, opacity=opacity).with_strength(0.7).hidden(1)
-    np.testing.assert_allclose(opacities(edited.with_stroke_opacity(0.8)), opacities(edited), rtol=KEPT)
+    plain, strokes = (s.render(cube_camera()).rgba[..., 3] for s in (edited, edited.with_stroke_opacity(0.8)))
+    assert (strokes - plain).max() < 1e-3 and (strokes - plain).min() < -1e-3
 
 
 @pytest.mark.parametrize("amount", [0.6, -0.6])
-def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted: Scene, amount: float) -> None:
-    """Above 0 the dark and vivid ones: a factor of paleness alone, one deviation from the mean exp(LOG_FACTOR a)."""
+def test_strokes_of_one_side_are_more_opaque_than_those_of_the_other(painted: Scene, amount: float) -> None:
+    """Above 0 the dark and vivid ones: a factor of paleness alone, one deviation from the mean exp(-LOG_FACTOR a)."""
     scene = painted.with_stroke_opacity(amount)
     strokes = strokes_of(scene)
     assert strokes is not None
@@ -109,10 +109,10 @@ def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted
     assert scene.styled is not None
     dark = strokes[region, 2] - paleness(scene.styled(samples.position), strokes[region, 1])
     assert torch.all(factor * dark * amount >= -1e-6)
-    assert float(factor.abs().max()) == pytest.approx(LOG_FACTOR * MOST_DEVIATIONS * abs(amount), abs=1e-4), (
+    assert float(factor.abs().max()) == pytest.approx(0.5 * LOG_FACTOR * MOST_DEVIATIONS * abs(amount), abs=1e-4), (
         "it is clipped"
     )
-    middle = (factor.abs() > 1e-3) & (factor.abs() < 0.99 * LOG_FACTOR * MOST_DEVIATIONS * abs(amount))
+    middle = (factor.abs() > 1e-3) & (factor.abs() < 0.99 * 0.5 * LOG_FACTOR * MOST_DEVIATIONS * abs(amount))
     torch.testing.assert_close((factor / dark)[middle], strokes[region[middle], 1], rtol=1e-2, atol=1e-3)
     for region_ in range(3):  # the slope is that of a deviation's reach, over a deviation of less than half the range
         assert 2.0 * LOG_FACTOR < float(strokes[region_, 1]) / amount < 100.0
@@ -136,7 +136,7 @@ def test_it_is_seen_in_alpha(amount: float) -> None:
     translucent = (plain > 0.1) & (plain < 0.9)
     rise = np.where(translucent, followed - plain, 0.0)
     dark, light = rise[:, :10].sum(), rise[:, 14:].sum()
-    assert dark * amount > 0.0 > light * amount
+    assert abs(dark if amount > 0.0 else light) < 1e-3 and (light if amount > 0.0 else dark) < -0.1
 
 
 class HalfDark(torch.nn.Module):

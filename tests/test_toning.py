@@ -11,13 +11,13 @@ from skimage.color import rgb2lab
 
 from svv.core.colour.colour import lab_to_rgb
 from svv.core.strokes.strokes import Brush, Strokes, joined, straight_stroke
-from svv.fields.scene.region import Region
+from svv.fields.scene.seen_colours import Pair
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import Brushwork
-from svv.train.paint.legibility import AWAY, alike
+from svv.train.paint.legibility import AWAY, notes_on
 from svv.train.paint.toning import Laid, Toned, toned
 from svv.train.paint.view_pixels import ViewPixels
 
@@ -80,15 +80,19 @@ def halves(hand: Hand, colours: tuple[tuple[float, float, float], ...]) -> Toned
     return toned(works, [HALVES] * 5, flats, flats, np.ones(2), SOFT)
 
 
+def apart(found: Toned) -> float:
+    return found.legibility.differences(found.legibility.shown(found.lab))[0, 1]
+
+
 def test_regions_with_the_same_strokes_are_moved_apart(hand: Hand) -> None:
     found = halves(hand, (RED, BLUE))
-    assert found.asked[0, 1] == 12.0
-    assert found.apart[0, 1] >= 12.0
+    assert found.legibility.asked[0, 1] == 12.0
+    assert apart(found) >= 12.0
 
 
 def test_regions_that_the_volume_rendering_does_not_tell_apart_stay_alike(hand: Hand) -> None:
     found = halves(hand, (RED, RED))
-    assert found.asked[0, 1] == pytest.approx(0.0, abs=1e-6) and found.apart[0, 1] < 5.0
+    assert found.legibility.asked[0, 1] == pytest.approx(0.0, abs=1e-6) and apart(found) < 5.0
 
 
 def test_moving_apart_keeps_hues_and_stays_in_the_range_of_the_picture(hand: Hand) -> None:
@@ -119,10 +123,8 @@ def test_what_encloses_stays_lighter_than_what_it_encloses(hand: Hand) -> None:
 
 
 def test_regions_that_look_alike_are_named() -> None:
-    regions = [Region(colour, 1.0 / 3.0) for colour in (RED, BLUE, (0.0, 1.0, 0.0))]
-    apart, asked = {(0, 1): 7.2, (0, 2): 30.0, (1, 2): 3.0}, {(0, 1): 12.0, (0, 2): 12.0, (1, 2): 2.0}
-    (said,) = alike(regions, apart, asked)
-    assert said.startswith("Region 0 and Region 1 are hard to tell apart (CIEDE2000 7)")
+    (said,) = notes_on([Pair("bone", "Region 1", "normal", 7.2)])
+    assert said.startswith("bone and Region 1 are hard to tell apart (CIEDE2000 7)")
 
 
 # --- pixels ----------------------------------------------------------------------------------------------------------

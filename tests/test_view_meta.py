@@ -58,7 +58,7 @@ metas = st.builds(
     st.none() | presets, st.none() | st.booleans(),
     st.none() | st.builds(Shading, st.booleans(), *[st.floats(0.0, allow_infinity=False)] * 4), st.none() | finite,
     st.none() | st.text(), st.none() | st.text(), st.none() | finite, st.none() | st.booleans(), st.none() | st.text(),
-    unknown,
+    unknown, file=st.none() | st.fixed_dictionaries({"content": st.text()}, optional={"array": st.text()}),
 )  # fmt: skip
 
 

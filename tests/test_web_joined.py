@@ -174,7 +174,7 @@ def test_names_are_text_and_paintings_one(brushed: Scene, balls: Scene) -> None:
     header = json.loads(re.findall(r'id="scene">([^<]*)<', text)[0])
     assert header["paintings"][0]["styles"] == [None, None, EVIL, "ink", None, "b"]
     strokes = np.array(header["paintings"][0]["strokes"])
-    assert strokes.shape == (6, 5) and strokes[2].any() and not strokes[[0, 1, 3, 4, 5]].any()
+    assert strokes.shape == (6, 4) and strokes[2].any() and not strokes[[0, 1, 3, 4, 5]].any()
     assert [(layer["first"], layer["count"]) for layer in header["layers"]] == [(0, 2), (2, 2), (4, 2)]
 
 

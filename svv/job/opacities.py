@@ -104,7 +104,7 @@ def _with_opacities(scene: Scene, before: TransferFunction, function: TransferFu
         if mine.brushed is not None and its.brushed is not None:
             mine.brushed.lives = its.brushed.lives
             mine.painted_in = its.painted_in
-    return replace(result, steps=steps)
+    return replace(result, steps=steps, made=scene.made)  # it is the volume of its training
 
 
 def _check(before: TransferFunction, function: TransferFunction, at: NDArray[np.float64]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.cinema.table import read_table
 from svv.io.cinema.views import read_database
-from svv.io.files.keyed_results import key_of
+from svv.io.files.keyed_results import digest, key_of
 from svv.io.views.drawn_views import DrawnViews
 from svv.io.views.transforms import transforms_file
 from svv.io.views.view_meta import ViewMeta, known
@@ -110,6 +110,10 @@ class Drawn(ABC):
         return render_views(volume, tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
 
 
+READ = ("dims", "dtype", "spacing", "array", "channel", "time", "resample_to")
+"""Fields of :class:`VolumeSource` that say how its file is read."""
+
+
 @dataclass(frozen=True)
 class VolumeSource(Drawn):
     """A volume file and a transfer function; other fields as in :func:`svv.dvr.read.volumes.read_volume`."""
@@ -172,6 +176,14 @@ class VolumeSource(Drawn):
         """Return the file of the transfer function, and how it is fitted to the data."""
         return {"tf": self.tf, "rescale": self.rescale}
 
+    def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
+        """Draw the views, whose metadata also say how the file was read."""
+        train, unseen = super().draw(options, progress, kept)
+        how = {name: value for name in READ if (value := getattr(self, name)) is not None}
+        file = {"content": content_of(self.volume), **how}
+        train = replace(train, meta=replace(train.meta, file=file))
+        return train, None if unseen is None else replace(unseen, meta=train.meta)
+
 
 @dataclass(frozen=True)
 class ViewSource:
@@ -191,6 +203,18 @@ class ViewSource:
         files = [path for split in splits for path in files_of(self.folder, split)]
         files += [path for path in (self.folder / CLASSIFIED,) if path.exists()]
         return {"files": [[path.name, path] for path in files]}
+
+
+def content_of(volume: Path) -> str:
+    """Return a hash by which a volume's file is known again, whatever its name and place.
+
+    A folder, and a file of more than a gigabyte, are known by the sizes and times of files instead.
+
+    Raises:
+        BadInput: The file cannot be read.
+    """
+    told = [fingerprint(file) for file in (volume, *data_files(volume))]
+    return digest([{key: value for key, value in one.items() if key != "name"} for one in told])
 
 
 def imported_views(database: Path, folder: Path, progress: Progress) -> Path:

@@ -210,14 +210,24 @@ class Workshop:
         out: str,
         unit: str | None = None,
         value_unit: str | None = None,
+        volume: bool = False,
         progress: Progress = silent,
-    ) -> str:
-        """Make a figure for a paper (.pdf, .svg, .png, .tiff): a panel for each scene, legend, scale bar and axes."""
-        from svv.render.figures.figure import figure
+    ) -> list[str]:
+        """Make a figure for a paper (.pdf, .svg, .png, .tiff): a panel for each scene, legend, scale bar and axes.
 
-        path = self.place(out)
-        figure([self._scene(scene) for scene in scenes], path, unit=unit, value_unit=value_unit, progress=progress)
-        return self.shown(path)
+        With volume, the rendering of each scene's volume beside it. Says what to know of it, such as look-alikes.
+        """
+        from svv.job.volume_panels import panel_of, remembered
+        from svv.render.figures.figure import Panel, figure
+
+        path, said, panels = self.place(out), list[str](), list[Panel]()
+        for name in scenes:
+            loaded = self._scene(name)
+            if volume:
+                panels.append(panel_of(loaded, remembered(loaded, [], [self.place(name).parent], self.root)))
+            panels.append(Panel(loaded))
+        figure(panels, path, unit=unit, value_unit=value_unit, progress=progress, tell=said.append)
+        return [*said, self.shown(path)]
 
     def _new_scene(self, name: str) -> Path:
         from svv.io.files.atomic import check_writable

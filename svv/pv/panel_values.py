@@ -133,6 +133,8 @@ class Values(DisplayValues, total=False):
     FollowCamera: bool
     Opaque: bool
     FigureFile: str
+    VolumeRendering: bool
+    VolumeFile: str
     Cut: bool
     CutBy: vtkImplicitFunction | None
     Invert: bool

@@ -14,53 +14,46 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from svv.core.colour.colour import WHITE, over, to_hex
+from svv.core.colour.colour import over, to_hex
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VISIONS, simulated
 from svv.core.colour.palette import extract_palette
-from svv.core.geometry.cameras import Camera
 from svv.core.json_values import object_in, parsed
-from svv.errors import BadInput, Progress, silent
-from svv.fields.scene.scene import Scene
-from svv.fields.scene.seen_colours import Seen, pairs_of, seen_of
+from svv.errors import BadInput
+from svv.fields.scene.seen_colours import Pair, Seen, pairs_of
 from svv.io.pictures.output import to_bytes
 from svv.render.pictures import sheet
 
-FRAMES = (30, 60, 90, 120, 150)
-"""Views of the path around a scene in which its colours are looked at."""
-
-VIEW_SIZE = 160
-"""Side of these views in pixels."""
+MOST_GROUPS = 3
+"""Groups of regions that look alike, of which a legend names that many."""
 
 Array = NDArray[np.float64]
 
 
-def seen_in(
-    scene: Scene,
-    network: str | None = None,
-    background: Sequence[float] = WHITE,
-    cameras: Sequence[Camera] | None = None,
-    progress: Progress = silent,
-) -> dict[int, Seen]:
-    """Return the colours of each region that is visible in some views, by its number.
+def merging(seen: Sequence[Seen]) -> list[Pair]:
+    """Return the pairs of regions that look alike to everybody, the most alike first."""
+    alike = [pair for pair in pairs_of(seen, VISIONS[:1]) if pair.difference < LEAST_DIFFERENCE]
+    return sorted(alike, key=lambda pair: pair.difference)
 
-    Args:
-        scene: A scene with a palette network.
-        network: As for :meth:`svv.fields.scene.scene.Scene.render`.
-        background: RGB in [0, 1].
-        cameras: The views; by default five from all around.
-        progress: Called before each view.
 
-    Raises:
-        BadInput: The scene has no palette network, so no regions.
+def alike_said(pairs: Sequence[Pair]) -> str:
+    """Return which regions look alike, for a legend; '' if none do.
+
+    >>> alike_said([Pair(*names.split(), "normal", 5.0) for names in ("bone fat", "bone skin", "fat skin", "fat air")])
+    'bone, fat and skin look alike; fat and air look alike'
     """
-    if scene.palette_network is None:
-        raise BadInput("The scene has no regions because it holds no palette network; train it again.")
-    views = scene.rig.orbit(181, VIEW_SIZE, frames=FRAMES) if cameras is None else cameras
-    pictures = []
-    for number, camera in enumerate(views):
-        progress(number / len(views), "colours")
-        pictures.append(scene.render(camera, network))
-    return seen_of(scene, pictures, background)
+    alike = {frozenset((pair.first, pair.second)) for pair in pairs}
+    names = list(dict.fromkeys(name for pair in pairs for name in (pair.first, pair.second)))
+    groups: list[list[str]] = []
+    for pair in pairs:
+        if any(pair.first in group and pair.second in group for group in groups):
+            continue
+        group = [pair.first, pair.second]
+        for name in names:
+            if all(frozenset((name, other)) in alike for other in group):
+                group.append(name)
+        groups.append(group)
+    said = [f"{', '.join(group[:-1])} and {group[-1]} look alike" for group in groups[:MOST_GROUPS]]
+    return "; ".join([*said, "others look alike, too"] if len(groups) > MOST_GROUPS else said)
 
 
 def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str, Any]:

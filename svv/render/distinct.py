@@ -21,11 +21,10 @@ from svv.core.colour.colour_vision import (
 from svv.core.colour.distinct import distinct_palette
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.seen_colours import Pair, Seen, pairs_of
+from svv.fields.scene.seen_colours import FRAMES, VIEW_SIZE, Pair, Seen, pairs_of, seen_in
 from svv.fields.strokes.stroke_edits import PALETTE_SIZE, luminance
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.options.editing import DistinctName
-from svv.render.colour_check import FRAMES, VIEW_SIZE, seen_in
 from svv.train.match.stylize import visible_from
 from svv.train.paint.legibility import Legibility
 from svv.train.paint.view_pixels import ViewPixels

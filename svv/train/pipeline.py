@@ -14,6 +14,7 @@ import torch
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.seen_colours import look_alikes
 from svv.io.views.on_screen import ignoring_fixed
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_named, forget_gpu_peak
@@ -29,6 +30,7 @@ from svv.train.match.style_loss import PAPER_LOSS
 from svv.train.paint.dividing import divided
 from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.laying import Laying
+from svv.train.paint.legibility import notes_on
 from svv.train.paint.plan import Order, ordered, with_hands
 from svv.train.quilt.pieces import PieceSettings
 from svv.train.report import Report, report_on
@@ -206,7 +208,8 @@ def stylize_scene(
         styled, report = stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
     else:
         styled, report = paint(scene, inputs, asked, progress, checkpoint, preview)
-    report["notes"] = list(dict.fromkeys([*division.notes, *report["notes"]]))
+    alike = notes_on(look_alikes(styled)) if scene.layers else []  # between its members
+    report["notes"] = list(dict.fromkeys([*division.notes, *report["notes"], *alike]))
     told = scene.made.get("stylized", {}).get("divided", {}) if asked.go_on else {}
     told = {region: share for region, share in told.items() if region not in report["styles"]}
     report["divided"] = told | {str(region): share for region, share in division.shares.items()}
@@ -248,6 +251,7 @@ def _stylize_alone(
     styled = order.painted(scene, field)
     if preview is not None:
         preview(styled)
+    alike = notes_on(look_alikes(styled)) if work.remarks.doubtful else []
     report = report_on(styled, {**work.seconds, "total": cost.seconds}, cost, chosen, asked.seed)
     report |= Report(
         features="none" if network is None else f"{network.title}, {network.channels} channels",
@@ -265,7 +269,7 @@ def _stylize_alone(
         strength=asked.strength,
         continued=work.refined,
         previews=[] if work.previews is None else work.previews.seconds,
-        notes=[*order.notes, *work.notes, *([network.note] if network and network.note else [])],
+        notes=[*order.notes, *work.remarks.notes, *alike, *([network.note] if network and network.note else [])],
     )
     return replace(styled, made={**scene.made, "stylized": report}), report
 

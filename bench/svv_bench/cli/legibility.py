@@ -42,8 +42,8 @@ def legibility(
     end, and are lighter or darker than what encloses them as before. A region that a painting hides counts as lost.
     """
     from svv.fields.scene.scene import Scene
+    from svv.fields.scene.seen_colours import FRAMES
     from svv.io.files.atomic import check_writable, write_json
-    from svv.render.colour_check import FRAMES
     from svv_bench.legibility.figure import Yardstick, table
 
     if json is not None:

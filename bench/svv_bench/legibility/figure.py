@@ -37,7 +37,7 @@ from svv.core.colour.colour_vision import COLOUR_VISIONS, VisionName, oklab, set
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.scene import Rendering, Scene
-from svv.render.colour_check import FRAMES, clustered
+from svv.fields.scene.seen_colours import FRAMES, clustered
 from svv_bench.styles.table import markdown
 
 VIEW_SIZE = 240
@@ -235,7 +235,7 @@ def _fraction(found: float, wanted: float) -> float:
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Format figures of paintings as Markdown: each a scene, a painting and :meth:`Legibility.to_json`."""
     lines = [
-        {"scene": Path(row["scene"]).stem, "painting": row["painting"],
+        {"scene": str(Path(row["scene"]).with_suffix("")), "painting": row["painting"],
          **{name: f"{row[name]:.2f}" for name in ("legibility", "apart", "contrast", "order")},
          **{vision: f"{difference:.1f}" for vision, difference in row["smallest"].items()}}
         for row in rows

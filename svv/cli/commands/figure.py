@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import typer
@@ -33,6 +33,7 @@ FIGURE = (
     "svv figure plain.svv painted.svv --columns double --title before --title after --out both.svg",
     "svv figure painted.svv --variant oil --variant ink --dpi 600 --out paintings.tiff",
     "svv figure scene.svv --view 0,0 --view 90,0 --view 0,80 --journal ieee --out views.pdf",
+    "svv figure painted.svv --panel dvr --columns double --out beside.pdf",
     "svv figure same.svv --look look.json --out same.pdf",
     "svv figure series.svv --time 0 --time 0.5 --time 1 --across 3 --transparent --out times.png",
 )
@@ -47,6 +48,10 @@ CHECK_COLOURS = (
 """Examples in the help."""
 
 
+PanelName = Literal["dvr"]
+"""What else panels show."""
+
+
 @dataclass(frozen=True)
 class PanelOptions:
     """What the panels of a figure show: each scene with each painting, at each time, by each camera."""
@@ -59,6 +64,11 @@ class PanelOptions:
     """Look through this camera, as in `svv render`, in a panel of its own; by default from the front."""
     view: Annotated[tuple[str, ...], Setting(metavar="AZ,EL")] = ()
     """Look from this side, in a panel of its own: degrees to the right of the front of the volume, and above it."""
+    panel: tuple[PanelName, ...] = ()
+    """Also show this from each camera, in a panel of its own: dvr, the volume rendering, or the palette network if the
+    volume is not there."""
+    volume: Annotated[tuple[Path, ...], Setting(metavar="FILE")] = ()
+    """The volume of a scene, for --panel dvr; by default the file of its name beside the scene, or here."""
     frame_number: Annotated[int, Setting("--view-number", metavar="N", least=0)] = 0
     """Number of the view in a transforms file given as --camera."""
 
@@ -78,26 +88,33 @@ def figure(
             help="Take the camera and the settings of figures from this look; options that are given win.",
         ),
     ] = None,
+    json: Json = None,
 ) -> None:
     """Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.
 
     The legend shows each region's name (`svv edit --name`), its range of values, and a small sphere in its paint and
     light. Text in PDF and SVG stays text, with its fonts inside. Several scenes, paintings, times and cameras are
-    panels with letters; all are shown at one scale.
+    panels with letters; all are shown at one scale. With --panel dvr, the volume rendering stands beside the painting.
+    Regions that look alike are named in the legend, on the screen, and with their difference in the file of --json.
     """
-    from svv.render.figures.figure import figure as draw
-    from svv.render.figures.figure import need_matplotlib
+    from svv.io.files.atomic import write_json
+    from svv.render.figures.figure import drawing_of, need_matplotlib
     from svv.render.figures.files import check_kind
     from svv.render.looks.look import Look, changed_settings
 
     need_matplotlib()
     check_kind(out)
+    check_targets(out, json)
     chosen = None if look is None else Look.load(look)
     if chosen is not None:
         options = replace(options, **{**chosen.figure, **changed_settings(options)})
-    every = [panel for path in scenes for panel in _panels(load(path, options.device), panels, chosen)]
+    if panels.volume and not panels.panel:
+        raise BadInput("--volume names the volume for --panel dvr: give both.")
+    every = [panel for path in scenes for panel in _panels(path, load(path, options.device), panels, chosen)]
     with shown("Drawing") as progress:
-        draw(every, out, options, progress, tell=lambda said: print(f"svv: {said}", file=sys.stderr))
+        drawn = drawing_of(every, out, options, progress, tell=lambda said: print(f"svv: {said}", file=sys.stderr))
+    if json is not None:
+        write_json(json, drawn.report())
     if options.scale_bar and not options.parallel and any(not _parallel(panel) for panel in every):
         print(
             "The scale bar holds in the plane through the middle of the volume; --parallel makes it hold everywhere.",
@@ -106,17 +123,24 @@ def figure(
     print(out)
 
 
-def _panels(scene: Scene, options: PanelOptions, look: Look | None) -> list[Panel]:
-    """Return a scene's panels: each painting at each time by each camera."""
+def _panels(path: Path, scene: Scene, options: PanelOptions, look: Look | None) -> list[Panel]:
+    """Return a scene's panels: the volume rendering and each painting at each time by each camera."""
     from svv.fields.values.followed_scene import at_time
     from svv.render.figures.figure import Panel
 
     if options.time and (scene.steps is None or len(scene.steps) < 2):
         raise BadInput("The scene has no time steps: add them with svv follow, or leave out --time.")
+    cameras: list[Camera | None] = [*_cameras(scene, options)] or [None if look is None else look.camera_for(scene)]
+    found = []
+    if options.panel:
+        from svv.job.volume_panels import panel_of, remembered
+
+        shown = [at_time(scene, time) for time in options.time] or [scene]
+        volumes = [remembered(one, options.volume, [path.parent, Path()]) for one in shown]
+        found = [panel_of(one, volume, camera) for one, volume in zip(shown, volumes) for camera in cameras]
     painted = [scene.with_variant(name) for name in options.variant] or [scene]
     timed = [at_time(one, time) for one in painted for time in options.time] or painted
-    cameras: list[Camera | None] = [*_cameras(scene, options)] or [None if look is None else look.camera_for(scene)]
-    return [Panel(one, camera) for one in timed for camera in cameras]
+    return found + [Panel(one, camera) for one in timed for camera in cameras]
 
 
 def _cameras(scene: Scene, options: PanelOptions) -> list[Camera]:
@@ -202,7 +226,7 @@ def _scene_colours(
 ) -> tuple[list[list[Seen]], NDArray[np.floating] | None]:
     """Return the colours of a scene's regions, and its picture from the front if it is wanted."""
     from svv.core.colour.colour import over
-    from svv.render.colour_check import seen_in
+    from svv.fields.scene.seen_colours import seen_in
     from svv.render.frames import orbit
 
     scene = load(path, device)

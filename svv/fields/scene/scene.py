@@ -159,8 +159,8 @@ class Scene(Model):
     def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
         """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.
 
-        Mean opacities (:mod:`svv.fields.strokes.stroke_opacity`) and regions without paint or of one colour stay. Above
-        0 dark strokes are more opaque and light ones less, below 0 the other way round.
+        Nothing becomes more opaque (:mod:`svv.fields.strokes.stroke_opacity`): above 0 pale paint becomes clearer,
+        below 0 dark paint. Regions without paint or of one colour stay.
 
         Raises:
             BadInput: The amount is outside [-1, 1], or a region does not exist.

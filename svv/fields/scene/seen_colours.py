@@ -13,12 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import over
-from svv.core.colour.colour_vision import VISIONS, VisionName, set_difference
+from svv.core.colour.colour import WHITE, over
+from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VISIONS, VisionName, set_difference
+from svv.core.geometry.cameras import Camera
 from svv.core.json_values import list_in, number_in, object_in, text_in, vector_in
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Rendering, Scene
+
+FRAMES = (30, 60, 90, 120, 150)
+"""Views of the path around a scene in which its colours are looked at."""
+
+VIEW_SIZE = 160
+"""Side of these views in pixels."""
 
 COLOURS = 8
 """Colours that stand for a region: its paint, light and shade."""
@@ -66,6 +73,35 @@ class Pair:
     """CIEDE2000 (:func:`svv.core.colour.colour_vision.set_difference`)."""
 
 
+def seen_in(
+    scene: Scene,
+    network: str | None = None,
+    background: Sequence[float] = WHITE,
+    cameras: Sequence[Camera] | None = None,
+    progress: Progress = silent,
+) -> dict[int, Seen]:
+    """Return the colours of each region that is visible in some views, by its number.
+
+    Args:
+        scene: A scene with a palette network.
+        network: As for :meth:`svv.fields.scene.scene.Scene.render`.
+        background: RGB in [0, 1].
+        cameras: The views; by default five from all around.
+        progress: Called before each view.
+
+    Raises:
+        BadInput: The scene has no palette network, so no regions.
+    """
+    if scene.palette_network is None:
+        raise BadInput("The scene has no regions because it holds no palette network; train it again.")
+    views = scene.rig.orbit(181, VIEW_SIZE, frames=FRAMES) if cameras is None else cameras
+    pictures = []
+    for number, camera in enumerate(views):
+        progress(number / len(views), "colours")
+        pictures.append(scene.render(camera, network))
+    return seen_of(scene, pictures, background)
+
+
 def seen_of(scene: Scene, pictures: Sequence[Rendering], background: Sequence[float]) -> dict[int, Seen]:
     """Return the colours of each region that is visible in some pictures of a scene, by its number."""
     rgba = np.concatenate([picture.rgba.reshape(-1, 4) for picture in pictures])
@@ -108,3 +144,19 @@ def pairs_of(seen: Sequence[Seen], visions: Sequence[VisionName] = VISIONS) -> l
         for vision in visions
         for a, b in combinations(seen, 2)
     ]
+
+
+def look_alikes(scene: Scene, background: Sequence[float] = WHITE) -> list[Pair]:
+    """Return the pairs of regions of a painted scene that look alike, and less so in its volume rendering.
+
+    Args:
+        scene: A scene with a palette network.
+        background: RGB in [0, 1].
+    """
+    painted = pairs_of(list(seen_in(scene, None, background).values()), VISIONS[:1])
+    alike = [pair for pair in painted if pair.difference < LEAST_DIFFERENCE]
+    if not alike:
+        return []
+    before = pairs_of(list(seen_in(scene, "pcn", background).values()), VISIONS[:1])
+    asked = {(pair.first, pair.second): pair.difference for pair in before}
+    return [pair for pair in alike if pair.difference < asked.get((pair.first, pair.second), LEAST_DIFFERENCE)]

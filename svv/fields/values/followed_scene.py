@@ -33,6 +33,9 @@ from svv.fields.values.value_function import ValueFunction
 
 CPU = torch.device("cpu")
 
+FOLLOWED = "followed"
+"""Key of a scene's record: true if it shows another volume than the one that it was trained on."""
+
 Matter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Where the matter at positions (S, 3), of a box or the world, was when it was painted. (S, 3)"""
 
@@ -163,7 +166,7 @@ def _over(
     result = replace(
         scene, occupancy=occupancy, base=base.requires_grad_(False).to(device), steps=steps, parts=None,
         settings=settings, marching=replace(scene.marching, step=scene.marching.step / finer),
-        palette_network=moved.requires_grad_(False).to(device),
+        palette_network=moved.requires_grad_(False).to(device), made={**scene.made, FOLLOWED: True},
     )  # fmt: skip
     return replace(
         result,

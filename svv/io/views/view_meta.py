@@ -93,7 +93,7 @@ class ViewMeta:
     """Metadata on how the images of a view set were made; it is empty for sets from other programs.
 
     Views that were rendered from a volume (:func:`svv.dvr.draw.views.make_views`) have all fields, ``nearest`` and
-    ``assumed`` only if there is something to say.
+    ``assumed`` only if there is something to say, and ``file`` if the volume was read from one by the command.
     """
 
     volume: str | None = None
@@ -128,6 +128,9 @@ class ViewMeta:
     that was asked for, labels that are interpolated, and views that show nothing."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
+    file: Json | None = None
+    """How the volume's file was read, and a hash of its content (:func:`svv.job.source.content_of`), so that it is
+    known again (:mod:`svv.job.volume_panels`). It does not say where the file is: scenes are given to others."""
 
     @classmethod
     def from_json(cls, content: object, name: str = "svv") -> ViewMeta:
@@ -158,6 +161,7 @@ class ViewMeta:
             mapper=read("mapper", text_in),
             vtk=read("vtk", text_in),
             seconds=read("seconds", number_in),
+            file=read("file", object_in),
             nearest=read("nearest", switch_in),
             assumed=read("assumed", text_in),
         )
@@ -177,6 +181,7 @@ class ViewMeta:
             "mapper": self.mapper,
             "vtk": self.vtk,
             "seconds": self.seconds,
+            "file": self.file,
             "nearest": self.nearest,
             "assumed": self.assumed,
         }

@@ -24,6 +24,10 @@ __all__ = ["StyleRFFigure"]
 @keep_input_visible
 @panel(
     *properties_of(FigureOptions()),
+    switch("VolumeRendering", False, "Also show the volume rendering, in a panel before it; the palette network if the "
+           "volume is not there.", advanced=True),
+    file("VolumeFile", "vti mhd mha nrrd nhdr nii gz raw npy tif tiff h5 nc vtk vtu pvti", "Volumes", "The file of the "
+         "scene's volume, for the panel above. The macro StyleRF figure names that of the pipeline.", advanced=True),
     switch("Background", False, "Give the figure a background; otherwise it is white."),
     numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
     seen_with(),
@@ -51,7 +55,7 @@ class StyleRFFigure(Filter):
         height, width = 1, 1
         try:
             if self.first_rank:
-                height, width = self._pixels(vtkDataObject.GetData(in_info[0], 0)).shape[:2]
+                height, width = self._drawn(vtkDataObject.GetData(in_info[0], 0))[0].shape[:2]
         except (BadInput, Cancelled, ImportError):  # RequestData reports it
             pass
         set_image_information(self, out_info, width, height)
@@ -60,9 +64,9 @@ class StyleRFFigure(Filter):
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.filters.engine import as_seen_with
 
-        pixels = self._pixels(inputs[0])
+        pixels, said = self._drawn(inputs[0])
         put_image(outputs[0], {"RGBA": as_seen_with(pixels, self.values["SeenWith"])})
-        return f"{pixels.shape[1]} x {pixels.shape[0]} pixels."
+        return f"{pixels.shape[1]} x {pixels.shape[0]} pixels. {said}".rstrip()
 
     def SaveFigure(self) -> None:
         """Write the figure to a file."""
@@ -70,8 +74,8 @@ class StyleRFFigure(Filter):
 
         self.save("scene", "FigureFile", lambda file: write(self.last("scene"), self.values, file, self.progress))
 
-    def _pixels(self, data: Data) -> NDArray[np.uint8]:
-        """Return the figure as straight RGBA, drawn once for each scene and panel. (height, width, 4)"""
+    def _drawn(self, data: Data) -> tuple[NDArray[np.uint8], str]:
+        """Return the figure as straight RGBA (height, width, 4) and what to know of it, drawn once for each panel."""
         from svv.pv.panel.figures import pixels_of
 
         scene = finished_scene_of(data)

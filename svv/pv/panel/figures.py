@@ -20,7 +20,7 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.io.files.atomic import write_json
 from svv.options.figures import FigureOptions
-from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of
+from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of, upstream
 from svv.pv.filters.vtk_data import camera_of
 from svv.pv.launch.programs import PYTHON
 from svv.pv.panel.option_panel import options_in
@@ -50,8 +50,8 @@ def camera_in(values: Values) -> Camera | None:
     return camera_of(values["Camera"], PIXELS, PIXELS, values["ParallelScale"])
 
 
-def pixels_of(scene: Scene, values: Values, progress: Progress) -> NDArray[np.uint8]:
-    """Return a figure of a scene as the panel asks for it, straight RGBA. (height, width, 4)
+def pixels_of(scene: Scene, values: Values, progress: Progress) -> tuple[NDArray[np.uint8], str]:
+    """Return a figure of a scene as the panel asks for it, straight RGBA (height, width, 4), and what to know of it.
 
     Raises:
         BadInput: The figure cannot be drawn, or there is no Python with matplotlib to draw it.
@@ -61,13 +61,16 @@ def pixels_of(scene: Scene, values: Values, progress: Progress) -> NDArray[np.ui
 
     with TemporaryDirectory() as folder:
         file = Path(folder) / "figure.png"
-        write(scene, values, file, progress)
+        said = write(scene, values, file, progress)
         with Image.open(file) as picture:
-            return np.array(picture.convert("RGBA"))
+            return np.array(picture.convert("RGBA")), said
 
 
-def write(scene: Scene, values: Values, out: Path, progress: Progress) -> None:
-    """Write a figure of a scene to a file; raises as :func:`pixels_of`, and BadInput for another kind of file."""
+def write(scene: Scene, values: Values, out: Path, progress: Progress) -> str:
+    """Write a figure of a scene to a file, and return what users should know of it.
+
+    Raises as :func:`pixels_of`, and BadInput for another kind of file.
+    """
     from svv.job.figure_program import request
 
     if out.suffix.lower() not in KINDS:
@@ -77,17 +80,17 @@ def write(scene: Scene, values: Values, out: Path, progress: Progress) -> None:
         raise BadInput("Figures are drawn by the Python that starts ParaView: start it with `svv paraview`.")
     with TemporaryDirectory() as folder:
         scene.save(Path(folder) / "scene.svv")
-        asked = request(Path(folder) / "scene.svv", camera_in(values), options_of(values), out.absolute())
+        volume = [file for file in (values["VolumeFile"],) if file] if values["VolumeRendering"] else None
+        asked = request(Path(folder) / "scene.svv", camera_in(values), options_of(values), out.absolute(), volume)
         write_json(Path(folder) / "request.json", asked)
-        said = _ran([python, "-m", "svv.job.figure_program", str(Path(folder) / "request.json")], progress)
-    if said is not None:
-        raise BadInput(said)
+        return _ran([python, "-m", "svv.job.figure_program", str(Path(folder) / "request.json")], progress)
 
 
-def _ran(words: list[str], progress: Progress) -> str | None:
-    """Run a program, outside ParaView's environment; return its last line if it failed.
+def _ran(words: list[str], progress: Progress) -> str:
+    """Run a program, outside ParaView's environment; return what it says, as one line.
 
     Raises:
+        BadInput: It failed; the sentence is its last line.
         Cancelled: The user pressed Abort; the program is ended.
     """
     hidden = ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "LD_PRELOAD")
@@ -95,10 +98,10 @@ def _ran(words: list[str], progress: Progress) -> str | None:
     environ["PYTHONPATH"] = str(Path(__file__).resolve().parents[2])
     try:
         process = subprocess.Popen(
-            words, env=environ, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            words, env=environ, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
     except OSError as error:
-        return f"{words[0]} cannot draw the figure: {error.strerror}."
+        raise BadInput(f"{words[0]} cannot draw the figure: {error.strerror}.") from error
     try:
         while process.poll() is None:
             progress(0.5, "drawing the figure")
@@ -106,13 +109,23 @@ def _ran(words: list[str], progress: Progress) -> str | None:
     finally:
         if process.poll() is None:
             process.terminate()
-        _, errors = process.communicate()
+        said, errors = process.communicate()
     if process.returncode == 0:
-        return None
+        return " ".join(said.split())
     last = (errors.strip().splitlines() or ["it gave no reason"])[-1]
     if last.startswith("svv: "):
-        return last.removeprefix("svv: ")
-    return f"The Python at {words[0]} cannot draw the figure ({last}): install svv there with its extra 'figure'."
+        raise BadInput(last.removeprefix("svv: "))
+    raise BadInput(
+        f"The Python at {words[0]} cannot draw the figure ({last}): install svv there with its extra 'figure'."
+    )
+
+
+def _file_of(source: Proxy) -> str:
+    """Return the file of a reader whose output is no scene, and the first of several; '' for anything else."""
+    file = next((getattr(source, name) for name in ("FileName", "FileNames") if name in source.ListProperties()), "")
+    if source.GetDataInformation().GetDataClassName() == "vtkTable":
+        return ""
+    return str(file if isinstance(file, str) else next(iter(file), ""))
 
 
 def add_figure(source: Proxy | None = None, view: View | None = None) -> Proxy:
@@ -131,6 +144,7 @@ def add_figure(source: Proxy | None = None, view: View | None = None) -> Proxy:
     if source is None or source.GetDataInformation().GetDataClassName() != "vtkTable":
         raise BadInput("Select a scene in the Pipeline Browser first: StyleRF Scene, Train, Edit, Palette or Stylize.")
     figure = simple.StyleRFFigure(Input=source)
+    figure.VolumeFile = next(filter(None, map(_file_of, upstream(source))), "")
     view = view or simple.GetActiveView()
     if view is not None and view.GetXMLName() == "RenderView":
         figure.Camera, figure.ParallelScale = camera_numbers(view), parallel_scale_of(view)

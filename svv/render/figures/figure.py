@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.colour.colour import over, to_hex
+from svv.core.colour.colour_vision import LEAST_DIFFERENCE
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.region import checked_line
-from svv.fields.scene.seen_colours import Seen, seen_of
+from svv.fields.scene.seen_colours import Pair, Seen, seen_in, seen_of
 from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
-from svv.render.colour_check import told_of
+from svv.render.colour_check import alike_said, merging, report_on, told_of
 from svv.render.emptiness import SHOW, why_empty
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import (
@@ -31,6 +32,7 @@ from svv.render.figures.framing import (
     free_corner,
     parallel,
     preview_camera,
+    together,
     windows_of,
 )
 from svv.render.figures.layout import Line
@@ -61,6 +63,9 @@ at a slant are then too small for a reader to see."""
 LONGEST_UNIT, LONGEST_TITLE = 20, 300
 """Most characters of a unit and of a title; a title also has to fit above its panel."""
 
+SHOWN = {"base": "base network", "pcn": "palette network", "styled": "painting"}
+"""What panels of each network show."""
+
 MOST_PIXELS = 150_000_000
 """Largest number of pixels of a figure."""
 
@@ -80,6 +85,16 @@ class Panel:
     title: str = ""
     look: object = None
     """Panels of the same value look alike and share a legend; by default, those of the same scene do."""
+    network: str | None = None
+    """The network that gives its colours; by default the figure's."""
+    draw: Callable[[Camera], NDArray[np.float32]] | None = None
+    """What draws its picture instead of the network, straight RGBA (h, w, 4) in [0, 1], such as
+    :func:`svv.job.volume_panels.volume_panel`; its regions, their names and swatches are those of the scene's network.
+    """
+    shows: str = ""
+    """What it shows, in a few words: its title if it has no other and is wide enough."""
+    note: str = ""
+    """What readers of the figure should know of what it shows: the end of a sentence that begins with its name."""
 
 
 def figure(
@@ -97,7 +112,8 @@ def figure(
         out: A .pdf, .svg, .png or .tiff to write it to.
         options: How it is laid out.
         progress: Called while panels are rendered.
-        tell: Called with a sentence on each panel that shows nothing.
+        tell: Called with a sentence on each panel that shows nothing, or something else than was asked for, and on
+            regions that look alike.
         changes: Fields of the options to change, by name, such as ``unit="mm"``.
 
     Returns:
@@ -111,6 +127,18 @@ def figure(
     >>> len(drawn.axes) > 0
     True
     """
+    return drawing_of(panels, out, options, progress, tell, **changes).figure
+
+
+def drawing_of(
+    panels: Scene | Panel | Sequence[Scene | Panel],
+    out: str | Path | None = None,
+    options: FigureOptions | None = None,
+    progress: Progress = silent,
+    tell: Callable[[str], None] = warnings.warn,
+    **changes: Any,
+) -> Drawing:
+    """Draw a figure as :func:`figure`; return it with what is known of it (:meth:`Drawing.report`)."""
     need_matplotlib()
     options = replace(options or FigureOptions(), **changes)
     _check(options)
@@ -125,14 +153,19 @@ def figure(
     drawing = Drawing([_placed(panel, options) for panel in every], options, progress)
     if all(drawing.empty):
         raise BadInput(f"Nothing is visible in the figure, because {drawing.empty[0]}: {SHOW}.")
-    for number, why in enumerate(drawing.empty):
-        if why:
-            tell(f"Panel {ascii_lowercase[number]} is empty, because {why}.")
-    drawing.figure.set_label(". ".join(dict.fromkeys(in_words(p.scene, options.network) for p in every)))
+    for said in drawing.notes():
+        tell(said)
+    drawing.figure.set_label(". ".join(dict.fromkeys(map(_in_words, drawing.panels))))
     if out is not None:
         write_figure(drawing.figure, out, told_of(drawing.seen))
     progress(1.0, "figure")
-    return drawing.figure
+    return drawing
+
+
+def _in_words(panel: Panel) -> str:
+    """Return what a panel shows, for those who do not see it."""
+    said = in_words(panel.scene, panel.network)
+    return said if panel.draw is None else said.replace("A rendering", "A volume rendering", 1)
 
 
 def need_matplotlib() -> None:
@@ -176,23 +209,42 @@ def axis_names(text: str | None) -> tuple[str, str, str] | None:
 
 def _placed(panel: Panel, options: FigureOptions) -> Panel:
     """Return a panel with a camera and a network that it has."""
-    network = network_of(panel.scene, options)
+    there = panel.scene.networks
+    network = panel.network or options.network or there[-1]
+    if network not in there:
+        raise BadInput(f"The scene has no network '{network}', only {', '.join(there)}.")
     camera = panel.camera if panel.camera is not None else orbit(panel.scene, 181, 800, 800)[90]
     if options.parallel:
         camera = parallel(camera, _middle(panel.scene))
-    return replace(panel, camera=camera, look=(id(panel.scene), network) if panel.look is None else panel.look)
+    look = (id(panel.scene), network) if panel.look is None else panel.look
+    return replace(panel, camera=camera, network=network, look=look)
 
 
-def network_of(scene: Scene, options: FigureOptions) -> str:
-    """Return the network that a panel shows; raises BadInput if the scene does not have it."""
-    network = options.network or scene.networks[-1]
-    if network not in scene.networks:
-        raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")
-    return network
+def _camera(panel: Panel) -> Camera:
+    """Return the camera of a panel that was placed."""
+    assert panel.camera is not None
+    return panel.camera
 
 
 def _middle(scene: Scene) -> NDArray[np.float64]:
     return np.asarray(scene.occupancy.box.bounds, np.float64).mean(0)
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Two regions that nobody can tell apart across a picture, and where that is so."""
+
+    pair: Pair
+    where: str
+
+    def said(self) -> str:
+        """Return it in words."""
+        return f"{self.pair.first} and {self.pair.second} {self.where} ({self.pair.difference:.1f})"
+
+    def to_json(self) -> dict[str, object]:
+        """Return plain values."""
+        pair = self.pair
+        return {"first": pair.first, "second": pair.second, "difference": pair.difference, "where": self.where}
 
 
 class Drawing:
@@ -204,34 +256,39 @@ class Drawing:
         from svv.render.figures.layout import laid_out
 
         self.panels, self.options = panels, options
-        self.alphas = [self._preview(panel) for panel in panels]
+        self.alphas = together([self._preview(panel) for panel in panels], [_camera(panel) for panel in panels])
         self.windows = windows_of(self.alphas, options.frame == "content")
         heads, names = self._heads(), axis_names(options.axes) or ()
-        legends = self._legends(part(progress, 0.0, 0.4))
+        one = len({panel.look for panel in panels}) == 1
+        self.shared = [list(range(len(panels)))] if one else [[number] for number in range(len(panels))]
+        """Numbers of the panels of each legend."""
+        legends = self._legends(part(progress, 0.0, 0.3))
+        self._look(part(progress, 0.3, 0.4))
+        remarks = [alike_said([told.pair for told in alike]) for alike in self.alike]
+        remarks = [said if own else "" for said, own in zip(remarks, legends)] if options.legend != "none" else [""]
         units = [unit for unit in (options.unit,) if unit]
         entries = [entry for legend in legends for entry in legend]
-        texts = [*(f"{letter}{title}" for letter, title in heads), *names, *units]
+        texts = [*(f"{letter}{title}" for letter, title in heads), *names, *units, *remarks]
         texts += [text for entry in entries for text in (entry.name, entry.values)]
         self.lettering = self._lettering(texts)
         self.strip = 0.0
         """Height in mm of the empty strip below the pictures, for annotations that find no empty corner."""
         head, aspect = any(map(any, heads)), self.windows[0].aspect
-        self.layout = laid_out(options, self.lettering, aspect, legends, head, len(panels))
+        self.layout = laid_out(options, self.lettering, aspect, legends, head, len(panels), remarks)
         self.strip = self._missing(self.layout.panels[0])
         if self.strip:
             aspect += self.strip / self.layout.panels[0].width
-            self.layout = laid_out(options, self.lettering, aspect, legends, head, len(panels))
+            self.layout = laid_out(options, self.lettering, aspect, legends, head, len(panels), remarks)
         self.size = self._size(self.layout)
         self.figure = Figure(figsize=(self.size[0] / options.dpi, self.size[1] / options.dpi), dpi=options.dpi)
         self.figure.patch.set_facecolor(to_hex(options.behind))
         self.figure.patch.set_alpha(0.0 if options.transparent else 1.0)
-        self.seen: list[list[Seen]] = []
         self.empty: list[str] = []
         """Why each panel shows nothing; '' if it shows something."""
         for number, box in enumerate(self.layout.panels):
             each = part(progress, 0.4 + 0.6 * number / len(panels), 0.4 + 0.6 * (number + 1) / len(panels))
             self._draw_panel(number, box, each)
-            self._draw_head(box, *heads[number])
+            self._draw_head(box, *heads[number], panels[number].shows)
         for line in self.layout.legend:
             self._draw_line(line)
 
@@ -243,10 +300,89 @@ class Drawing:
         return Lettering(families_for(texts, self.options.font), self.options.points, ink)
 
     def _preview(self, panel: Panel) -> NDArray[np.float32]:
-        assert panel.camera is not None
-        network = network_of(panel.scene, self.options)
-        plain = "pcn" if network == "styled" else network  # paint changes no mean opacity
-        return panel.scene.while_moving().render(preview_camera(panel.camera), plain).rgba[..., 3]
+        camera = preview_camera(_camera(panel))
+        if panel.draw is not None:
+            return panel.draw(camera)[..., 3]
+        plain = "pcn" if panel.network == "styled" else panel.network  # paint changes no mean opacity
+        return panel.scene.while_moving().render(camera, plain).rgba[..., 3]
+
+    def _look(self, progress: Progress) -> None:
+        """Find the colours of the regions in each panel and all around its scene, and those that look alike."""
+        around: dict[object, list[Seen]] = {}
+        self.seen: list[list[Seen]] = []
+        """The colours of the regions in each panel."""
+        for number, (panel, window) in enumerate(zip(self.panels, self.windows, strict=True)):
+            progress(number / len(self.panels), "colours")
+            scene = panel.scene
+            if not scene.regions or scene.palette_network is None:
+                self.seen.append([])
+                continue
+            camera = camera_through(_camera(panel), window, SWATCH_VIEW, max(1, round(SWATCH_VIEW * window.aspect)))
+            shown = scene.render(camera, panel.network)
+            if panel.draw is not None:
+                shown = replace(shown, rgba=panel.draw(camera))
+            elif panel.look not in around and scene.camera_rig is not None:
+                around[panel.look] = list(seen_in(scene, panel.network, self.options.behind).values())
+            self.seen.append(list(seen_of(scene, [shown], self.options.behind).values()))
+        self.around = [around.get(panel.look, []) if panel.draw is None else [] for panel in self.panels]
+        """The colours of the regions of each panel's scene, from all around."""
+        self.alike = [self._alike(numbers) for numbers in self.shared]
+        """The regions of each legend that look alike, the most alike first."""
+
+    def _alike(self, numbers: Sequence[int]) -> list[Alike]:
+        """Return the regions of some panels that look alike in one of them, or from all around."""
+        there = {one.name for number in numbers for one in self.seen[number]}
+        found = [Alike(pair, f"in {self._name(k)}") for k in numbers for pair in merging(self.seen[k])]
+        around = [one for one in self.around[numbers[0]] if one.name in there]
+        whose = "" if len(self.shared) == 1 else f" {self._name(numbers[0])}'s scene"
+        found += [Alike(pair, f"from all around{whose}") for pair in merging(around)]
+        nearest: dict[tuple[str, str], Alike] = {}
+        for one in sorted(found, key=lambda told: told.pair.difference):
+            nearest.setdefault((one.pair.first, one.pair.second), one)
+        return list(nearest.values())
+
+    def _name(self, number: int) -> str:
+        """Return what a panel is called in sentences."""
+        return f"panel {ascii_lowercase[number]}" if len(self.panels) > 1 else "the figure"
+
+    def notes(self) -> list[str]:
+        """Return sentences on panels that show nothing, or something else than was asked for, and on look-alikes."""
+        said = []
+        for number, (panel, why) in enumerate(zip(self.panels, self.empty, strict=True)):
+            name = self._name(number)
+            if why:
+                said.append(f"{name.capitalize()} is empty, because {why}.")
+            if panel.note:
+                said.append(f"{name.capitalize()} {panel.note}")
+        alike = dict.fromkeys(told.said() for legend in self.alike for told in legend)
+        if alike:
+            said.append(
+                f"Regions look alike: {'; '.join(alike)}. They are told apart from {LEAST_DIFFERENCE:g} (CIEDE2000). "
+                "svv edit --distinct colours recolours what is not painted."
+            )
+        return said
+
+    def report(self) -> dict[str, Any]:
+        """Return what each panel shows, how far its regions are apart, and which of each legend look alike (JSON).
+
+        Colours of a panel are those of `svv check-colours FIGURE`, ``from_all_around`` those of its scene.
+        """
+        panels = [
+            {
+                "panel": ascii_lowercase[number],
+                "title": title,
+                "shows": panel.shows or SHOWN[panel.network or ""],
+                "note": f"{self._name(number).capitalize()} {panel.note}" if panel.note else "",
+                "colours": report_on(self.seen[number]),
+                "from_all_around": report_on(self.around[number]) if self.around[number] else None,
+            }
+            for number, (panel, (_, title)) in enumerate(zip(self.panels, self._heads(), strict=True))
+        ]
+        legends = [
+            {"panels": [ascii_lowercase[k] for k in numbers], "look_alike": [told.to_json() for told in alike]}
+            for numbers, alike in zip(self.shared, self.alike, strict=True)
+        ]
+        return {"panels": panels, "legends": legends}
 
     def _heads(self) -> list[tuple[str, str]]:
         """Return the letter and the title above each panel."""
@@ -257,33 +393,32 @@ class Drawing:
         titles = [*self.options.title, *("",) * count]
         if len(self.options.title) > count:
             raise BadInput(f"There are {len(self.options.title)} titles for {count} panels: give one for each.")
-        return [(letter, panel.title or title) for letter, panel, title in zip(letters, self.panels, titles)]
+        return [
+            (letter, panel.title or title or panel.shows) for letter, panel, title in zip(letters, self.panels, titles)
+        ]
 
     def _legends(self, progress: Progress) -> list[list[Entry]]:
         """Return the legend of all panels if they look alike, otherwise one for each; none where none is asked for."""
         if self.options.legend == "none":
             return [[]]
-        alike = len({panel.look for panel in self.panels}) == 1
         found = []
-        for number, panel in enumerate(self.panels[:1] if alike else self.panels):
+        for number, *_ in self.shared:
             progress(number / len(self.panels), "legend")
-            found.append(self._entries(panel, self.windows[number]))
+            found.append(self._entries(self.panels[number], self.windows[number]))
         return found
 
     def _entries(self, panel: Panel, window: Window) -> list[Entry]:
         from svv.render.figures.layout import columns_for, swatch_diameter
         from svv.render.figures.lettering import Lettering
 
-        network = network_of(panel.scene, self.options)
-        if network == "base" or panel.scene.palette_network is None:
+        if panel.network in (None, "base") or panel.scene.palette_network is None:
             return []
-        assert panel.camera is not None
-        camera = camera_through(panel.camera, window, SWATCH_VIEW, max(1, round(SWATCH_VIEW * window.aspect)))
+        camera = camera_through(_camera(panel), window, SWATCH_VIEW, max(1, round(SWATCH_VIEW * window.aspect)))
         diameter = swatch_diameter(Lettering((), self.options.points, ""))
         panel_mm = self.options.mm / columns_for(len(self.panels), self.options.across)
         size = max(4, round(diameter / 25.4 * self.options.dpi))
         return entries_of(
-            panel.scene, camera, network, size, diameter * SWATCH_VIEW / panel_mm, self.options.value_unit
+            panel.scene, camera, panel.network, size, diameter * SWATCH_VIEW / panel_mm, self.options.value_unit
         )
 
     def _size(self, layout: Layout) -> tuple[int, int]:
@@ -313,17 +448,18 @@ class Drawing:
 
     def _draw_panel(self, number: int, box: Box, progress: Progress) -> None:
         panel, window = self.panels[number], self.windows[number]
-        assert panel.camera is not None
         left, top = self._pixels(box.left), self._pixels(box.top)
         width, height = self._pixels(box.width), self._pixels(box.height - self.strip)
-        camera = camera_through(panel.camera, window, width, height)
-        samples = 1 if self.options.dpi >= FINE_DPI else None
-        network = network_of(panel.scene, self.options)
-        rendering = supersampled(panel.scene, camera, network, None, progress, samples)
-        self._picture(left, top, rendering.rgba)
-        self.empty.append(why_empty(panel.scene, rendering.depth))
-        seen = seen_of(panel.scene, [rendering], self.options.behind) if panel.scene.regions else {}
-        self.seen.append(list(seen.values()))
+        camera = camera_through(_camera(panel), window, width, height)
+        if panel.draw is not None:
+            pixels = panel.draw(camera)
+            self.empty.append("" if pixels[..., 3].any() else "the camera sees nothing of the volume")
+        else:
+            samples = 1 if self.options.dpi >= FINE_DPI else None
+            rendering = supersampled(panel.scene, camera, panel.network, None, progress, samples)
+            pixels = rendering.rgba
+            self.empty.append(why_empty(panel.scene, rendering.depth))
+        self._picture(left, top, pixels)
         axes = self._axes(left, top, width, self._pixels(box.height))
         axes.set_xlim(0.0, box.width)
         axes.set_ylim(0.0, box.height)
@@ -359,25 +495,27 @@ class Drawing:
 
         found: list[tuple[tuple[float, float], Callable[..., None]]] = []
         panel, window, names = self.panels[number], self.windows[number], axis_names(self.options.axes)
-        assert panel.camera is not None
+        seen_by = _camera(panel)
         if names is not None:
-            draw = partial(notes.draw_axes, lettering=self.lettering, names=names, camera=panel.camera)
-            found.append((notes.axes_size(self.lettering, panel.camera), draw))
+            draw = partial(notes.draw_axes, lettering=self.lettering, names=names, camera=seen_by)
+            found.append((notes.axes_size(self.lettering, seen_by), draw))
         if self.options.scale_bar:
             across = max(1, self._pixels(box.width))
-            camera = camera_through(panel.camera, window, across, max(1, round(across * window.aspect)))
+            camera = camera_through(seen_by, window, across, max(1, round(across * window.aspect)))
             length, mm = notes.bar_of(camera, _middle(panel.scene), box.width)
             text = notes.length_said(length, self.options.unit)
             bar = partial(notes.draw_bar, lettering=self.lettering, text=text, length=mm)
             found.append((notes.bar_size(self.lettering, text, mm), bar))
         return found
 
-    def _draw_head(self, box: Box, letter: str, title: str) -> None:
-        """Write the letter and the title of a panel above it."""
+    def _draw_head(self, box: Box, letter: str, title: str, optional: str) -> None:
+        """Write the letter and the title of a panel above it, if there is room for a title that nobody gave it."""
         y = box.top - 0.8 - 0.25 * self.lettering.line
         indent = self.lettering.width(f"{letter}  ", bold=True) if letter else 0.0
         self._text(box.left, y, letter, bold=True)
         lines = self.lettering.wrapped(title, box.width - indent)
+        if len(lines) > 1 and title == optional:
+            return
         if len(lines) > 1:
             raise BadInput(f"The title '{title}' is wider than its panel: shorten it, or make the figure wider.")
         self._text(box.left + indent, y, title)
@@ -393,11 +531,12 @@ class Drawing:
         """Draw a line of the legend: the swatch, and its name above its values."""
         from svv.render.figures.layout import BESIDE, swatch_diameter
 
-        diameter, box = swatch_diameter(self.lettering), line.box
-        top = box.top + 0.5 * (box.height - diameter)
-        self._picture(self._pixels(box.left), self._pixels(top), line.entry.swatch)
+        diameter, box, indent = swatch_diameter(self.lettering), line.box, 0.0
+        if line.entry is not None:
+            top, indent = box.top + 0.5 * (box.height - diameter), diameter + BESIDE
+            self._picture(self._pixels(box.left), self._pixels(top), line.entry.swatch)
         words = [*line.name, *line.values]
         first = box.top + 0.5 * (box.height - len(words) * self.lettering.line)
         for k, word in enumerate(words):
             y = first + (k + 0.76) * self.lettering.line
-            self._text(box.left + diameter + BESIDE, y, word)
+            self._text(box.left + indent, y, word)

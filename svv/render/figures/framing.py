@@ -51,6 +51,20 @@ def preview_camera(camera: Camera) -> Camera:
     return camera.resized(PREVIEW, max(1, round(PREVIEW * camera.height / camera.width)))
 
 
+def together(seen: Sequence[NDArray[np.float32]], cameras: Sequence[Camera]) -> list[NDArray[np.float32]]:
+    """Return what is visible to each camera in any of the previews that it has, so that all of them are trimmed alike.
+
+    Args:
+        seen: Alpha of each panel's preview. (h, w) each
+        cameras: The camera of each.
+    """
+    whole: dict[object, NDArray[np.float32]] = {}
+    names = [(c.camera_to_world.tobytes(), c.fov_x, c.width, c.height, c.span_x, *c.principal_point) for c in cameras]
+    for name, alpha in zip(names, seen, strict=True):
+        whole[name] = np.maximum(whole[name], alpha) if name in whole else alpha
+    return [whole[name] for name in names]
+
+
 def windows_of(seen: Sequence[NDArray[np.floating]], content: bool) -> list[Window]:
     """Return the window of each panel; all have one size, so that all are shown at one scale.
 

@@ -38,9 +38,9 @@ class Box:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a legend in its place: a swatch, and lines of text beside it."""
+    """A line of a legend in its place: a swatch, and lines of text beside it; or a remark, without a swatch."""
 
-    entry: Entry
+    entry: Entry | None
     box: Box
     name: list[str]
     values: list[str]
@@ -73,6 +73,7 @@ def laid_out(
     legends: Sequence[Sequence[Entry]],
     head: bool,
     count: int,
+    remarks: Sequence[str] = (),
 ) -> Layout:
     """Lay out a figure.
 
@@ -83,6 +84,7 @@ def laid_out(
         legends: One legend for all panels, or one for each; empty for none.
         head: Whether there is a line of text above each panel.
         count: Number of panels.
+        remarks: A remark below each legend, '' for none; by default none anywhere.
 
     Raises:
         BadInput: The legend does not fit, or the figure is too small for its panels or too high.
@@ -90,8 +92,9 @@ def laid_out(
     across = columns_for(count, options.across)
     single = len(legends) == 1 and len(legends[0]) > 0
     where, most = options.legend, WIDEST_LEGEND * options.mm
+    remarks = remarks or [""] * len(legends)
     beside_fits = where == "right" or (where == "auto" and most >= least_width(lettering))
-    right = Legend(lettering, legends[0], most) if single and beside_fits else None
+    right = Legend(lettering, legends[0], most, remark=remarks[0]) if single and beside_fits else None
     beside = 0.0 if right is None else right.width + GAP
     panel = (options.mm - 2 * EDGE - beside - (across - 1) * GAP) / across
     down = -(-count // across)
@@ -107,7 +110,8 @@ def laid_out(
             f"than {LEAST_PANEL:g}: make it wider, put fewer across, or the legend below."
         )
     top, height = (lettering.line + 0.8 if head else 0.0), panel * aspect
-    below = [Legend(lettering, entries, panel, flow=True) for entries in legends] if len(legends) > 1 else []
+    several = zip(legends, remarks, strict=True) if len(legends) > 1 else ()
+    below = [Legend(lettering, entries, panel, True, remark) for entries, remark in several]
     rows = [max((own.height for own in below[r * across : (r + 1) * across]), default=0.0) for r in range(down)]
     boxes, y = [], EDGE
     for number in range(count):
@@ -126,7 +130,7 @@ def laid_out(
         lines = right.lines(options.mm - EDGE - right.width, EDGE + 0.5 * free)
         y = max(y, EDGE + right.height)
     elif single and where == "below":
-        own = Legend(lettering, legends[0], options.mm - 2 * EDGE, flow=True)
+        own = Legend(lettering, legends[0], options.mm - 2 * EDGE, True, remarks[0])
         lines = own.lines(EDGE, y + GAP)
         y += GAP + own.height
     if y + EDGE > MOST_HEIGHT:
@@ -149,9 +153,11 @@ def columns_for(count: int, across: int | None) -> int:
 
 
 class Legend:
-    """Lines of a legend, below each other or, with ``flow``, in equal columns that fill a width."""
+    """Lines of a legend, below each other or, with ``flow``, in equal columns that fill a width, and a remark below."""
 
-    def __init__(self, lettering: Lettering, entries: Sequence[Entry], most: float, flow: bool = False) -> None:
+    def __init__(
+        self, lettering: Lettering, entries: Sequence[Entry], most: float, flow: bool = False, remark: str = ""
+    ) -> None:
         """Measure the lines; raises BadInput if ``most`` mm are too few for a swatch and a word."""
         self.diameter = swatch_diameter(lettering)
         self.line = lettering.line
@@ -170,6 +176,8 @@ class Legend:
         self.width = self.across * (self.column + GAP) - GAP
         heights = [max(self.diameter, (len(name) + len(values)) * self.line) for _, name, values in self.entries]
         self.rows = [max(heights[n : n + self.across]) for n in range(0, len(heights), self.across)]
+        self.remark = lettering.wrapped(remark, most if flow else self.width)
+        self.rows += [len(self.remark) * self.line] if self.remark else []
         self.height = sum(self.rows) + BESIDE * max(0, len(self.rows) - 1)
 
     def lines(self, left: float, top: float) -> list[Line]:
@@ -180,4 +188,7 @@ class Legend:
             y = top + sum(self.rows[:row]) + BESIDE * row
             box = Box(left + column * (self.column + GAP), y, self.column, self.rows[row])
             found.append(Line(entry, box, name, values))
+        if self.remark:
+            y = top + self.height - self.rows[-1]
+            found.append(Line(None, Box(left, y, self.width, self.rows[-1]), self.remark, []))
         return found

@@ -295,23 +295,21 @@ def paintings_of(scene: Scene) -> list[str]:
 
 def _painting(scene: Scene, name: str) -> dict[str, object]:
     """Return the name, the regions' styles and the effects of the painting that a scene shows."""
-    whole, half = _strokes(scene, 1.0), _strokes(scene, 0.5)
     regions = [scene.regions[number] for number in numbers_of(scene)]
     return {
         "name": name,
         "styles": [r.style for r in regions],
         "paint_light": [r.paint_light for r in regions],
-        "strokes": [[*row, gain] for row, (gain, *_) in zip(whole, half, strict=True)],
+        "strokes": _strokes(scene),
     }
 
 
-def _strokes(scene: Scene, strength: float) -> list[list[float]]:
-    """Return how each region's extinction depends on its strokes at a fraction of its style's strength: g, k, y, b."""
+def _strokes(scene: Scene) -> list[list[float]]:
+    """Return how each region's extinction depends on its strokes: g, k, y, b."""
     rows: list[list[float]] = []
     for member in members(scene):
-        regions = tuple(replace(region, strength=strength * region.strength) for region in member.regions)
-        own = strokes_of(replace(member, regions=regions))
-        rows += [[0.0] * 4] * len(regions) if own is None else own.tolist()
+        own = strokes_of(member)
+        rows += [[0.0] * 4] * len(member.regions) if own is None else own.tolist()
     return rows
 
 

@@ -19,6 +19,7 @@ from svv.train.config import MatchSettings
 from svv.train.match.distil import Distillation
 from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from svv.train.match.stylize import Stylization
+from svv.train.paint.painting import Remarks
 from svv.train.paint.plan import Order
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.loop import Loop
@@ -57,7 +58,7 @@ class Matching:
         self.network, self.seed, self.saved = network, seed, saved
         self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
         self.seconds: dict[str, float] = {}
-        self.notes: list[str] = []
+        self.remarks = Remarks(doubtful=True)
         """What there is to say about how it went."""
         self.refined = [k for k in order.pairs if order.go_on and scene.regions[k].style is not None]
         """Regions that start from their present paint."""
@@ -106,7 +107,7 @@ class Matching:
 
     def _loop(self, steps: int, progress: Progress, label: str, field: UnrestrictedField) -> Loop:
         watch = None if self.previews is None else partial(self.previews.look, field)
-        return Loop(steps, None, progress, label, watch=watch, network=field, notes=self.notes)
+        return Loop(steps, None, progress, label, watch=watch, network=field, notes=self.remarks.notes)
 
     def _run(self, loop: Loop, work: Distillation | Stylization, name: str) -> float:
         """Run a part, or take its result from the checkpoint; returns the seconds spent."""

@@ -57,16 +57,16 @@ CLEAR = 0.7
 SIDES = 2.0
 """Standard deviation of the distance over which both sides of what is translucent share their tone, in widths."""
 
-LIFTED, DULL, COLOURFUL = 0.1, 0.5, 35.0
+LIFTED, DULL, COLOURFUL = 0.1, 0.3, 35.0
 """On what is translucent: how far the tone of washes is lifted towards the lightest; lack of chroma, relative to the
 picture's most vivid colours, that costs as much as :data:`TONE`; and chroma from which a colour is vivid in any
 picture, so that a bright yellow does not drive out a teal."""
 
-PALE, MIDDLE, FORM, VARIED, SPARSE = 0.95, 0.45, 0.15, 0.27, 0.5
-"""On what is wholly transparent, strokes are sparse and opaque on a clear ground, which shows the sheet and what lies
-behind it (Interrante, Fuchs & Pizer 1997): how far the ground's tone is lifted towards the lightest, the middle tone of
-the strokes above it, how much of the form's tone remains in theirs, the deviation from it, and by how much wider apart
-they are."""
+PALE, MIDDLE, FORM, VARIED, SPARSE = 0.4, 0.3, 0.15, 0.35, 0.2
+"""On what is wholly transparent, strokes lie sparse and deep in tone on a lighter and clearer ground, as glazes do,
+which shows the sheet and what lies behind it (Interrante, Fuchs & Pizer 1997): how far the ground's tone is lifted
+towards the lightest, the middle tone of the strokes above it, how much of the form's tone remains in theirs, the
+deviation from it, and by how much wider apart they are."""
 
 TONE, PLACE, CHANCE = 0.06, 0.15, 0.5
 """Difference in tone, in ranks, and distance in the picture, in its long side, that cost as much when a stroke's colour

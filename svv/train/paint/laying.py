@@ -16,7 +16,7 @@ from svv.train.base.resolutions import paint_pixel
 from svv.train.config import StylizeSettings
 from svv.train.match.contrast import match_contrast, stroke_scales
 from svv.train.paint.ink import PAPER
-from svv.train.paint.painting import Start, painted_field, painted_start
+from svv.train.paint.painting import Remarks, Start, painted_field, painted_start
 from svv.train.paint.pieces_apart import keep_pieces_apart
 from svv.train.paint.plan import Order
 from svv.train.paint.style_choice import mean_colour
@@ -56,7 +56,7 @@ class Laying:
         self.seed, self.saved = seed, saved
         self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
         self.seconds: dict[str, float] = {}
-        self.notes: list[str] = []
+        self.remarks = Remarks()
         """What there is to say about how it went."""
         self.refined: list[int] = []
         """Regions that start from their present paint: none, because all are painted anew."""
@@ -78,9 +78,8 @@ class Laying:
             self.seconds["contrast"] = time.monotonic() - begin - self.seconds["paint"]
         if styles:
             pictures = {k: self.order.styles[self.order.pairs[k]] for k in styles}
-            self.notes += keep_pieces_apart(
-                self.scene, field, pictures, self._transferred(styles), part(progress, 1.0, 1.0)
-            )
+            flats, told = self._transferred(styles), part(progress, 1.0, 1.0)
+            self.remarks.doubtful |= keep_pieces_apart(self.scene, field, pictures, flats, told)
         return field
 
     def _laid(self, styles: dict[int, PieceStyle], progress: Progress) -> UnrestrictedField:
@@ -97,7 +96,7 @@ class Laying:
             scene.styled if order.go_on else None,
         )  # fmt: skip
         show = (lambda field: None) if self.previews is None else partial(self.previews.look, at_once=True)
-        field = painted_start(scene, start, pixel, self.seed, progress, show, self.notes)
+        field = painted_start(scene, start, pixel, self.seed, progress, show, self.remarks)
         if saved is not None:
             saved.finish("paint", {}, {k: v.cpu().numpy().copy() for k, v in field.state_dict().items()})
         return field

@@ -18,13 +18,13 @@ from scipy.optimize import minimize
 
 from svv.core.colour.colour import WHITE, colour_differences, lab_to_rgb
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VisionName, simulated
-from svv.fields.scene.region import Region, label_of
+from svv.fields.scene.seen_colours import Pair
 from svv.train.paint.view_pixels import ViewPixels
 
 FEWEST = 16
 """Number of pixels from which a region counts."""
 
-MARGIN = 1.15
+MARGIN = 1.25
 """How much more than what is asked two regions are to differ in these views, because others show less."""
 
 SMALL, VESSELS = 0.15, 24.0
@@ -170,6 +170,10 @@ class Legibility:
             for a, b in combinations(sorted(tones), 2)
         }
 
+    def doubtful(self, lab: Mapping[int, Floats]) -> bool:
+        """Return whether regions may look alike: only images tell, which have light and edges as well."""
+        return any(away < MARGIN * self.asked[pair] for pair, away in self.differences(self.shown(lab)).items())
+
     def moves(
         self, lab: Mapping[int, Floats], means: Mapping[int, Floats], gamuts: Mapping[int, tuple[float, float, float]],
         before: Mapping[int, Move],
@@ -244,19 +248,10 @@ def _quantiles(lab: Floats) -> Floats:
     return np.stack([ordered[max(k - wide, 0) : k + wide + 1].mean(0) for k in at])
 
 
-def alike(
-    regions: Sequence[Region], apart: Mapping[tuple[int, int], float], asked: Mapping[tuple[int, int], float]
-) -> list[str]:
-    """Return a sentence about each two regions that look more alike than they should.
-
-    Args:
-        regions: The regions.
-        apart: CIEDE2000 between each two.
-        asked: What it should be.
-    """
+def notes_on(pairs: Sequence[Pair]) -> list[str]:
+    """Return a sentence about each two regions that look alike."""
     return [
-        f"{label_of(regions, a)} and {label_of(regions, b)} are hard to tell apart (CIEDE2000 {away:.0f}): give one of "
-        "them another style."
-        for (a, b), away in apart.items()
-        if away < min(asked[a, b], LEAST_DIFFERENCE)
+        f"{pair.first} and {pair.second} are hard to tell apart (CIEDE2000 {pair.difference:.0f}): give one of them "
+        "another style, or move them apart with svv edit --distinct."
+        for pair in pairs
     ]

@@ -101,6 +101,20 @@ class Start:
     """Earlier paint, which regions that the scene marks as painted keep unless they are painted anew."""
 
 
+@dataclass
+class Remarks:
+    """What there is to say about how regions were painted."""
+
+    notes: list[str] = field(default_factory=list)
+    doubtful: bool = False
+    """Whether regions may look alike."""
+
+    def add(self, brushing: Brushing) -> None:
+        """Add what there is to say about regions painted by strokes."""
+        self.notes += brushing.notes
+        self.doubtful |= brushing.doubtful
+
+
 def finest(scene: Scene, start: Start, pixel: float) -> float:
     """Return the side of a pixel that the paint resolves: ``pixel``, or finer where strokes need it."""
     return min(pixel, stroke_width(scene, start.size) / CELLS_A_STROKE) if start.hands else pixel
@@ -114,7 +128,7 @@ def painted_start(
     seed: int,
     progress: Progress,
     show: Callable[[UnrestrictedField], None] = lambda field: None,
-    notes: list[str] | None = None,
+    remarks: Remarks | None = None,
 ) -> UnrestrictedField:
     """Paint the regions.
 
@@ -125,7 +139,7 @@ def painted_start(
         seed: Seed of the layout.
         progress: Called several times a second.
         show: Called with the field when every region has one colour, and again after each painted region.
-        notes: Receives what there is to say about regions painted by strokes.
+        remarks: Receives what there is to say about regions painted by strokes.
 
     Returns:
         A direct colour field.
@@ -134,6 +148,7 @@ def painted_start(
         BadInput: None of the regions to be painted is visible.
     """
     assert scene.palette_network is not None
+    remarks = Remarks() if remarks is None else remarks
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
     paint = painted_field(scene, finest(scene, start, pixel))
     lattice = paint.encoding
@@ -142,7 +157,7 @@ def painted_start(
     painted = sorted([*inks, *start.hands, *targets])
     kept = [k for k in styled if k not in painted]
     if painted and not kept and set(painted) == set(start.hands):
-        _paint_by_strokes(scene, start, paint, seed, progress, show, notes if notes is not None else [])
+        _paint_by_strokes(scene, start, paint, seed, progress, show, remarks)
         return paint
     place, cell = lattice.places_of_level(0, occupancy.occupied, occupancy.cells), 1.0 / lattice.resolutions[0]
     region, colours = _flat(scene, start.transferred, place, painted, kept, before)
@@ -157,7 +172,7 @@ def painted_start(
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
         progress = part(progress, 0.9, 1.0)
-        (notes if notes is not None else []).extend(brushing.notes)
+        remarks.add(brushing)
         form = brushing.form
     elif painted:
         form = form_of(scene.base, occupancy, UP)
@@ -188,7 +203,7 @@ def painted_start(
 
 def _paint_by_strokes(
     scene: Scene, start: Start, paint: UnrestrictedField, seed: int, progress: Progress,
-    show: Callable[[UnrestrictedField], None], notes: list[str],
+    show: Callable[[UnrestrictedField], None], remarks: Remarks,
 ) -> None:  # fmt: skip
     """Paint a scene of which all paint is strokes: its lattice follows from them, and waits until it is needed."""
     cells = paint.resolutions[0]
@@ -200,7 +215,7 @@ def _paint_by_strokes(
     views = _views_of(scene, start.views, sorted(start.hands), part(progress, 0.05, 0.25))
     brushing = Brushing(scene, views, start.size, 1.0 / cells, seed)
     works, flats, glazes = _worked(brushing.painted(start.hands, part(progress, 0.3, 1.0)), flats)
-    notes.extend(brushing.notes)
+    remarks.add(brushing)
     brushed = Brushed(works, owner, flats, glazes)
     paint.bake_later(brushed, brushed.baked)
     show(paint)

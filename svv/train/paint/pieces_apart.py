@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.train.match.stylize import visible_from
 from svv.train.paint.ink import Style
-from svv.train.paint.legibility import Legibility, alike
+from svv.train.paint.legibility import Legibility
 from svv.train.paint.painting import owners_of
 from svv.train.paint.view_pixels import ViewPixels
 
@@ -29,7 +29,7 @@ NEARLY = 0.03
 @torch.no_grad()
 def keep_pieces_apart(
     scene: Scene, field: UnrestrictedField, pictures: Mapping[int, Style], flats: Tensor, progress: Progress
-) -> Sequence[str]:
+) -> bool:
     """Move the lightness and chroma of regions' paint where they could be confused.
 
     Args:
@@ -40,7 +40,7 @@ def keep_pieces_apart(
         progress: Called several times a second.
 
     Returns:
-        Notes about regions that remain alike.
+        Whether regions may remain alike.
     """
     from skimage.color import rgb2lab
 
@@ -48,7 +48,7 @@ def keep_pieces_apart(
     views = visible_from(scene, scene.rig.sphere(VIEWS, SIDE), progress)
     painted = sorted(pictures)
     if not views or len(scene.regions) < 2:
-        return []
+        return False
     pixels = ViewPixels(views, opacity, painted, MOST)
     labs, means = {}, {}
     for k in painted:
@@ -71,7 +71,7 @@ def keep_pieces_apart(
             table[mine] = move.of_rgb(table[mine].clip(0.0, 1.0))
             labs[k] = move.of(labs[k])
         lattice.table.copy_(torch.from_numpy(table))
-    return alike(scene.regions, legibility.differences(legibility.shown(labs)), legibility.asked)
+    return legibility.doubtful(labs)
 
 
 def _gamut(picture: NDArray[np.float32]) -> tuple[float, float, float]:

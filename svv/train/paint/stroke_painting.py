@@ -13,7 +13,6 @@ from svv.fields.scene.scene import Scene
 from svv.styles.hand import Hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import CLEAR, Brushwork, Painter
-from svv.train.paint.legibility import alike
 from svv.train.paint.surface_form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
 from svv.train.paint.toning import Laid, toned
 from svv.train.paint.visible_surface import VisibleSurface, visible_surface
@@ -33,7 +32,10 @@ large ones remain strokes."""
 
 GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
-through; and how much it follows washes, which would leave holes."""
+through better; and how much it follows washes, which have no ground between them."""
+
+THINNED = 0.25
+"""How much of its extinction a region loses on average whose opacity wholly follows its strokes."""
 
 SPECKLED = (0.5, 0.62)
 """How crumpled a region is from which its opacity would become speckled if it followed the strokes, and at which it no
@@ -78,11 +80,13 @@ class Brushing:
         self.opacity = opacity_grid(scene.base, scene.occupancy, self.cells)
         self.form: Form = form_of_opacity(self.opacity, self.cells, (0.0, 1.0, 0.0))
         self.notes: list[str] = []
+        self.doubtful = False
+        """Whether regions may look alike."""
 
     def painted(self, hands: Mapping[int, Hand], progress: Progress) -> dict[int, PaintedRegion]:
         """Return the paint of regions by the hands of their pictures; regions that nobody sees are left out.
 
-        Notes say which regions are washed because they are fog, and which look alike.
+        Notes say which regions are washed because they are fog.
         """
         found: dict[int, PaintedRegion] = {}
         laid: dict[int, Laid] = {}
@@ -102,9 +106,15 @@ class Brushing:
             if washed.flat is not None:
                 flats[region] = washed.flat
         opacity = np.array([region.seen_opacity for region in regions])
+        opacity *= [1.0 - THINNED * found[k].glaze if k in found else 1.0 for k in range(len(regions))]
         done = toned(laid, self.views, colours, flats, opacity, self.cell)
-        self.notes += alike(regions, done.apart, done.asked)
-        return {k: replace(one, work=done.laid[k].work) if k in laid else one for k, one in found.items()}
+        self.doubtful = done.legibility.doubtful(done.lab)
+        for k, one in found.items():
+            if k in laid:
+                # Between glazes lies paint of their own colour: another one would speckle where strokes thin out.
+                mean = done.means.get(k) if one.glaze > 0.0 else None
+                found[k] = replace(one, work=done.laid[k].work, flat=None if mean is None else lab_to_rgb(mean))
+        return found
 
     def _region(self, region: int, hand: Hand, progress: Progress) -> PaintedRegion | tuple[Laid, float] | None:
         """Return an even wash, or strokes and how much the opacity is to follow them; None if it is not seen."""
@@ -136,10 +146,11 @@ class Brushing:
         glaze = glaze_of(work.brush.body == 1.0, clear, deep, painter.crumpled)
         if glaze > 0.0:
             self.notes.append(
-                f"Region {region} is translucent, so its strokes are more opaque than the ground between them: svv "
+                f"Region {region} is translucent, so the ground between its strokes is clearer than they are: svv "
                 "edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
             )
-        return Laid(work, hand, clear), glaze
+        glazed = clear if glaze > 0.0 and painter.on_glass.any() else 0.0
+        return Laid(work, hand, clear, glazed), glaze
 
 
 def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:

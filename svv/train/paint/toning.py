@@ -45,6 +45,10 @@ VIVID = 0.6
 LIGHTER = 0.4
 """How far the mean tone of opaque strokes on what is hardly opaque is lifted towards the lightest."""
 
+DEEPENED = (1.3, 1.5, -12.0)
+"""Factors on the contrast and on the chroma of glazes, and change of their lightness, CIELAB, where nothing is opaque:
+thin paint shows little of its own colour."""
+
 COVERED = 0.1
 """Alpha above which a pixel counts."""
 
@@ -59,6 +63,8 @@ class Laid:
     hand: Hand
     clear: float
     """How translucent the region's sheets are, from 0 to 1."""
+    glazed: float = 0.0
+    """How much its strokes are glazes between which one sees through, from 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +87,12 @@ class Toned:
     """Regions' strokes with the tone of their pictures."""
 
     laid: Mapping[int, Laid]
-    apart: Mapping[tuple[int, int], float]
-    """CIEDE2000 between each two regions as views show them over white."""
-    asked: Mapping[tuple[int, int], float]
-    """What it should be at least."""
+    means: Mapping[int, Floats]
+    """Mean colour that views show of each region where it can be seen, CIELAB. (3,)"""
+    legibility: Legibility
+    """What keeps the regions apart."""
+    lab: Mapping[int, Floats]
+    """Colours of the regions in its pixels, CIELAB. (P, 3)"""
 
 
 def toned(
@@ -105,15 +113,12 @@ def toned(
     gamuts = {k: one.hand.gamut for k, one in laid.items()}
     for _ in range(PASSES):
         loop.correct()
-        means = {k: found[0] for k in laid if (found := loop.figures(k)) is not None}
-        for k, move in legibility.moves(loop.lab, means, gamuts, loop.moves).items():
+        for k, move in legibility.moves(loop.lab, loop.means(), gamuts, loop.moves).items():
             loop.moves[k] = loop.moves[k].then(move)
         loop.repaint()
         loop.look()
-    return Toned(
-        {k: replace(one, work=loop.works[k]) for k, one in laid.items()},
-        legibility.differences(legibility.shown(loop.lab)), legibility.asked,
-    )  # fmt: skip
+    after = {k: replace(one, work=loop.works[k]) for k, one in laid.items()}
+    return Toned(after, loop.means(), legibility, loop.lab)
 
 
 class _Loop:
@@ -153,6 +158,10 @@ class _Loop:
             return None
         return lab.mean(0), float(lab[:, 0].std()), float(np.hypot(lab[:, 1], lab[:, 2]).mean())
 
+    def means(self) -> dict[int, Floats]:
+        """Return the mean colours of the regions that can be seen, CIELAB. (3,)"""
+        return {k: found[0] for k in self.laid if (found := self.figures(k)) is not None}
+
     def correct(self) -> None:
         """Change the tone of each region towards that of its picture, in what pixels show as if these were strokes."""
         for k, one in self.laid.items():
@@ -163,6 +172,8 @@ class _Loop:
             technique, tone, move = TECHNIQUES[one.hand.technique], self.tones[k], self.moves[k]
             (weakest, strongest), away = (PRINTED, RETOUCHED) if technique.flat else (CONTRAST, SHIFT)
             most, strongest = CHROMA[1] + (CLEAR - CHROMA[1]) * one.clear, strongest + (1.0 - strongest) * one.clear
+            deeper, brighter, _ = _deepened(one)
+            most, strongest = brighter * most, deeper * strongest
             mean, deviation, vivid = found
             changed = Tone(
                 float(np.clip(tone.contrast * contrast / max(deviation, 1e-3), weakest, strongest)),
@@ -192,7 +203,14 @@ def _wanted(one: Laid) -> tuple[float, float, float]:
     mean = float(np.clip(light.mean(), *technique.lightness))
     mean += (LIFTED if technique.brush.body < 1.0 else LIGHTER) * one.clear * (float(np.quantile(light, 0.95)) - mean)
     vivid = (1.0 + VIVID * one.clear) * float(np.hypot(*one.hand.colours[:, 1:].T).mean())
-    return mean, float(light.std()), min(technique.chroma * vivid, technique.most_chroma)
+    deeper, brighter, shift = _deepened(one)
+    return mean + shift, deeper * float(light.std()), brighter * min(technique.chroma * vivid, technique.most_chroma)
+
+
+def _deepened(one: Laid) -> tuple[float, float, float]:
+    """Return the factors on contrast and chroma, and the change of lightness, with which glazes show their colours."""
+    contrast, chroma, shift = DEEPENED
+    return 1.0 + one.glazed * (contrast - 1.0), 1.0 + one.glazed * (chroma - 1.0), one.glazed * shift
 
 
 def retoned(strokes: Strokes, contrast: float, chroma: float, shift: float) -> Strokes:

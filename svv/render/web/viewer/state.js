@@ -43,12 +43,11 @@ function lightsOf(state, header) {
   });
 }
 
-// How each region's extinction follows the strokes of its paint: gain, slope, mean and reach. The header tells them at the region's own
-// strength, and the gain at half of it: through these two and 0, where no gain is, goes the parabola that stands for the gains between.
+// How each region's extinction follows the strokes of its paint: gain, slope, mean and reach, of which the header tells those at the
+// region's own strength.
 function strokesOf(state, header) {
   const s = state.strength;
-  return header.paintings[state.painting].strokes.map(([gain, slope, mean, reach, half]) =>
-    [s * (2 * s - 1) * gain + 4 * s * (1 - s) * half, s * slope, mean, s * reach]);
+  return header.paintings[state.painting].strokes.map(([gain, slope, mean, reach]) => [s * gain, s * slope, mean, s * reach]);
 }
 
 // The part of a list over all regions that is of one layer.

@@ -328,3 +328,39 @@ def test_python_names_parts(cube: Scene) -> None:
     _, report = svv.stylize_scene(cube, [svv.StyleInput(FOUR, "bands")], "draft", mapping={0: "sky"}, manner="pieces")
     assert report["divided"]["0"]["part"].startswith(("blue", "pale-blue", "teal"))
     assert any("bands is divided among the regions: Region 0 has its" in note for note in report["notes"])
+
+
+def test_the_page_of_results_shows_the_parts(painted: tuple[Scene, Any], cube: Scene) -> None:
+    from svv.job.page import _table
+    from svv.job.result import _shared
+
+    (table,) = _shared(Scene.from_bytes(painted[0].to_bytes()))
+    text, one = _table(table), painted[1]["divided"]["0"]
+    assert text.count("<i style=") == 9 and all(f'background:{code}"' in text for code in one["colours"])
+    assert one["part"] in text and "Region 2" in text and _shared(cube) == []
+
+
+def test_assistants_name_parts_and_hear_which_there_are(tmp_path: Path) -> None:
+    from svv.io.pictures.output import write_png
+    from svv.job.workshop import Workshop
+
+    cube_scene().save(tmp_path / "cube.svv")
+    write_png(tmp_path / "bands.png", FOUR)
+    workshop = Workshop(tmp_path)
+    with pytest.raises(BadInput, match="bands has no part called 'nonsense'; its parts are"):
+        workshop.stylize("cube.svv", ["bands.png"], "a.svv", "draft", parts={"0": "nonsense"})
+    with pytest.raises(BadInput, match="no region's number"):
+        workshop.stylize("cube.svv", ["bands.png"], "a.svv", "draft", parts={"x": "sky"})
+    with pytest.raises(BadInput, match="leave out --divide no"):
+        workshop.stylize("cube.svv", ["bands.png"], "a.svv", "draft", "no", {"0": "sky"})
+
+
+def test_a_job_takes_parts_and_refuses_them_without_pictures(tmp_path: Path) -> None:
+    from svv.cli import app as cli
+    from svv.job.steps import JobSettings
+    from svv.options.making import SharingOptions
+
+    settings_ = JobSettings(sharing=SharingOptions({0: "sky"}, "areas"))
+    assert settings_.paint.mapping == {0: "sky"} and settings_.paint.divide == "areas"
+    with pytest.raises(BadInput, match="give --style, or leave them out"):
+        cli.app(["run", "x.vti", "--map", "0=sky", "--out", str(tmp_path / "o")], standalone_mode=False)

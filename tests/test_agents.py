@@ -51,7 +51,7 @@ def test_tools_do_what_they_say(workshop: Workshop) -> None:
     assert workshop.apply_look("look.json", "cube.svv", "same.svv")[-1] == "same.svv"
     assert Scene.load(workshop.root / "same.svv").regions[1].hidden
     assert workshop.apply_look("gallery:terracotta", "cube.svv", "clay.svv")[0].startswith("Region 0 looks like")
-    assert workshop.stylize("cube.svv", ["ink:stippling"], "inked.svv", "draft") == ["inked.svv"]
+    assert workshop.stylize("cube.svv", ["ink:stippling"], "inked.svv", "draft")[-1] == "inked.svv"
     assert "gallery:oil" in workshop.styles() and "jade" in workshop.styles()
     assert set(TOOLS) <= set(dir(Workshop)) and all(getattr(Workshop, tool).__doc__ for tool in TOOLS)
 

@@ -113,6 +113,11 @@ def _as_one(
         "manner": {
             str(numbers[k][int(own)]): how for k, report in reports.items() for own, how in report["manner"].items()
         },
+        "hand": {
+            str(numbers[k][int(own)]): how
+            for k, report in reports.items()
+            for own, how in report.get("hand", {}).items()
+        },
         "masked": sorted({style for report in each for style in report["masked"]}),
         "continued": [numbers[k][own] for k, report in reports.items() for own in report["continued"]],
         "previews": [seconds for report in each for seconds in report["previews"]],

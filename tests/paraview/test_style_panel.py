@@ -132,6 +132,33 @@ said["reset"] = [status(paint), style()]
     assert painted.regions[0].strength == 0.25 and said["reset"][1] == ["", "", ""]
 
 
+def test_regions_share_a_picture_and_a_row_chooses_its_part(inside) -> None:
+    said = inside(
+        """
+paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), StyleFiles=["halves.png"], Preset="draft",
+                       Region2Style="as it is", Manner="pieces", StrokeSize=2.0)
+said["offered"] = list(paint.GetProperty("Divide").Available)
+said["first"] = status(paint)
+first = re.findall(r"Region (\\d): (\\S+) of halves", said["first"])
+said["parts"] = first
+paint.Region0Share = dict(first)["1"]
+said["turned"] = re.findall(r"Region (\\d): (\\S+) of halves", status(paint))
+paint.Region0Share = "nonsense"
+said["refused"] = status(paint)
+paint.Region0Share, paint.Divide = "", "no"
+said["whole"] = status(paint)
+""".replace("paint =", "import re\npaint =", 1)
+    )
+    assert said["offered"] == ["auto", "areas", "colours", "no"]
+    assert "halves is divided among the regions" in said["first"], said
+    assert [region for region, _ in said["parts"]] == ["0", "1"] and len({part for _, part in said["parts"]}) == 2
+    assert (
+        dict(said["turned"])["0"] == dict(said["parts"])["1"] and dict(said["turned"])["1"] != dict(said["turned"])["0"]
+    )
+    assert "halves has no part called 'nonsense'; its parts are" in said["refused"]
+    assert "divided" not in said["whole"] and "Painted in" in said["whole"]
+
+
 @pytest.mark.slow
 def test_what_cannot_be_painted_is_one_sentence(inside) -> None:
     said = inside("""

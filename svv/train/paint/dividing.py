@@ -66,7 +66,7 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
         BadInput: As :func:`svv.train.pipeline.stylize_scene` does.
     """
     asked, words = _without_words(len(scene.regions), inputs, options)
-    order = ordered(scene, inputs, asked)
+    order = ordered(scene, inputs, replace(asked, go_on=False))  # of a joined scene, only some may have paint
     notes: list[str] = []
     shares: dict[int, dict[str, Any]] = {}
     if options.divide == "no" and words:
@@ -79,7 +79,7 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     glimpse: Glimpse | None = None
     for style in sorted(set(order.pairs.values())):
         regions = sorted(region for region, number in order.pairs.items() if number == style)
-        named, kept = {k: words[k] for k in regions if k in words}, _kept(scene, order, style)
+        named, kept = {k: words[k] for k in regions if k in words}, _kept(scene, order, style, asked.go_on)
         own = [k for k in regions if scene.regions[k].seen_opacity > 0.0 or k in named]
         whole = isinstance(order.styles[style], Ink) or inputs[style].divided
         if named and whole:
@@ -132,9 +132,9 @@ def _without_words(
     return replace(options, mapping=plain), words
 
 
-def _kept(scene: Scene, order: Order, style: int) -> dict[int, str]:
+def _kept(scene: Scene, order: Order, style: int, go_on: bool) -> dict[int, str]:
     """Return the regions that keep their paint, and their parts of a picture of this style's name."""
-    if not order.go_on:
+    if not go_on:
         return {}
     told = scene.made.get("stylized", {}).get("divided", {})
     return {

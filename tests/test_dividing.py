@@ -111,7 +111,7 @@ def test_regions_have_parts_of_their_own_and_no_gives_all_the_whole(cube: Scene)
     assert found.options.mapping is not None and not isinstance(found.options.mapping, str)
     assert sorted(found.options.mapping.values()) == [0, 1, 2]
     again = parts(cube)  # as when a painting is resumed
-    assert all((a.mask == b.mask).all() for a, b in zip(found.inputs, again.inputs, strict=True))
+    assert all(np.array_equal(a.mask, b.mask) for a, b in zip(found.inputs, again.inputs, strict=True))  # type: ignore[arg-type]
     assert again.options == found.options and again.shares == found.shares
     plain = parts(cube, divide="no")
     assert plain.shares == {} and [s.mask for s in plain.inputs] == [None]
@@ -257,8 +257,11 @@ def test_a_look_keeps_parts_and_divides_anew_for_other_regions(
         style = look.styles[str(look.regions[int(region)].style)]
         assert style.name == f"bands ({one['part']})" and style.divided and style.measured is None
     before = parts(cube, manner="pieces")
-    for region, number in before.options.mapping.items():  # type: ignore[union-attr]
-        assert (look.styles[str(look.regions[region].style)].mask == before.inputs[number].mask).all()
+    assert isinstance(before.options.mapping, dict)
+    for region, number in before.options.mapping.items():
+        assert isinstance(number, int)
+        own, there = look.styles[str(look.regions[region].style)].mask, before.inputs[number].mask
+        assert own is not None and there is not None and np.array_equal(own, there)
     exact = {name: replace(style, style=FOUR) for name, style in look.styles.items()}  # not what a JPEG makes of it
     again = replace(look, styles=exact).applied(cube, preset="draft")
     camera = cube.rig.orbit(9, 40, [3])[0]

@@ -59,9 +59,11 @@ def parts(scene: Scene, picture: Picture = FOUR, mask: NDArray[np.bool_] | None 
 @given(st.integers(0, 99), st.integers(1, 5), st.sampled_from(["areas", "colours"]), st.booleans())
 def test_families_have_each_stroke_once_and_areas_are_disjoint(seed: int, count: int, way: Any, masked: bool) -> None:
     rng = np.random.default_rng(seed)
-    picture = bands(*rng.random((rng.integers(1, 5), 3)), seed=seed)
-    mask = np.zeros(picture.shape[:2], bool)
-    mask[: mask.shape[0] // 2, 10:60] = True
+    colours = rng.random((int(rng.integers(1, 5)), 3)).tolist()
+    picture = bands(*colours, seed=seed)
+    height, width = picture.shape[:2]
+    mask = np.zeros((height, width), bool)
+    mask[: height // 2, 10:60] = True
     hand = measure_hand(picture, mask if masked else None)
     (families,) = divisions(picture, hand, [count], [way])
     assert 1 <= len(families) <= count

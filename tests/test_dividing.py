@@ -59,7 +59,7 @@ def parts(scene: Scene, picture: Picture = FOUR, mask: NDArray[np.bool_] | None 
 @given(st.integers(0, 99), st.integers(1, 5), st.sampled_from(["areas", "colours"]), st.booleans())
 def test_families_have_each_stroke_once_and_areas_are_disjoint(seed: int, count: int, way: Any, masked: bool) -> None:
     rng = np.random.default_rng(seed)
-    picture = bands(*rng.random((rng.integers(1, 5), 3)), seed=seed)
+    picture = bands(*rng.random((int(rng.integers(1, 5)), 3)).tolist(), seed=seed)
     mask = np.zeros(picture.shape[:2], bool)
     mask[: mask.shape[0] // 2, 10:60] = True
     hand = measure_hand(picture, mask if masked else None)
@@ -111,7 +111,9 @@ def test_regions_have_parts_of_their_own_and_no_gives_all_the_whole(cube: Scene)
     assert found.options.mapping is not None and not isinstance(found.options.mapping, str)
     assert sorted(found.options.mapping.values()) == [0, 1, 2]
     again = parts(cube)  # as when a painting is resumed
-    assert all((a.mask == b.mask).all() for a, b in zip(found.inputs, again.inputs, strict=True))
+    assert all(
+        np.array_equal(np.asarray(a.mask), np.asarray(b.mask)) for a, b in zip(found.inputs, again.inputs, strict=True)
+    )
     assert again.options == found.options and again.shares == found.shares
     plain = parts(cube, divide="no")
     assert plain.shares == {} and [s.mask for s in plain.inputs] == [None]
@@ -258,7 +260,8 @@ def test_a_look_keeps_parts_and_divides_anew_for_other_regions(
         assert style.name == f"bands ({one['part']})" and style.divided and style.measured is None
     before = parts(cube, manner="pieces")
     for region, number in before.options.mapping.items():  # type: ignore[union-attr]
-        assert (look.styles[str(look.regions[region].style)].mask == before.inputs[number].mask).all()
+        mask = before.inputs[number].mask  # type: ignore[index]
+        assert np.array_equal(np.asarray(look.styles[str(look.regions[region].style)].mask), np.asarray(mask))
     exact = {name: replace(style, style=FOUR) for name, style in look.styles.items()}  # not what a JPEG makes of it
     again = replace(look, styles=exact).applied(cube, preset="draft")
     camera = cube.rig.orbit(9, 40, [3])[0]

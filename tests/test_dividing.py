@@ -61,7 +61,7 @@ def test_families_have_each_stroke_once_and_areas_are_disjoint(seed: int, count:
     rng = np.random.default_rng(seed)
     picture = bands(*rng.random((int(rng.integers(1, 5)), 3)).tolist(), seed=seed)
     mask = np.zeros(picture.shape[:2], bool)
-    mask[: mask.shape[0] // 2, 10:60] = True
+    mask[: len(picture) // 2, 10:60] = True
     hand = measure_hand(picture, mask if masked else None)
     (families,) = divisions(picture, hand, [count], [way])
     assert 1 <= len(families) <= count

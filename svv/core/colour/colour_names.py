@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.colour.colour import lab_to_rgb
+from svv.core.colour.colour_vision import oklab
+
 HUES = (
-    (20.0, "pink"), (50.0, "red"), (72.0, "orange"), (105.0, "yellow"), (165.0, "green"), (215.0, "teal"),
-    (290.0, "blue"), (325.0, "purple"), (352.0, "pink"), (360.0, "pink"),
+    (15.0, "pink"), (45.0, "red"), (75.0, "orange"), (118.0, "yellow"), (165.0, "green"), (220.0, "teal"),
+    (285.0, "blue"), (330.0, "purple"), (360.0, "pink"),
 )  # fmt: skip
-"""Largest angle of hue in CIELAB, in degrees, and its name."""
+"""Largest angle of hue in Oklab, in degrees, and its name."""
 
 GREY = 9.0
 """Chroma below which a colour is grey, or black or white."""
@@ -27,8 +30,9 @@ def colour_name(lab: NDArray[np.floating]) -> str:
     >>> [colour_name(np.array(lab)) for lab in ([32.0, 79.0, -108.0], [85.0, 2.0, 70.0], [30.0, 12.0, 25.0])]
     ['dark-blue', 'yellow', 'brown']
     """
-    light, a, b = (float(v) for v in lab)
-    chroma, hue = float(np.hypot(a, b)), float(np.degrees(np.arctan2(b, a))) % 360.0
+    light, chroma = float(lab[0]), float(np.hypot(lab[1], lab[2]))
+    _, a, b = oklab(lab_to_rgb(np.asarray(lab, np.float64))).tolist()
+    hue = float(np.degrees(np.arctan2(b, a))) % 360.0  # CIELAB's hue of blue is that of purple
     if chroma < GREY:
         return "black" if light <= BLACK else "white" if light >= WHITE else "grey"
     name = next(word for most, word in HUES if hue <= most)

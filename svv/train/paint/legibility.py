@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from svv.core.colour.colour import WHITE, colour_differences, lab_to_rgb
+from svv.core.colour.colour import WHITE, lab_to_rgb
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VisionName, simulated
 from svv.fields.scene.seen_colours import Pair
 from svv.train.paint.view_pixels import ViewPixels
@@ -26,6 +26,9 @@ FEWEST = 16
 
 MARGIN = 1.25
 """How much more than what is asked two regions are to differ in these views, because others show less."""
+
+DOUBTFUL = 1.05
+"""How much more than what is asked they differ by in these views from which they surely do in images."""
 
 SMALL, VESSELS = 0.15, 24.0
 """Share of what is visible below which a region is a vessel, a wire or a speck, and the largest CIEDE2000 to what is
@@ -41,11 +44,11 @@ ORDERED, EASY = 5.0, 3.0
 """Difference in lightness between what encloses and what is enclosed whose order is kept, and the least that is kept
 of it."""
 
-QUANTILES, SAMPLED = 10, 600
+QUANTILES, SAMPLED = 10, 250
 """Number of tones at which regions are compared, and maximum number of pixels of each."""
 
-STEPS = 12
-"""Maximum number of steps of the search."""
+STEPS, TRIALS = 12, 150
+"""Maximum numbers of steps of the search, and of trials."""
 
 Floats = NDArray[np.float64]
 
@@ -94,12 +97,16 @@ class Legibility:
         self, pixels: ViewPixels, colours: Floats, flats: Floats, visions: Sequence[VisionName] = ("normal",),
         least: float | None = None, background: Sequence[float] = WHITE,
     ) -> None:  # fmt: skip
-        from skimage.color import rgb2lab
-
         self.pixels, self.flats, self.visions = pixels, np.asarray(flats, np.float64), visions
         self.background = np.array(background, np.float64)
-        self.sets = self._sets()
-        volume = {k: rgb2lab(self._over(np.asarray(colours, np.float64), k, {})) for k in self.sets}
+        sets = self._sets()
+        self.rows = np.concatenate([*sets.values(), np.zeros(0, np.int64)])
+        """Pixels that count, of one region after the other."""
+        ends = np.cumsum([len(own) for own in sets.values()])
+        self.parts = {k: slice(end - len(own), end) for (k, own), end in zip(sets.items(), ends.tolist(), strict=True)}
+        """Those that each region dominates."""
+        self.weight = pixels.inside[self.rows]
+        volume = self._over(np.asarray(colours, np.float64)[None])
         self.asked = {
             pair: self._asked(pair, away) if least is None else least
             for pair, away in self.differences(volume).items()
@@ -130,49 +137,50 @@ class Legibility:
         small = min(seen[list(pair)]) < SMALL and self.pixels.together[pair] > 0.5
         return min(away, VESSELS if small else LEAST_DIFFERENCE)
 
-    def _over(self, flats: Floats, region: int, among: Mapping[int, Floats]) -> Floats:
-        """Return what pixels that a region dominates show over the background, RGB. (N, 3)
+    def _over(self, colours: Floats) -> dict[int, Floats]:
+        """Return what is shown over the background of colours, RGB (rows or 1, R, 3), CIELAB (N, 3), by region."""
+        from skimage.color import rgb2lab
 
-        Args:
-            flats: Colour of each region. (R, 3)
-            region: The region.
-            among: Colours of some regions in all pixels, (P, 3), in place of flat ones.
-        """
-        chosen = self.sets[region]
-        weight = self.pixels.inside[chosen]
-        own = np.tile(flats, (len(chosen), 1, 1))
-        for k, mixed in among.items():
-            own[:, k] = mixed[chosen]
-        return np.asarray((weight[:, :, None] * own).sum(1) + (1.0 - weight.sum(1))[:, None] * self.background)
+        mixed = (self.weight[:, :, None] * colours).sum(1) + (1.0 - self.weight.sum(1))[:, None] * self.background
+        lab = rgb2lab(mixed.clip(0.0, 1.0))
+        return {k: lab[part] for k, part in self.parts.items()}
 
-    def shown(self, lab: Mapping[int, Floats], moves: Mapping[int, Move] | None = None) -> dict[int, Floats]:
-        """Return what pixels that each region dominates show over white, CIELAB (N, 3), by region.
+    def shown(self, lab: Mapping[int, Floats]) -> dict[int, Floats]:
+        """Return what pixels that each region dominates show over the background, CIELAB (N, 3), by region.
 
         Args:
             lab: Colours of regions in all pixels, CIELAB. (P, 3)
-            moves: Changes of these.
         """
-        from skimage.color import rgb2lab
+        return self._moved({k: own[self.rows] for k, own in lab.items()}, {})
 
-        every = np.unique(np.concatenate([*self.sets.values(), np.zeros(0, np.int64)]))
-        colours = {}
-        for k, own in lab.items():
-            colours[k] = np.zeros((self.pixels.pixels, 3))
-            colours[k][every] = lab_to_rgb((moves or {}).get(k, Move()).of(own[every]))
-        return {k: rgb2lab(self._over(self.flats, k, colours).clip(0.0, 1.0)) for k in self.sets}
+    def _moved(self, lab: Mapping[int, Floats], moves: Mapping[int, Move]) -> dict[int, Floats]:
+        """Return what is shown after changes of the colours of some regions in the rows, CIELAB."""
+        colours = np.tile(self.flats, (len(self.rows), 1, 1))
+        if lab:
+            every = np.concatenate([moves.get(k, Move()).of(own) for k, own in lab.items()])
+            colours[:, list(lab)] = lab_to_rgb(every).reshape(len(lab), -1, 3).transpose(1, 0, 2)
+        return self._over(colours)
 
     def differences(self, shown: Mapping[int, Floats]) -> dict[tuple[int, int], float]:
         """Return CIEDE2000 between each two regions of which colours, CIELAB, are shown, tone by tone."""
-        tones = {k: lab_to_rgb(_quantiles(lab)) for k, lab in shown.items()}
-        every = [{k: simulated(own, vision) for k, own in tones.items()} for vision in self.visions]
-        return {
-            (a, b): min(float(np.diag(colour_differences(seen[a], seen[b])).mean()) for seen in every)
-            for a, b in combinations(sorted(tones), 2)
-        }
+        from skimage.color import deltaE_ciede2000, rgb2lab
+
+        pairs = list(combinations(sorted(shown), 2))
+        if not pairs:
+            return {}
+        tones = {k: _quantiles(lab) for k, lab in shown.items()}
+        first, second = (np.stack([tones[pair[side]] for pair in pairs]) for side in (0, 1))
+        away = [
+            deltaE_ciede2000(first, second) if vision == "normal" else deltaE_ciede2000(
+                *(rgb2lab(simulated(lab_to_rgb(own), vision)) for own in (first, second))
+            )
+            for vision in self.visions
+        ]  # fmt: skip
+        return dict(zip(pairs, np.min([one.mean(1) for one in away], 0).tolist(), strict=True))
 
     def doubtful(self, lab: Mapping[int, Floats]) -> bool:
         """Return whether regions may look alike: only images tell, which have light and edges as well."""
-        return any(away < MARGIN * self.asked[pair] for pair, away in self.differences(self.shown(lab)).items())
+        return any(away < DOUBTFUL * self.asked[pair] for pair, away in self.differences(self.shown(lab)).items())
 
     def moves(
         self, lab: Mapping[int, Floats], means: Mapping[int, Floats], gamuts: Mapping[int, tuple[float, float, float]],
@@ -186,7 +194,8 @@ class Legibility:
             gamuts: Least and largest lightness, and largest chroma, of their pictures.
             before: Earlier changes, which count towards the bounds.
         """
-        shown = self.shown(lab)
+        own = {k: lab[k][self.rows] for k in lab}
+        shown = self._moved(own, {})
         differ = self.differences(shown)
         alike = [pair for pair, least in self.asked.items() if differ[pair] < MARGIN * least]
         turned = [pair for pair, sign in self.order.items() if sign * _lighter(shown, pair) < EASY]
@@ -202,7 +211,7 @@ class Legibility:
             return {k: Move(AWAY * values[2 * n], float(np.exp(values[2 * n + 1]))) for n, k in enumerate(movable)}
 
         def cost(values: Floats) -> float:
-            tried = self.shown(lab, changes(values))
+            tried = self._moved(own, changes(values))
             found = self.differences(tried)
             missing = sum(max(MARGIN * self.asked[pair] - found[pair], 0.0) ** 2 for pair in pairs)
             wrong = sum(max(EASY - sign * _lighter(tried, pair), 0.0) ** 2 for pair, sign in self.order.items())
@@ -211,9 +220,8 @@ class Legibility:
         # Where regions are equally light, both ways apart are possible, and the search would stay between them.
         spread = _spread([float(means[k][0]) for k in movable])
         starts = [np.clip(sign * spread, *bounds.T) for sign in (0.0, 1.0, -1.0)]
-        found = minimize(
-            cost, min(starts, key=cost), method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS, "eps": 0.02}
-        )
+        limits = {"maxiter": STEPS, "maxfun": TRIALS, "eps": 0.02}
+        found = minimize(cost, min(starts, key=cost), method="L-BFGS-B", bounds=bounds, options=limits)
         return changes(found.x)
 
 

@@ -14,7 +14,7 @@ from math import perm
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import WHITE, colour_differences, lab_to_rgb
+from svv.core.colour.colour import WHITE
 from svv.errors import silent
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import seen_of
@@ -85,8 +85,15 @@ def glimpse_of(scene: Scene) -> Glimpse:
 
 def difference_of(a: Family, b: Family) -> float:
     """Return the mean CIEDE2000 of the tones of two families: light is compared with light, and dark with dark."""
-    tones = min(len(a.tones), len(b.tones))
-    return float(np.diag(colour_differences(lab_to_rgb(a.tones[:tones]), lab_to_rgb(b.tones[:tones]))).mean())
+    return float(differences_of([a, b])[0, 1])
+
+
+def differences_of(families: Sequence[Family]) -> Floats:
+    """Return the mean CIEDE2000 of the tones of each two families. (F, F)"""
+    from skimage.color import deltaE_ciede2000
+
+    tones = np.stack([one.tones for one in families])
+    return np.asarray(deltaE_ciede2000(tones[:, None], tones[None]).mean(2))
 
 
 def paired(glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int] | None = None) -> dict[int, int]:
@@ -105,6 +112,8 @@ def paired(glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int
         left += range(len(families))
     chosen = np.zeros(len(glimpse.seen), np.int64)
     chosen[list(fixed)] = list(fixed.values())
+    if not free:
+        return {k: int(f) for k, f in enumerate(chosen)}
     if perm(len(left), len(free)) <= MOST_TRIED:
         tried = np.array(list(permutations(left, len(free)))).reshape(-1, len(free))
         every = np.repeat(chosen[None], len(tried), 0)
@@ -147,7 +156,7 @@ class _Costs:
         chroma = np.hypot(*self.regions[:, 1:].T)
         weight = (0.02 + np.square(chroma)) / (PROMINENT + glimpse.seen) * (glimpse.seen > 0.0)
         self.weight = weight / max(weight.sum(), 1e-9)
-        apart = np.array([[difference_of(a, b) for b in families] for a in families])
+        apart = differences_of(families)
         self.alike = ALIKE * np.square(1.0 - np.minimum(apart / CLEAR, 1.0))
         # Every two regions are told apart, those that are seen through or before one another above all.
         self.pairs = np.triu(0.3 + 0.7 * glimpse.together, 1) * np.outer(glimpse.seen > 0.0, glimpse.seen > 0.0)

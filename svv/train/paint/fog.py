@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial import cKDTree
 
 from svv.core.colour.colour import lab_to_rgb
 from svv.core.strokes.strokes import Brush, Strokes
@@ -22,19 +24,23 @@ from svv.train.paint.visible_surface import surface_of
 SKY = 0.5
 """Fraction of the picture, from its top, whose strokes give fog its colours."""
 
-APART, LONG, DEEP, POINTS = 0.8, 3.0, 0.8, 5
+APART, LONG, DEEP, POINTS = 0.6, 1.8, 0.8, 3
 """Distance of strokes, their length, how far they reach above and below, all in widths, and their number of points."""
 
 SMOOTH = 0.5
 """Standard deviation of the distance over which density is averaged, in widths."""
 
-THIN, DENSE, BROKEN = 0.95, 0.08, 0.06
+THIN, DENSE, BROKEN = 0.95, 0.08, 0.04
 """Tone of the thinnest fog and of the densest, from dark to light, and its deviation from stroke to stroke."""
+
+ALIKE, NEAR = 0.15, 24
+"""Fraction of the picture's strokes, by tone, whose mean colour a stroke takes after, and number of the picture's most
+similar colours among which one is chosen."""
 
 DENSEST = 0.98
 """Fraction of the visible fog that is thinner than what counts as the densest."""
 
-BRUSH = Brush(relief=0.0, dry=0.0, mixed=0.3, flow=0.3, feather=0.3, blunt=1.0)
+BRUSH = Brush(relief=0.0, dry=0.0, mixed=0.3, flow=0.15, feather=0.6, blunt=1.0)
 WET = 0.125
 """Bristle marks of strokes that flow into each other."""
 
@@ -104,13 +110,15 @@ def _strokes(
     along = np.cos(turn) * right + np.sin(turn) * upward
     steps = (np.linspace(-0.5, 0.5, POINTS) * (LONG - 1.0) * width)[None, :, None]
     where = (points[:, None] + steps * along[:, None]).reshape(-1, 3)
-    order = np.argsort(hand.tones, kind="stable")
-    colours = []
-    for _ in range(2):
-        rank = (tone + generator.normal(0.0, BROKEN, number)).clip(0.0, 1.0) * (len(order) - 1)
-        lab = hand.colours[order[np.rint(rank).astype(np.int64)]]
-        lab = TECHNIQUES[hand.technique].coloured(lab, generator)
-        colours.append(np.asarray(lab_to_rgb(lab), np.float32))
+    # Of one tone, a picture may have a red and a blue: side by side they would be flecks.
+    ordered = hand.colours[np.argsort(hand.tones, kind="stable")]
+    smooth = uniform_filter1d(ordered, max(round(ALIKE * len(ordered)), 1), axis=0, mode="nearest")
+    rank = (tone + generator.normal(0.0, BROKEN, number)).clip(0.0, 1.0) * (len(ordered) - 1)
+    near = min(NEAR, len(ordered))
+    like = cKDTree(ordered).query(smooth[np.rint(rank).astype(np.int64)], near)[1].reshape(number, near)
+    chosen = (ordered[like[np.arange(number), generator.integers(0, near, number)]] for _ in range(2))
+    technique = TECHNIQUES[hand.technique]
+    colours = [np.asarray(lab_to_rgb(technique.coloured(lab, generator)), np.float32) for lab in chosen]
     radius = 0.5 * width * generator.uniform(0.85, 1.15, number)
     reach = np.full(len(where), DEEP * width, np.float32)
     return Strokes(

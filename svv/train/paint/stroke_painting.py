@@ -38,10 +38,6 @@ through better; and how much it follows washes, which have no ground between the
 THINNED = 0.25
 """How much of its extinction a region loses on average whose opacity wholly follows its strokes."""
 
-SPECKLED = (0.5, 0.62)
-"""How crumpled a region is from which its opacity would become speckled if it followed the strokes, and at which it no
-longer follows them: strokes are cut up there, and the form is all in the opacity."""
-
 LEAST_FOG = 1.0 / 48.0
 """Least width of strokes through fog in box units: they fill its volume, and finer ones would be too many."""
 
@@ -179,11 +175,9 @@ def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
         crumpled: How crumpled it is at the scale of a stroke, from 0 to 1.
 
     >>> glaze_of(True, 0.8, 0.5, 0.0), glaze_of(True, 0.8, 0.5, 0.7)
-    (1.0, 0.0)
+    (1.0, 0.3)
     """
-    low, high = SPECKLED
-    whole = (1.0 - crumpled) * min(max((high - crumpled) / (high - low), 0.0), 1.0)
-    return round(min((GLAZE if dry else WASH) * clear / max(deep, 1.0), 1.0) * whole, 2)
+    return round(min((GLAZE if dry else WASH) * clear / max(deep, 1.0), 1.0) * (1.0 - crumpled), 2)
 
 
 def _median(surface: VisibleSurface, values: Floats) -> float:

@@ -61,8 +61,9 @@ def fog() -> Scene:
 @pytest.fixture(scope="module", params=["oil", pytest.param("woodcut", marks=pytest.mark.slow)])
 def wash(request: pytest.FixtureRequest, fog: Scene) -> Scene:
     scene, report = painted(fog, request.param)
-    assert "Region 0 is a fog without surfaces: it gets a wash in the picture's sky, darker where it is denser." in (
-        report["notes"]
+    assert (
+        "Region 0 is a fog without surfaces: it gets a wash in the picture's sky, darker where it is denser."
+        in (report["notes"])
     )
     return scene
 

@@ -143,7 +143,6 @@ class Brushing:
         glazed = clear if glaze > 0.0 and painter.on_glass.any() else 0.0
         return Laid(work, hand, clear, glazed), glaze
 
-
     def _fog(self, region: int, hand: Hand, alpha: float) -> PaintedRegion | tuple[Laid, float]:
         """Return a wash whose tone follows the density, or an even one where there is no room for it."""
         sky, width = sky_of(hand), max(LARGEST * self.width, LEAST_FOG)

@@ -1,4 +1,4 @@
-"""Fog without surfaces is painted as a wash: as dark as it is dense, without flecks or holes, and as clear as it was."""
+"""Fog without surfaces is painted as a wash: as dark as it is dense, without flecks or holes, as clear as it was."""
 
 from __future__ import annotations
 

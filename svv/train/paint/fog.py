@@ -1,4 +1,4 @@
-"""Fog as a wash: broad wet strokes all through its volume, which flow into each other and are darker where it is denser.
+"""Fog as a wash: broad wet strokes all through its volume flow into each other, darker where it is denser.
 
 Fog has no surface for strokes to lie on. Strokes of one wash have no edges: where they overlap, their colours are
 averaged, so tones change as smoothly as the density. Letters: N strokes.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
@@ -95,15 +96,15 @@ def washed(
     total = np.cumsum(seen[order])
     densest = float(dense[order[min(int(np.searchsorted(total, DENSEST * total[-1])), len(order) - 1)]])
     tone = THIN + (DENSE - THIN) * (dense / max(densest, 1e-12)).clip(0.0, 1.0)
-    points = points + generator.normal(0.0, 0.2 * side, points.shape)
+    points += generator.normal(0.0, 0.2 * side, points.shape).astype(np.float32)
     return Brushwork(_strokes(hand, points, around.normals, form, tone, width, generator), BRUSH, seen)
 
 
 def _strokes(
-    hand: Hand, points: Floats, normals: Floats, form: Form, tone: np.ndarray, width: float,
+    hand: Hand, points: Floats, normals: Floats, form: Form, tone: NDArray[np.float64], width: float,
     generator: np.random.Generator,
 ) -> Strokes:  # fmt: skip
-    """Return a straight stroke through each point (N, 3), at a right angle to its normal, of a tone from 0 to 1 (N,)."""
+    """Return a straight stroke through each point (N, 3), across its normal, with a tone from 0 to 1 (N,)."""
     number = len(points)
     right, upward = tangents(normals.astype(np.float64), form.up)
     turn = generator.normal(0.0, 0.4, (number, 1))
@@ -118,11 +119,11 @@ def _strokes(
     like = cKDTree(ordered).query(smooth[np.rint(rank).astype(np.int64)], near)[1].reshape(number, near)
     chosen = (ordered[like[np.arange(number), generator.integers(0, near, number)]] for _ in range(2))
     technique = TECHNIQUES[hand.technique]
-    colours = [np.asarray(lab_to_rgb(technique.coloured(lab, generator)), np.float32) for lab in chosen]
+    colour, second = (np.asarray(lab_to_rgb(technique.coloured(lab, generator)), np.float32) for lab in chosen)
     radius = 0.5 * width * generator.uniform(0.85, 1.15, number)
     reach = np.full(len(where), DEEP * width, np.float32)
     return Strokes(
         where.astype(np.float32), np.repeat(normals, POINTS, 0).astype(np.float32),
-        np.repeat(radius, POINTS).astype(np.float32), reach, reach, np.arange(number + 1) * POINTS, *colours,
+        np.repeat(radius, POINTS).astype(np.float32), reach, reach, np.arange(number + 1) * POINTS, colour, second,
         np.full(number, WET, np.float32), generator.integers(0, 1024, number),
     )  # fmt: skip

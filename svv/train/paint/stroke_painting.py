@@ -99,9 +99,9 @@ class Brushing:
         regions = self.scene.regions
         colours = np.array([region.edited_colour or region.colour for region in regions], np.float64)
         flats = colours.copy()
-        for region, washed in found.items():
-            if washed.flat is not None:
-                flats[region] = washed.flat
+        for region, one in found.items():
+            if one.flat is not None:
+                flats[region] = one.flat
         opacity = np.array([region.seen_opacity for region in regions])
         opacity *= [1.0 - THINNED * found[k].glaze if k in found else 1.0 for k in range(len(regions))]
         done = toned(laid, self.views, colours, flats, opacity, self.cell)

@@ -16,7 +16,7 @@ from svv.options.making import HandName
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import measure_hand
 from svv.train.paint.brushwork import Painter
-from svv.train.paint.stroke_painting import SPECKLED, glaze_of
+from svv.train.paint.stroke_painting import glaze_of
 from tests.test_brushing import BROAD, EMPTY, WIDTH, ball, painted
 
 
@@ -69,4 +69,4 @@ def test_opacity_follows_strokes_less_where_form_is_crumpled_deep_or_opaque(
     assert found >= glaze_of(dry, clear, deep + more, crumpled)
     assert found >= glaze_of(dry, clear, deep, crumpled + (1.0 - crumpled) * more)
     assert glaze_of(dry, 0.0, deep, crumpled) == 0.0
-    assert glaze_of(dry, clear, deep, max(crumpled, SPECKLED[1])) == 0.0, "what is speckled already keeps its form"
+    assert glaze_of(dry, clear, deep, 1.0) == 0.0

@@ -124,6 +124,8 @@ class Hand:
     whole picture, if this is the hand of one of its areas."""
     technique: HandName = field(default="oil", kw_only=True)
     """The technique in which it is painted."""
+    part: bool = field(default=False, kw_only=True)
+    """Whether it is the hand of one area of the picture."""
 
     @property
     def length(self) -> float:
@@ -163,7 +165,7 @@ class Hand:
         return replace(
             self, inks=inks, palette=np.array(palette, np.float32), darkest=colours[tones <= 0.03].mean(0),
             colours=colours, places=self.places[own], tones=tones, angles=self.angles[own],
-            coherences=self.coherences[own],
+            coherences=self.coherences[own], part=True,
         )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from svv.fields.scene.scene import Scene
 from svv.styles.hand import Hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import CLEAR, Brushwork, Painter
+from svv.train.paint.fog import sky_of, washed
 from svv.train.paint.surface_form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
 from svv.train.paint.toning import Laid, toned
 from svv.train.paint.visible_surface import VisibleSurface, visible_surface
@@ -37,12 +38,8 @@ through better; and how much it follows washes, which have no ground between the
 THINNED = 0.25
 """How much of its extinction a region loses on average whose opacity wholly follows its strokes."""
 
-SPECKLED = (0.5, 0.62)
-"""How crumpled a region is from which its opacity would become speckled if it followed the strokes, and at which it no
-longer follows them: strokes are cut up there, and the form is all in the opacity."""
-
-SKY = 0.5
-"""Fraction of the picture, from its top, whose light strokes give fog its colour."""
+LEAST_FOG = 1.0 / 48.0
+"""Least width of strokes through fog in box units: they fill its volume, and finer ones would be too many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +99,9 @@ class Brushing:
         regions = self.scene.regions
         colours = np.array([region.edited_colour or region.colour for region in regions], np.float64)
         flats = colours.copy()
-        for region, washed in found.items():
-            if washed.flat is not None:
-                flats[region] = washed.flat
+        for region, one in found.items():
+            if one.flat is not None:
+                flats[region] = one.flat
         opacity = np.array([region.seen_opacity for region in regions])
         opacity *= [1.0 - THINNED * found[k].glaze if k in found else 1.0 for k in range(len(regions))]
         done = toned(laid, self.views, colours, flats, opacity, self.cell)
@@ -125,10 +122,7 @@ class Brushing:
         depth, alpha = (_median(surface, values) for values in (surface.depth, surface.alpha))
         deep = depth / (DEEPEST * self.width)
         if deep > LARGEST:
-            self.notes.append(
-                f"Region {region} is a fog without surfaces: it gets an even wash in the colour of the picture's sky."
-            )
-            return _washed(hand)
+            return self._fog(region, hand, alpha)
         larger = max(deep, 1.0 + GLAZED * max(FAINT - alpha, 0.0), 1.0)
         width = self.width * larger
         if larger > 1.0:
@@ -138,10 +132,7 @@ class Brushing:
         painter = Painter(hand, surface, self.opacity, self.cells, width, self.cell, self.seed + region)
         work = painter.painted(part(progress, 0.5, 0.8))
         if work is None:
-            self.notes.append(
-                f"Region {region} has no room for strokes: it gets an even wash in the colour of the picture's sky."
-            )
-            return _washed(hand)
+            return self._even(region, hand)
         clear = 1.0 - min(alpha / CLEAR, 1.0)
         glaze = glaze_of(work.brush.body == 1.0, clear, deep, painter.crumpled)
         if glaze > 0.0:
@@ -151,6 +142,26 @@ class Brushing:
             )
         glazed = clear if glaze > 0.0 and painter.on_glass.any() else 0.0
         return Laid(work, hand, clear, glazed), glaze
+
+    def _fog(self, region: int, hand: Hand, alpha: float) -> PaintedRegion | tuple[Laid, float]:
+        """Return a wash whose tone follows the density, or an even one where there is no room for it."""
+        sky, width = sky_of(hand), max(LARGEST * self.width, LEAST_FOG)
+        work = washed(sky, self.views, region, self.form, self.opacity, self.cells, width, self.seed + region)
+        if work is None:
+            return self._even(region, hand)
+        source = "its part of the picture" if hand.part else "the picture's sky"
+        self.notes.append(
+            f"Region {region} is a fog without surfaces: it gets a wash in {source}, darker where it is denser."
+        )
+        return Laid(work, sky, 1.0 - min(alpha / CLEAR, 1.0)), 0.0
+
+    def _even(self, region: int, hand: Hand) -> PaintedRegion:
+        """Return an even wash: the mean of the lighter strokes in the upper part of the picture."""
+        self.notes.append(
+            f"Region {region} has no room for strokes: it gets an even wash in the colour of the picture's sky."
+        )
+        sky = sky_of(hand)
+        return PaintedRegion(None, lab_to_rgb(sky.colours[sky.tones >= np.median(sky.tones)].mean(0)))
 
 
 def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
@@ -163,11 +174,9 @@ def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
         crumpled: How crumpled it is at the scale of a stroke, from 0 to 1.
 
     >>> glaze_of(True, 0.8, 0.5, 0.0), glaze_of(True, 0.8, 0.5, 0.7)
-    (1.0, 0.0)
+    (1.0, 0.3)
     """
-    low, high = SPECKLED
-    whole = (1.0 - crumpled) * min(max((high - crumpled) / (high - low), 0.0), 1.0)
-    return round(min((GLAZE if dry else WASH) * clear / max(deep, 1.0), 1.0) * whole, 2)
+    return round(min((GLAZE if dry else WASH) * clear / max(deep, 1.0), 1.0) * (1.0 - crumpled), 2)
 
 
 def _median(surface: VisibleSurface, values: Floats) -> float:
@@ -175,10 +184,3 @@ def _median(surface: VisibleSurface, values: Floats) -> float:
     order = np.argsort(values)
     total = np.cumsum(surface.seen[order].astype(np.float64))
     return float(values[order[int(np.searchsorted(total, 0.5 * total[-1]))]])
-
-
-def _washed(hand: Hand) -> PaintedRegion:
-    """Return an even wash: the mean of the lighter strokes in the upper part of the picture."""
-    top = hand.places[:, 1] >= (1.0 - SKY) * float(hand.places[:, 1].max())
-    light = hand.colours[top & (hand.tones >= np.median(hand.tones[top]))].mean(0)
-    return PaintedRegion(None, lab_to_rgb(light))

@@ -15,7 +15,7 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.scene import Scene
 from svv.train.base.resolutions import paint_pixel
 from svv.train.match.stylize import stylization_cameras, visible_from
-from svv.train.paint.painting import MOST_CELLS, MOST_VERTICES, Start, paint_cells, painted_start
+from svv.train.paint.painting import MOST_CELLS, MOST_VERTICES, Remarks, Start, paint_cells, painted_start
 from svv.train.paint.surface_form import Form, form_of_opacity, tangents
 from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_style
 from svv.train.quilt.quilt import Guides, Manner, Quilt, spread
@@ -246,7 +246,9 @@ def started(scene: Scene, targets: dict[int, PieceStyle], seed: int = 0, before=
     for region, wanted in targets.items():
         colours[region] = wanted.mean
     pixel = paint_pixel(scene, SHORT.stylize)
-    return views, painted_start(scene, Start(colours, targets, before=before), pixel, seed, silent)
+    return views, painted_start(
+        scene, Start(colours, targets, before=before), pixel, seed, silent, lambda field: None, Remarks()
+    )
 
 
 def seen(field, views, region: int) -> np.ndarray:  # type: ignore[no-untyped-def]

@@ -43,7 +43,7 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("svv.render.figures.figure.SWATCH_VIEW", 48)
     monkeypatch.setattr("svv.render.figures.swatches.LIGHT_VIEW", 24)
     monkeypatch.setattr("svv.render.figures.framing.PREVIEW", 64)
-    monkeypatch.setattr("svv.render.colour_check.VIEW_SIZE", 24)
+    monkeypatch.setattr("svv.fields.scene.seen_colours.VIEW_SIZE", 24)
 
 
 def ball(radius: float) -> Any:

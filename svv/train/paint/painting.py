@@ -127,8 +127,8 @@ def painted_start(
     pixel: float,
     seed: int,
     progress: Progress,
-    show: Callable[[UnrestrictedField], None] = lambda field: None,
-    remarks: Remarks | None = None,
+    show: Callable[[UnrestrictedField], None],
+    remarks: Remarks,
 ) -> UnrestrictedField:
     """Paint the regions.
 
@@ -148,7 +148,6 @@ def painted_start(
         BadInput: None of the regions to be painted is visible.
     """
     assert scene.palette_network is not None
-    remarks = Remarks() if remarks is None else remarks
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
     paint = painted_field(scene, finest(scene, start, pixel))
     lattice = paint.encoding

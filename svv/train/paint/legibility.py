@@ -180,7 +180,8 @@ class Legibility:
 
     def doubtful(self, lab: Mapping[int, Floats]) -> bool:
         """Return whether regions may look alike: only images tell, which have light and edges as well."""
-        return any(away < DOUBTFUL * self.asked[pair] for pair, away in self.differences(self.shown(lab)).items())
+        apart = self.differences(self.shown(lab))
+        return any(away < DOUBTFUL * min(self.asked[pair], LEAST_DIFFERENCE) for pair, away in apart.items())
 
     def moves(
         self, lab: Mapping[int, Floats], means: Mapping[int, Floats], gamuts: Mapping[int, tuple[float, float, float]],

@@ -29,7 +29,7 @@ from svv.train.paint.view_pixels import ViewPixels
 PASSES = 2
 """Number of corrections: colours are clipped, and the tones of strokes are not those of their mixtures."""
 
-VIEWS, MOST = 5, 400
+VIEWS, MOST = 5, 200
 """Number of views in which regions are looked at, and maximum number of pixels of each region in one."""
 
 CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 1.6, 25.0

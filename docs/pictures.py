@@ -61,7 +61,7 @@ SHELL = 2
 SCENES = {"gyroid": volumes.gyroid, "orbital": volumes.orbital, "plume": volumes.plume}
 """The gallery's rows, after the demo's scene."""
 
-OTHERS = {"glass": volumes.glass}
+OTHERS = {"glass": volumes.glass, "nested": volumes.nested}
 """Further scenes."""
 
 FRAMES = {"demo": 104, "gyroid": 125, "orbital": 125, "plume": 112}
@@ -147,6 +147,17 @@ def glass(studio: Studio) -> None:
     camera = view_of(scene, FRAMES["gyroid"], 2 * SIZE)
     painted = [drawn(studio.painted("glass", [style]), camera) for style in ("oil", "impasto")]
     write("glass.jpg", [halved(one) for one in (drawn(scene, camera, "pcn"), *painted)])
+
+
+def divided(studio: Studio) -> None:
+    """Nested translucent regions as rendered, each painted with the whole of one picture, and with a part of it."""
+    scene, style = studio.scene("nested"), StyleInput(gallery_picture("impasto"), "impasto")
+    camera = view_of(scene, 125, 2 * SIZE)
+    painted = [stylize_scene(scene, [style], "draft", divide=how)[0] for how in ("no", "auto")]
+    every = drawn(scene, camera, "pcn"), *(drawn(one, camera) for one in painted)
+    row = np.concatenate([halved(picture) for picture in every], axis=1)
+    names = ["volume rendering", "the whole picture", "a part for each region"]
+    write("divided.jpg", [labelled(names, SIZE), row], below=True, width=3 * SIZE)
 
 
 def stages(studio: Studio) -> None:
@@ -333,6 +344,7 @@ PICTURES: dict[str, Callable[[Studio], None]] = {
         showpiece,
         gallery,
         glass,
+        divided,
         stages,
         figures,
         ink,

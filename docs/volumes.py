@@ -1,4 +1,4 @@
-"""Three more generated volumes for the pictures of the documentation, beside the demo's; values in [0, 1].
+"""More generated volumes for the pictures of the documentation, beside the demo's; values in [0, 1].
 
 Each function returns a volume in the cube [-1, 1]^3 and a transfer function with broad, opaque regions.
 """
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.polynomial.legendre import Legendre
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 from scipy.special import ellipe, ellipk, genlaguerre
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
@@ -44,6 +45,26 @@ def glass(resolution: int = 112) -> Made:
     """The gyroid's surface alone, as a translucent sheet."""
     volume, _ = gyroid(resolution)
     return volume, _function((0.44, 0.56, 0.3, BLUE))
+
+
+def nested(resolution: int = 112) -> Made:
+    """Two translucent skins one in the other, a vessel that winds between them, and a core."""
+    z, y, x = _axes(resolution)
+    radius = np.sqrt(x * x + y * y + z * z)
+    outer = 0.24 * np.clip((0.92 - radius) / 0.06, 0.0, 1.0)
+    polar = np.arccos((z / np.maximum(radius, 1e-3)).clip(-1.0, 1.0))
+    dented = radius * (1.0 + 0.07 * np.sin(4.0 * np.arctan2(y, x)) * np.sin(3.0 * polar))
+    inner = 0.44 * np.clip((0.62 - dented) / 0.06, 0.0, 1.0)
+    turn = np.linspace(0.0, 1.0, 160)
+    height = 1.4 * turn - 0.7
+    around = 0.75 * np.sqrt(1.0 - height * height)
+    vessel = np.stack([around * np.cos(9.0 * turn), around * np.sin(9.0 * turn), 0.75 * height], 1)
+    away = cKDTree(vessel).query(np.stack([x, y, z], -1).reshape(-1, 3))[0].reshape(x.shape)
+    tube = 0.75 * np.exp(-np.square(away / 0.05))
+    core = np.exp(-np.square(np.sqrt((x - 0.05) ** 2 + (y + 0.05) ** 2 + z * z) / 0.2))
+    return _image(np.maximum.reduce([outer, inner, tube, core])), _function(
+        (0.10, 0.26, 0.06, GREY), (0.36, 0.46, 0.15, BLUE), (0.62, 1.0, 0.95, CRIMSON)
+    )
 
 
 def _gyroid_level(x: Array, y: Array, z: Array) -> Array:

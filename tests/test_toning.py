@@ -11,13 +11,12 @@ from skimage.color import rgb2lab
 
 from svv.core.colour.colour import lab_to_rgb
 from svv.core.strokes.strokes import Brush, Strokes, joined, straight_stroke
-from svv.fields.scene.seen_colours import Pair
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
 from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import Brushwork
-from svv.train.paint.legibility import AWAY, notes_on
+from svv.train.paint.legibility import AWAY, Legibility
 from svv.train.paint.toning import Laid, Toned, toned
 from svv.train.paint.view_pixels import ViewPixels
 
@@ -122,9 +121,13 @@ def test_what_encloses_stays_lighter_than_what_it_encloses(hand: Hand) -> None:
     assert 0.9 * around + 0.1 * 100.0 > 0.3 * around + 0.65 * within + 0.05 * 100.0
 
 
-def test_regions_that_look_alike_are_named() -> None:
-    (said,) = notes_on([Pair("bone", "Region 1", "normal", 7.2)])
-    assert said.startswith("bone and Region 1 are hard to tell apart (CIEDE2000 7)")
+def test_views_that_show_hardly_anything_ask_for_nothing() -> None:
+    one = np.zeros((SIDE, SIDE), bool)
+    one[0, :3] = True
+    pixels = ViewPixels([view_of((0, 0.5, one, 1.0), (1, 0.4, one, 0.0))], np.ones(2))
+    found = Legibility(pixels, np.array([RED, BLUE]), np.array([RED, BLUE]))
+    lab = {k: np.zeros((pixels.pixels, 3)) for k in (0, 1)}
+    assert found.asked == {} and found.moves(lab, {}, {}, {}) == {} and not found.doubtful(lab)
 
 
 # --- pixels ----------------------------------------------------------------------------------------------------------

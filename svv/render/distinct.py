@@ -59,7 +59,8 @@ def distinct(
 ) -> Recoloured:
     """Return a scene with the nearest colours found that everybody can tell apart, as one edit.
 
-    Strokes keep their hues, and other regions where that is possible; pieces of pictures and ink do not change.
+    Strokes keep their hues, and other regions where that is possible; pieces of pictures, ink and the strokes of joined
+    scenes do not change.
 
     Args:
         scene: A scene with a palette network.
@@ -72,17 +73,18 @@ def distinct(
         The scene, of all that were tried the one whose nearest pair is farthest apart, unless an earlier one sufficed.
 
     Raises:
-        BadInput: The scene has no regions, or all that are visible are painted by pieces or ink.
+        BadInput: The scene has no regions, or no visible one has a colour that can change.
     """
     visions = VISIONS if how == "lightness" else COLOUR_VISIONS
     free = [k for k, r in enumerate(scene.regions) if r.seen_opacity > 0.0 and r.style is None]
     before = seen_in(scene, None, background, progress=part(progress, 0.0, 0.1))
     if all(region.seen_opacity == 0.0 for region in scene.regions):
         raise BadInput("Every region is hidden or transparent, so no colour shows: show one, with svv edit --show all.")
-    if not free and not scene.stroked:
+    strokes = bool(scene.stroked) and not scene.layers
+    if not free and not strokes:
         raise BadInput(
-            "No visible region has a colour that can be changed: their colours come from pieces of pictures or ink; "
-            "show the palette with --strength 0, or paint by strokes."
+            "No visible region has a colour that can be changed: their colours come from pieces of pictures, from ink, "
+            "or from strokes of a joined scene; show the palette with --strength 0, or paint otherwise."
         )
     fixed = [one.colours[one.weights.argmax()] for k, one in before.items() if k not in free]
     own = np.array([scene.regions[k].edited_colour or scene.regions[k].colour for k in free])
@@ -102,7 +104,7 @@ def distinct(
         nearest = _nearest(seen.values(), visions)
         if nearest is not None and nearest.difference > best.nearest.difference:
             best = Recoloured(changed, nearest)
-    for number in range(TRIES if scene.stroked else 0):
+    for number in range(TRIES if strokes else 0):
         if best.nearest is None or best.nearest.difference >= least:
             break
         changed = _strokes_apart(best.scene, visions, BEYOND ** (2 * number + 1) * least, background)

@@ -39,13 +39,13 @@ PIECES = 400
 """Approximate number of pieces of it that areas consist of."""
 
 TOGETHER = 4.0
-"""Distance in the picture's long side that separates two strokes as much as the difference of black and white."""
+"""Weight of a distance of the picture's long side when a pixel's nearest stroke is found, against colours in Oklab."""
 
 QUANTILES = 12
 """Number of tones at which the colours of two families are compared."""
 
 CONCENTRATED = 0.2
-"""Distance of a family's middle from the picture's, in its long side, from which its place names it."""
+"""How near to one another a family's strokes are from which its place names it."""
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -14,7 +14,6 @@ import torch
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.seen_colours import look_alikes
 from svv.io.views.on_screen import ignoring_fixed
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_named, forget_gpu_peak
@@ -208,7 +207,7 @@ def stylize_scene(
         styled, report = stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
     else:
         styled, report = paint(scene, inputs, asked, progress, checkpoint, preview)
-    alike = notes_on(look_alikes(styled)) if scene.layers else []  # between its members
+    alike = notes_on(styled) if scene.layers else []  # between its members
     report["notes"] = list(dict.fromkeys([*division.notes, *report["notes"], *alike]))
     told = scene.made.get("stylized", {}).get("divided", {}) if asked.go_on else {}
     told = {region: share for region, share in told.items() if region not in report["styles"]}
@@ -251,7 +250,7 @@ def _stylize_alone(
     styled = order.painted(scene, field)
     if preview is not None:
         preview(styled)
-    alike = notes_on(look_alikes(styled)) if work.remarks.doubtful else []
+    alike = notes_on(styled) if work.remarks.doubtful else []
     report = report_on(styled, {**work.seconds, "total": cost.seconds}, cost, chosen, asked.seed)
     report |= Report(
         features="none" if network is None else f"{network.title}, {network.channels} channels",

@@ -358,7 +358,7 @@ class Drawing:
         if alike:
             said.append(
                 f"Regions look alike: {'; '.join(alike)}. They are told apart from {LEAST_DIFFERENCE:g} (CIEDE2000). "
-                "svv edit --distinct colours recolours what is not painted."
+                "svv edit --distinct colours moves colours and strokes apart."
             )
         return said
 

@@ -28,7 +28,6 @@ MORE = 2
 SCATTERED = 0.02
 """Cost of dividing by colours where a picture has areas: a stroke's neighbours are no longer the painter's."""
 
-
 SAME = 3.0
 """CIEDE2000 up to which two families are one: nobody could tell apart the regions that they paint."""
 

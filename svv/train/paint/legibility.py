@@ -18,7 +18,8 @@ from scipy.optimize import minimize
 
 from svv.core.colour.colour import WHITE, lab_to_rgb
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VisionName, simulated
-from svv.fields.scene.seen_colours import Pair
+from svv.fields.scene.scene import Scene
+from svv.fields.scene.seen_colours import look_alikes
 from svv.train.paint.view_pixels import ViewPixels
 
 FEWEST = 16
@@ -257,10 +258,11 @@ def _quantiles(lab: Floats) -> Floats:
     return np.stack([ordered[max(k - wide, 0) : k + wide + 1].mean(0) for k in at])
 
 
-def notes_on(pairs: Sequence[Pair]) -> list[str]:
-    """Return a sentence about each two regions that look alike."""
+def notes_on(scene: Scene) -> list[str]:
+    """Return a sentence about each two regions of a painted scene that look alike as they are rendered."""
+    also = ", or move them apart with svv edit --distinct" if scene.stroked and not scene.layers else ""
     return [
         f"{pair.first} and {pair.second} are hard to tell apart (CIEDE2000 {pair.difference:.0f}): give one of them "
-        "another style, or move them apart with svv edit --distinct."
-        for pair in pairs
+        f"another style{also}."
+        for pair in look_alikes(scene)
     ]

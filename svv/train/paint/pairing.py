@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from svv.core.colour.colour import WHITE
 from svv.errors import silent
+from svv.fields.scene.joined import members
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import seen_of
 from svv.styles.families import Family, features_of, joined
@@ -69,18 +70,26 @@ class Glimpse:
 
 
 def glimpse_of(scene: Scene) -> Glimpse:
-    """Return what small views show of a scene with a palette network, as edited."""
+    """Return what small views show of a scene with a palette network, as edited.
+
+    Of a joined scene, each member is looked at alone: regions of two members count as seen together.
+    """
     from skimage.color import rgb2lab
 
-    cameras = scene.rig.sphere(GLANCES, GLANCE)
-    opacity = np.array([region.seen_opacity for region in scene.regions])
-    pixels = ViewPixels(visible_from(scene, cameras, silent), opacity)
+    cameras, count = scene.rig.sphere(GLANCES, GLANCE), len(scene.regions)
+    seen, together, encloses = np.zeros(count), np.ones((count, count)), np.zeros((count, count), bool)
+    for layer, member in enumerate(members(scene)):
+        numbers = [k for k, region in enumerate(scene.regions) if region.layer == layer]
+        opacity = np.array([scene.regions[k].seen_opacity for k in numbers])
+        views = visible_from(member, cameras, silent)
+        if views:
+            pixels, block = ViewPixels(views, opacity), np.ix_(numbers, numbers)
+            seen[numbers], together[block], encloses[block] = pixels.inside.sum(0), pixels.together, pixels.encloses
     own = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
     colours = np.asarray(rgb2lab(own[None])[0], np.float64)
     for k, one in seen_of(scene, [scene.render(camera, "pcn") for camera in cameras], WHITE).items():
         colours[k, 0] = float(rgb2lab(one.colours[None])[0][:, 0] @ one.weights)
-    seen = pixels.inside.sum(0)
-    return Glimpse(seen / max(seen.sum(), 1e-9), pixels.together, pixels.encloses, colours)
+    return Glimpse(seen / max(seen.sum(), 1e-9), together, encloses, colours)
 
 
 def difference_of(a: Family, b: Family) -> float:

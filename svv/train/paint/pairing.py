@@ -40,6 +40,9 @@ turned by :data:`DECIDED`, where 1 is the difference of black and white."""
 DECIDED = 10.0
 """Difference in lightness, CIELAB, of two regions from which their order counts wholly."""
 
+BESIDE = 0.5
+"""Weight of the order of lightness of two regions that are seen together, of which neither encloses the other."""
+
 LEFT = 18.0
 """CIEDE2000 to the other families that a family keeps when it takes in one that no region has."""
 
@@ -170,7 +173,9 @@ class _Costs:
         # Every two regions are told apart, those that are seen through or before one another above all.
         self.pairs = np.triu(0.3 + 0.7 * glimpse.together, 1) * np.outer(glimpse.seen > 0.0, glimpse.seen > 0.0)
         light, tone = glimpse.colours[:, 0], np.array([one.mean[0] for one in families])
-        self.order = glimpse.encloses * np.clip((light[:, None] - light) / DECIDED, -1.0, 1.0)
+        # Where nothing is enclosed, what is dark in the volume rendering stays dark among what is seen with it.
+        before = np.maximum(glimpse.encloses, np.triu(BESIDE * glimpse.together * ~glimpse.encloses.T, 1))
+        self.order = before * np.clip((light[:, None] - light) / DECIDED, -1.0, 1.0)
         self.lighter = np.clip((tone[:, None] - tone) / DECIDED, -1.0, 1.0)
 
     def of(self, pairings: NDArray[np.int64]) -> Floats:

@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from svv.core.colour.colour_vision import COLOUR_VISIONS, LEAST_DIFFERENCE
-from svv.errors import BadInput
+from svv.errors import BadInput, silent
+from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import look_alikes, pairs_of, seen_in
@@ -17,7 +19,9 @@ from svv.render.distinct import distinct
 from svv.styles.gallery import gallery_picture
 from svv.train.paint.ink import StyleInput
 from svv.train.paint.legibility import notes_on
+from svv.train.paint.painting import owners_of, painted_field
 from svv.train.paint.pairing import glimpse_of
+from svv.train.paint.pieces_apart import keep_pieces_apart
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
 
@@ -56,6 +60,18 @@ def test_pieces_are_kept_apart(balls: Scene) -> None:
     whole = painted(balls, "mosaic", divide="no", manner="pieces")
     assert whole.styled is not None and not isinstance(whole.styled.brushed, Brushed)
     assert apart(whole) >= min(LEAST_DIFFERENCE, apart(balls, "pcn"))
+
+
+def test_other_paint_does_not_move_with_pieces(balls: Scene) -> None:
+    field = painted_field(balls, 1.0 / balls.occupancy.cells)
+    lattice = field.encoding
+    assert isinstance(lattice, SparseLattice)
+    lattice.table.data.fill_(0.5)
+    picture, flats = gallery_picture("mosaic", 100), torch.full((2, 3), 0.5)
+    keep_pieces_apart(balls, field, {1: picture}, [0, 1], flats, silent)
+    owner, table = owners_of(balls, field.resolutions[-1], [0, 1]), lattice.table.detach().numpy()
+    assert (table[owner == 0] == 0.5).all() and (owner == 0).any()
+    assert np.abs(table[owner == 1] - 0.5).min() > 0.02
 
 
 def test_strokes_that_look_alike_are_told_and_moved_apart_by_one_edit(balls: Scene, similar: Scene) -> None:

@@ -79,7 +79,7 @@ class Laying:
         if styles:
             pictures = {k: self.order.styles[self.order.pairs[k]] for k in styles}
             flats, told = self._transferred(styles), part(progress, 1.0, 1.0)
-            self.remarks.doubtful |= keep_pieces_apart(self.scene, field, pictures, flats, told)
+            self.remarks.doubtful |= keep_pieces_apart(self.scene, field, pictures, self.order.named, flats, told)
         return field
 
     def _laid(self, styles: dict[int, PieceStyle], progress: Progress) -> UnrestrictedField:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import torch
@@ -28,14 +28,16 @@ NEARLY = 0.03
 
 @torch.no_grad()
 def keep_pieces_apart(
-    scene: Scene, field: UnrestrictedField, pictures: Mapping[int, Style], flats: Tensor, progress: Progress
-) -> bool:
+    scene: Scene, field: UnrestrictedField, pictures: Mapping[int, Style], styled: Collection[int], flats: Tensor,
+    progress: Progress,
+) -> bool:  # fmt: skip
     """Move the lightness and chroma of regions' paint where they could be confused.
 
     Args:
         scene: The scene that is painted.
         field: Its paint, which is changed.
         pictures: Picture of each region that is painted by pieces.
+        styled: These and all others that have paint, which does not change.
         flats: Mean colours of all regions, RGB. (R, 3)
         progress: Called several times a second.
 
@@ -65,7 +67,8 @@ def keep_pieces_apart(
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
     if moves:
-        owner, table = owners_of(scene, field.resolutions[-1], painted), lattice.table.cpu().numpy()
+        owner = owners_of(scene, field.resolutions[-1], sorted(styled))
+        table = lattice.table.detach().cpu().numpy().copy()
         for k, move in moves.items():
             mine = owner == k
             table[mine] = move.of_rgb(table[mine].clip(0.0, 1.0))

@@ -17,6 +17,7 @@ from svv.own_symbols import TRITON, prefer_own_symbols
 
 if TYPE_CHECKING:
     from svv.core.colour.correction import Correction as Correction
+    from svv.core.geometry.camera_path import camera_path as camera_path
     from svv.core.geometry.cameras import Camera as Camera
     from svv.dvr.draw.views import make_views as make_views
     from svv.dvr.functions.transfer_functions import TransferFunction as TransferFunction
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from svv.io.pictures.output import write_png as write_png
     from svv.io.pictures.style_picture import read_style as read_style
     from svv.io.views.camera_file import read_camera as read_camera
+    from svv.io.views.camera_file import read_cameras as read_cameras
     from svv.io.views.viewset import ViewSet as ViewSet
     from svv.job.volume_panels import volume_panel as volume_panel
     from svv.options.figures import FigureOptions as FigureOptions
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
+    from svv.render.frames import write_movie as write_movie
     from svv.render.looks.look import Look as Look
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
@@ -74,6 +77,7 @@ PUBLIC = {
     "ViewOptions": "svv.options.making",
     "ViewSet": "svv.io.views.viewset",
     "bake": "svv.render.baking.baked",
+    "camera_path": "svv.core.geometry.camera_path",
     "correct_palette": "svv.train.correct",
     "evaluate_scene": "svv.train.pipeline",
     "figure": "svv.render.figures.figure",
@@ -81,6 +85,7 @@ PUBLIC = {
     "make_views": "svv.dvr.draw.views",
     "orbit": "svv.render.frames",
     "read_camera": "svv.io.views.camera_file",
+    "read_cameras": "svv.io.views.camera_file",
     "read_style": "svv.io.pictures.style_picture",
     "say": "svv.render.words.say",
     "show": "svv.render.show",
@@ -89,6 +94,7 @@ PUBLIC = {
     "volume_panel": "svv.job.volume_panels",
     "widget": "svv.render.show",
     "write_html": "svv.render.web.page",
+    "write_movie": "svv.render.frames",
     "write_png": "svv.io.pictures.output",
 }
 """Public name -> the module that defines it, imported on first access (PEP 562)."""

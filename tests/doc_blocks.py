@@ -18,6 +18,7 @@ from PIL import Image
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
 from svv.cli.app import app
+from svv.core.geometry.cameras import look_at
 from svv.dvr.draw.views import make_views
 from svv.fields.scene.scene import Scene
 from svv.styles.offered import GALLERY
@@ -107,6 +108,8 @@ def fill(folder: Path) -> None:
     write_database(folder / "head.cdb")
     write_over(folder / "white.cdb", 255.0)
     write_over(folder / "black.cdb", 0.0)
+    poses = [look_at(position, (0.0, 0.0, 0.0)).tolist() for position in ((0, 0, 4), (2, 0, 0))]
+    (folder / "keys.json").write_text(json.dumps({"fov": 30, "frames": [{"camera_to_world": one} for one in poses]}))
     (folder / "head.pvsm").write_text(
         '<ParaView><Proxy group="views"><Property name="CameraPosition"><Element index="0" value="0"/>'
         '<Element index="1" value="0"/><Element index="2" value="6"/></Property></Proxy></ParaView>'
@@ -167,7 +170,9 @@ def _svv(arguments: Sequence[str]) -> None:
 
 def _smaller(name: str, arguments: Sequence[str]) -> list[str]:
     """The same command with small pictures, and few of them."""
-    words = [re.sub(r"^\d+$", "2", word) if before == "--orbit" else word for before, word in _pairs(arguments)]
+    words = [
+        re.sub(r"^\d+$", "2", word) if before in ("--orbit", "--path") else word for before, word in _pairs(arguments)
+    ]
     if name != "render":
         return words
     if "--size" in words:

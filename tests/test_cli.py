@@ -20,7 +20,7 @@ from svv.cli import app as cli
 from svv.cli.options import parse_colour, parse_mapping, parse_numbers, parse_size
 from svv.core.geometry.cameras import look_at
 from svv.errors import BadInput, Cancelled
-from svv.io.views.camera_file import read_camera
+from svv.io.views.camera_file import read_camera, read_cameras
 from svv_bench import cli as bench
 from tests.wheels import make_installed
 
@@ -290,7 +290,10 @@ def test_a_camera_file_of_ours_and_of_a_view_set(tmp_path: Path) -> None:
         np.testing.assert_allclose(camera.fov_x, np.pi / 6)
     assert (ours.width, ours.height) == (640, 360)
     assert (theirs.width, theirs.height) == (320, 200)
-    assert read_camera(radians).width == 800
+    assert read_camera(radians, frame=0).width == 800
+    assert [camera.width for camera in read_cameras(radians)] == [800, 800]
+    with pytest.raises(BadInput, match="2 views: choose one"):  # never silently the first
+        read_camera(radians)
 
 
 @pytest.mark.parametrize(

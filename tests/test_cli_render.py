@@ -146,6 +146,36 @@ def test_a_camera_file_places_the_view(svv: Callable[..., None]) -> None:
     assert (image[image[..., 3] > 0] == [255, 0, 0, 128]).all()
 
 
+def test_a_file_of_several_cameras_gives_as_many_pictures(svv: Callable[..., None]) -> None:
+    poses = [look_at((5.0 + x, 0.0, 9.0), (5.0, 0.0, 0.0)).tolist() for x in (0.0, 3.0, 6.0)]
+    told = {"fov": 40, "frames": [{"camera_to_world": pose} for pose in poses]}
+    Path("keys.json").write_text(json.dumps(told))
+    keys = ("--camera", "keys.json", "--size", "32")
+    svv(*keys, "--out", "each")
+    svv(*keys, "--path", "5", "--out", "path")
+    each, path = (sorted(Path(name).iterdir()) for name in ("each", "path"))
+    assert (len(each), len(path)) == (3, 5)
+    for number, frame in enumerate(each):
+        svv(*keys, "--frame", str(number), "--out", "one.png", "--supersample", "1")
+        np.testing.assert_array_equal(picture("one.png"), picture(str(frame)))
+        np.testing.assert_array_equal(picture(str(path[2 * number])), picture(str(frame)))
+    svv(*keys, "--path", "7", "--out", "path.mp4")
+    assert len(frames_of("path.mp4")) == 7
+    svv(*keys, "--out", "each.mp4")
+    assert len(frames_of("each.mp4")) == 3
+    refused = {
+        ("--out", "one.png"): "3 views: choose one with --frame",
+        ("--frame", "3", "--out", "one.png"): "no view 3: its views are 0 to 2",
+        ("--path", "9", "--out", "one.png"): "A path has many views",
+        ("--path", "9", "--frame", "1", "--out", "f"): "--frame or --path, not both",
+    }
+    for options, told_so in refused.items():
+        with pytest.raises(BadInput, match=told_so):
+            svv(*keys, *options)
+    with pytest.raises(BadInput, match="need --camera"):
+        svv("--path", "9", "--out", "f")
+
+
 def test_a_vti_holds_all_three(svv: Callable[..., None]) -> None:
     from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 

@@ -22,8 +22,8 @@ class PictureOptions:
 
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
     """Camera of the picture in which a place is a pixel, as in `svv render`; by default the middle of the orbit."""
-    frame: Annotated[int, Setting(least=0)] = 0
-    """Number of that picture's view in a transforms file."""
+    frame: Annotated[int | None, Setting(least=0)] = None
+    """Number of that picture's view if the camera's file has several."""
     size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size")] = None
     """Size of that picture in pixels; 800 by default."""
 

@@ -311,7 +311,22 @@ def write_movie(
     fps: float = 30.0,
     progress: Progress = silent,
 ) -> None:
-    """Render views into a movie, over white unless a background is given; see :func:`write_view`."""
+    """Render views into a movie, over white unless a background is given; see :func:`write_view`.
+
+    Args:
+        path: The .mp4 to write.
+        scene: The scene.
+        cameras: The cameras of the frames, in world units, all of one size.
+        shown: What the frames show.
+        fps: Frames per second.
+        progress: Called often.
+
+    Raises:
+        BadInput: The scene does not have that network, or the file cannot be written.
+
+    >>> keys = svv.orbit(scene, 5, 32, 32)[1:4]
+    >>> svv.write_movie("path.mp4", scene, svv.camera_path(keys, 5))
+    """
     whole, at, _ = _at_each(scene)
     near_far = _depth_range(whole, cameras, shown.network) if shown.what == "depth" else (0.0, 1.0)
 

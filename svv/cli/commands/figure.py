@@ -61,7 +61,7 @@ class PanelOptions:
     time: Annotated[tuple[float, ...], Setting(metavar="TIME")] = ()
     """Show this time of a scene that has time steps, in a panel of its own."""
     camera: Annotated[tuple[str, ...], Setting(metavar="CAMERA.json")] = ()
-    """Look through this camera, as in `svv render`, in a panel of its own; by default from the front."""
+    """Look through the cameras of this file, as in `svv render`, a panel each; by default from the front."""
     view: Annotated[tuple[str, ...], Setting(metavar="AZ,EL")] = ()
     """Look from this side, in a panel of its own: degrees to the right of the front of the volume, and above it."""
     panel: tuple[PanelName, ...] = ()
@@ -69,8 +69,8 @@ class PanelOptions:
     volume is not there."""
     volume: Annotated[tuple[Path, ...], Setting(metavar="FILE")] = ()
     """The volume of a scene, for --panel dvr; by default the file of its name beside the scene, or here."""
-    frame_number: Annotated[int, Setting("--view-number", metavar="N", least=0)] = 0
-    """Number of the view in a transforms file given as --camera."""
+    frame_number: Annotated[int | None, Setting("--view-number", metavar="N", least=0)] = None
+    """Number of the only view to show of those in a file given as --camera."""
 
 
 @spread
@@ -146,10 +146,12 @@ def _panels(path: Path, scene: Scene, options: PanelOptions, look: Look | None) 
 def _cameras(scene: Scene, options: PanelOptions) -> list[Camera]:
     """Return the cameras of a scene's panels."""
     from svv.cli.options import parse_angles
-    from svv.io.views.camera_file import read_camera
+    from svv.io.views.camera_file import read_camera, read_cameras
     from svv.render.frames import seen_from
 
-    given = [read_camera(Path(path), None, options.frame_number) for path in options.camera]
+    number, files = options.frame_number, map(Path, options.camera)
+    read = [read_cameras(file) if number is None else [read_camera(file, None, number)] for file in files]
+    given = [camera for cameras in read for camera in cameras]
     return given + [seen_from(scene, *parse_angles(text, "--view"), 800, 800) for text in options.view]
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from svv.core.colour.correction import Correction as Correction
     from svv.core.geometry.camera_path import camera_path as camera_path
     from svv.core.geometry.cameras import Camera as Camera
+    from svv.core.geometry.cuts import Cut as Cut
     from svv.dvr.draw.views import make_views as make_views
     from svv.dvr.functions.transfer_functions import TransferFunction as TransferFunction
     from svv.errors import BadInput as BadInput
@@ -61,6 +62,7 @@ PUBLIC = {
     "Camera": "svv.core.geometry.cameras",
     "Cancelled": "svv.errors",
     "Correction": "svv.core.colour.correction",
+    "Cut": "svv.core.geometry.cuts",
     "FigureOptions": "svv.options.figures",
     "Ink": "svv.train.paint.ink",
     "Learning": "svv.train.run.learning",

@@ -77,7 +77,7 @@ def marched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         rays.append(len(first))
         return march(first, *rest, **named)
 
-    monkeypatch.setattr(of_images, "march", counted)
+    monkeypatch.setattr(of_images, "march_uncut", counted)
     return rays
 
 

@@ -41,7 +41,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("scene", "Train a scene on views."),
     "edit": (
         "edit",
-        "Edit a scene's regions: colour, opacity, light, strokes, outlines, visibility and parts. Nothing is trained.",
+        "Edit a scene: colour, opacity, light, strokes, outlines, visibility, cuts and parts. Nothing is trained.",
     ),
     "palette": ("edit", "Correct a scene's palette by hand and train its regions again; the base network is kept."),
     "stylize": ("stylize", "Paint a scene's regions in the style of pictures, or draw them in ink."),

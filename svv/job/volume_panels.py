@@ -105,8 +105,8 @@ def panel_of(scene: Scene, found: Remembered, camera: Camera | None = None, titl
         network = "pcn" if "pcn" in scene.networks else "base"
         note = f"shows the {SHOWN[network]}, not the volume rendering, because {found.said}."
         return Panel(scene, camera, title, network=network, shows=SHOWN[network], note=note)
-    plain = replace(scene, regions=tuple(with_edits(r, named_alone(r)) for r in scene.regions), lamp=Lamp())
-    edited = scene.lamp != plain.lamp or any(edits_of(r) != named_alone(r) for r in scene.regions)
+    plain = replace(scene, regions=tuple(with_edits(r, named_alone(r)) for r in scene.regions), lamp=Lamp(), cuts=())
+    edited = (scene.lamp, scene.cuts) != (plain.lamp, ()) or any(edits_of(r) != named_alone(r) for r in scene.regions)
     note = f"is drawn from {found.said}" + ", without the edits of the scene" * edited + "."
     look = ("volume", id(found.draw))
     network = "pcn" if "pcn" in scene.networks else "base"

@@ -168,6 +168,22 @@ class VisibilityEdit(Request):
 
 
 @dataclass(frozen=True)
+class CutEdit(Request):
+    """Shapes that cut the scene open."""
+
+    cut: Annotated[tuple[str, ...] | None, Setting(metavar="SHAPE", panel="")] = None
+    """Cut off what is inside a shape: 'x>50%', 'x>50%&y<12.5', plane:X,Y,Z:NX,NY,NZ, box:X,Y,Z:X,Y,Z, sphere:X,Y,Z:R or
+    cylinder:X,Y,Z:DX,DY,DZ:R, of some regions only as '0,2=x>50%'. May be repeated."""
+    cut_outside: Annotated[tuple[str, ...] | None, Setting(metavar="SHAPE", panel="")] = None
+    """Cut off what is outside of a shape. May be repeated."""
+    uncut: Annotated[bool | None, Setting(panel="")] = None
+    """Take away all cuts first."""
+
+    def __bool__(self) -> bool:
+        return bool(self.cut or self.cut_outside or self.uncut)
+
+
+@dataclass(frozen=True)
 class SceneEdit:
     """All changes that one command or one panel requests: one step of a scene's history."""
 
@@ -178,6 +194,7 @@ class SceneEdit:
     paint: PaintEdit = PaintEdit()
     outline: OutlineEdit = OutlineEdit()
     visibility: VisibilityEdit = VisibilityEdit()
+    cuts: CutEdit = CutEdit()
     part: PartEdit = PartEdit()
     """A part to split off first; ``split_at`` in world coordinates."""
     of: tuple[int, ...] = ()
@@ -187,5 +204,14 @@ class SceneEdit:
 
     def __bool__(self) -> bool:
         return any(
-            (*self.regions.values(), self.light, self.occlusion, self.paint, self.outline, self.visibility, self.part)
+            (
+                *self.regions.values(),
+                self.light,
+                self.occlusion,
+                self.paint,
+                self.outline,
+                self.visibility,
+                self.cuts,
+                self.part,
+            )
         )

@@ -17,6 +17,7 @@ from svv.cli.pointing import PictureOptions, parse_pointed, point_in
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.editing import (
+    CutEdit,
     DistinctName,
     LightEdit,
     OcclusionEdit,
@@ -53,6 +54,9 @@ EDIT = (
     "svv edit painted.svv --stroke-opacity 0.6 --out strokes.svv",
     "svv edit painted.svv --region 0 --stroke-width 0.7 --stroke-relief 1.5 --out finer.svv",
     "svv edit painted.svv --stroke-palette scream.jpg --stroke-light 60,30 --out other.svv",
+    "svv edit scene.svv --cut 'x>50%' --out half.svv",
+    "svv edit scene.svv --cut '0=x>50%&y>50%&z>50%' --out open.svv",
+    "svv edit open.svv --uncut --cut sphere:32,32,32:10 --out hollow.svv",
     "svv edit scene.svv --occlusion 0.8 --out deep.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
@@ -134,11 +138,12 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     paint: PaintEdit = PaintEdit(),
     outline: OutlineEdit = OutlineEdit(),
     visibility: VisibilityEdit = VisibilityEdit(),
+    cuts: CutEdit = CutEdit(),
     part: PartEdit = PartEdit(),
     picture: PictureOptions = PictureOptions(),
     steps: Steps = Steps(),
 ) -> None:
-    """Edit a scene's regions: colour, opacity, light, strokes, outlines, visibility and parts. Nothing is trained.
+    """Edit a scene: colour, opacity, light, strokes, outlines, visibility, cuts and parts. Nothing is trained.
 
     All changes made by one command form one step in the history of the scene file, which --undo reverts. --reset is
     applied first, then --split-at, the options that hide and show regions, and all others. --split-at makes the
@@ -151,7 +156,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     chosen = () if region is None else (region,)
     regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name or []))
     regions = _with(regions, "matcap", parse_names(asked.matcap or [], "--matcap 0=jade"))
-    request = SceneEdit(regions, light, occlusion, paint, outline, visibility, part, chosen, chosen)
+    request = SceneEdit(regions, light, occlusion, paint, outline, visibility, cuts, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."

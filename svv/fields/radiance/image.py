@@ -71,6 +71,7 @@ def draw(
         strokes = strokes_of(scene)
         strokes = numbers_on([(0.0,) * 4] * len(scene.regions), paint.device) if strokes is None else strokes
         sigma = kernels.overpaint(surface, paint, scene.paint_shares, strokes, sigma)
+    sigma = scene.cut_open(sigma, samples, region)
     occlude(scene, surface.colour, samples.position, surface.region)
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):

@@ -33,6 +33,9 @@ MOST_CELLS = 1 << 14
 MOST_LEVELS, MOST_FEATURES, MOST_LOG_ENTRIES = 64, 64, 30
 """Largest numbers of levels, of features of a level, and of rows of a level of the hash grid, as a power of two."""
 
+MOST_PLANES = 32
+"""Largest number of planes of a cut."""
+
 BYTES_A_VERTEX = 6
 """Bytes that laying out a lattice takes for each vertex of its box: marks of cells and vertices, and a number."""
 
@@ -45,6 +48,13 @@ def _pairs_in(value: object, name: str) -> tuple[tuple[float, float], ...]:
 
 def _vectors_in(value: object, name: str) -> tuple[tuple[float, float, float], ...]:
     return tuple(vector_in(v, name) for v in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
+
+
+def _planes_in(value: object, name: str) -> tuple[tuple[float, ...], ...]:
+    planes = list_in(value, len(value) if isinstance(value, list | tuple) else 0, name)
+    if len(planes) > MOST_PLANES:
+        raise ValueError(f"{name} has more than {MOST_PLANES} planes")
+    return tuple(tuple(float(number_in(v, name)) for v in list_in(plane, 4, name)) for plane in planes)
 
 
 def _wholes_in(value: object, name: str) -> tuple[int, ...]:
@@ -60,6 +70,7 @@ _KINDS: Mapping[str, Callable[[object, str], object]] = {
     "tuple[float, float, float]": vector_in,
     "tuple[tuple[float, float], ...]": _pairs_in,
     "tuple[tuple[float, float, float], ...]": _vectors_in,
+    "tuple[tuple[float, float, float, float], ...]": _planes_in,
     "tuple[int, ...]": _wholes_in,
 }
 """Annotation of a field -> what turns the value in a file into one of that type."""

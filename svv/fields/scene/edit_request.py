@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from svv.core.geometry.cuts import Cut
 from svv.errors import Progress, silent
 from svv.fields.scene.scene import Scene
 from svv.options.editing import SPLIT_LEVEL, SceneEdit
@@ -10,7 +11,7 @@ from svv.options.editing import SPLIT_LEVEL, SceneEdit
 def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Scene:
     """Return the scene with everything in the request applied, as one step that can be undone.
 
-    Resets are applied first, then a split, visibility, regions, light, occlusion, paint and outlines.
+    Resets are applied first, then a split, visibility, cuts, regions, light, occlusion, paint and outlines.
 
     Raises:
         BadInput: One of the edits cannot be made (:mod:`svv.fields.scene.edits`).
@@ -27,6 +28,11 @@ def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Sce
         result = result.hidden(*seen.hide)
     if seen.show is not None:
         result = result.shown(*seen.show)
+    if edit.cuts.uncut:
+        result = result.uncut()
+    for texts, outside in ((edit.cuts.cut, False), (edit.cuts.cut_outside, True)):
+        if texts:
+            result = result.cut(*(Cut.parse(text, scene.bounds, outside) for text in texts))
     for region, change in edit.regions.items():
         if change:
             result = result.edited(region, **change.given())

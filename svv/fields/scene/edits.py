@@ -18,11 +18,12 @@ import numpy as np
 
 from svv.core.colour.colour import to_hex
 from svv.core.colour.light import Lamp, checked_coefficients
+from svv.core.geometry.cuts import Cut
 from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress
 from svv.fields.radiance.matcaps import check_has_normals, checked_matcap, said_of
 from svv.fields.radiance.occlusion import check_has_extinction
-from svv.fields.scene.history import Edits, History, Step, edits_of, named_alone, restyled, with_edits
+from svv.fields.scene.history import MOST_CUTS, Edits, History, Step, edits_of, named_alone, restyled, with_edits
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, checked_name, checked_space
@@ -181,12 +182,28 @@ def with_outline(
     return changed(scene, ", ".join(said), changes)
 
 
+def cut(scene: S, cuts: Sequence[Cut]) -> S:
+    """Return a scene with more cuts; see :meth:`svv.Scene.cut`."""
+    for one in cuts:
+        check_regions(scene, *(one.regions or range(len(scene.regions))))
+    every = (*scene.cuts, *(one for one in dict.fromkeys(cuts) if one not in scene.cuts))
+    if len(every) > MOST_CUTS:
+        raise BadInput(f"A scene has at most {MOST_CUTS} cuts, not {len(every)}: take some away with --uncut.")
+    return after(scene, "; ".join(one.said() for one in cuts), scene.regions, cuts=every)
+
+
+def uncut(scene: S) -> S:
+    """Return a scene without cuts."""
+    return after(scene, "uncut", scene.regions, cuts=())
+
+
 def reset(scene: S, regions: Sequence[int]) -> S:
     """Return a scene with these regions as trained and painted; see :meth:`svv.Scene.reset`."""
     chosen = regions or tuple(range(len(scene.regions)))
     check_regions(scene, *chosen)
     plain = tuple(with_edits(r, named_alone(r)) if k in chosen else r for k, r in enumerate(scene.regions))
-    return after(scene, f"reset {_listed(regions) or 'all'}", plain, scene.lamp if regions else Lamp())
+    lamp, cuts = (scene.lamp, scene.cuts) if regions else (Lamp(), ())
+    return after(scene, f"reset {_listed(regions) or 'all'}", plain, lamp, cuts)
 
 
 def undone(scene: S) -> S:
@@ -207,7 +224,7 @@ def redone(scene: S) -> S:
 
 def as_step(scene: Model, what: str) -> Step:
     """Return the current edits as a step for the history."""
-    return Step(what, tuple(map(edits_of, scene.regions)), scene.lamp)
+    return Step(what, tuple(map(edits_of, scene.regions)), scene.lamp, scene.cuts)
 
 
 def as_one_step(scene: S, before: Model) -> S:
@@ -216,7 +233,7 @@ def as_one_step(scene: S, before: Model) -> S:
     steps = [step.what for step in scene.history.past if id(step) not in known]
     if len(steps) < 2:
         return scene
-    if scene.regions == before.regions and scene.lamp == before.lamp:
+    if (scene.regions, scene.lamp, scene.cuts) == (before.regions, before.lamp, before.cuts):
         return replace(scene, history=before.history)
     return replace(scene, history=before.history.after(as_step(before, "; ".join(steps))))
 
@@ -227,7 +244,8 @@ def with_edits_of(scene: S, other: Model) -> S:
         replace(restyled(theirs, own.style, own.glaze), strength=own.strength, mean_light=own.mean_light)
         for own, theirs in zip(scene.regions, other.regions, strict=True)
     )
-    shown = replace(scene, regions=tuple(regions), unsplit=other.unsplit, lamp=other.lamp, history=other.history)
+    shown = replace(scene, regions=tuple(regions), unsplit=other.unsplit, lamp=other.lamp, cuts=other.cuts)
+    shown = replace(shown, history=other.history)
     layers = (replace(own, parts=layer.parts) for own, layer in zip(scene.layers, other.layers, strict=True))
     return replace(shown, parts=other.parts, layers=tuple(layers))
 
@@ -260,13 +278,15 @@ def changed(scene: S, what: str, changes: dict[int, Edits]) -> S:
     return after(scene, what, tuple(replace(r, **changes.get(k, {})) for k, r in enumerate(scene.regions)))
 
 
-def after(scene: S, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None) -> S:
-    """Return the scene with other regions or light, and one more step in its history unless they are the same."""
-    lamp = lamp or scene.lamp
-    if regions == scene.regions and lamp == scene.lamp:
+def after(
+    scene: S, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None, cuts: tuple[Cut, ...] | None = None
+) -> S:
+    """Return the scene with other regions, light or cuts, and one more step in its history unless they are the same."""
+    lamp, cuts = lamp or scene.lamp, scene.cuts if cuts is None else cuts
+    if (regions, lamp, cuts) == (scene.regions, scene.lamp, scene.cuts):
         return scene
     history = scene.history.after(as_step(scene, what))
-    return replace(scene, regions=regions, lamp=lamp, history=history)
+    return replace(scene, regions=regions, lamp=lamp, cuts=cuts, history=history)
 
 
 def _at(scene: S, step: Step, history: History) -> S:
@@ -275,7 +295,7 @@ def _at(scene: S, step: Step, history: History) -> S:
     regions = tuple(with_edits(r, e) for r, e in zip(every[:count], step.edits, strict=True))
     layers = (replace(s, parts=counted(s.parts, regions, k)) for k, s in enumerate(scene.layers, start=1))
     return replace(
-        scene, regions=regions, unsplit=every[count:], lamp=step.lamp, history=history,
+        scene, regions=regions, unsplit=every[count:], lamp=step.lamp, cuts=step.cuts, history=history,
         parts=counted(scene.parts, regions, 0), layers=tuple(layers),
     )  # fmt: skip
 

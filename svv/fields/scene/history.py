@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from svv.core.colour.light import Lamp
+from svv.core.geometry.cuts import Cut
 from svv.fields.scene.checked import values_of
 from svv.fields.scene.region import Region, paint_light_of
 
@@ -15,6 +16,9 @@ IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light", "glaze
 
 MOST_UNDO_STEPS = 50
 """Maximum number of edits that can be undone; older ones are forgotten."""
+
+MOST_CUTS = 16
+"""Most cuts of a scene."""
 
 Edits = dict[str, Any]
 """The edits of one region by field; only those that differ from the trained values."""
@@ -53,6 +57,13 @@ def _plain(region: Region) -> Edits:
     return {**plain, "paint_light": paint_light_of(region.style), "stroke_opacity": region.glaze}
 
 
+def cuts_in(content: object) -> tuple[Cut, ...]:
+    """Return cuts from plain values; raises BadInput, TypeError or ValueError if they are none."""
+    if not isinstance(content, list) or len(content) > MOST_CUTS:
+        raise ValueError(f"cuts are a list of at most {MOST_CUTS}")
+    return tuple(Cut(**values_of(Cut, one)) for one in content)
+
+
 @dataclass(frozen=True)
 class Step:
     """One edit that can be undone or redone."""
@@ -64,6 +75,8 @@ class Step:
     the edits of one region less or more than the scene."""
     lamp: Lamp = field(default_factory=Lamp)
     """The light before the step; for a step that was undone, after it."""
+    cuts: tuple[Cut, ...] = ()
+    """The cuts before the step; for a step that was undone, after it."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +109,10 @@ class History:
     def to_json(self) -> dict[str, object]:
         """Return plain values for the scene's header."""
         named = {"past": self.past, "future": self.future}
-        return {name: [{**vars(s), "lamp": vars(s.lamp)} for s in steps] for name, steps in named.items()}
+        return {
+            name: [{**vars(s), "lamp": vars(s.lamp), "cuts": list(map(vars, s.cuts))} for s in steps]
+            for name, steps in named.items()
+        }
 
     @classmethod
     def from_json(cls, content: dict[str, Any], regions: Sequence[Region]) -> History:
@@ -113,6 +129,7 @@ class History:
             if len(edits) < fewest:
                 raise ValueError(f"a step with the edits of {len(edits)} regions does not fit {fewest}")
             told = [edits_of(with_edits(region, e)) for region, e in zip(regions[: len(edits)], edits, strict=True)]
-            return Step(str(values["what"]), tuple(told), Lamp(**values_of(Lamp, values.get("lamp", {}))))
+            lamp = Lamp(**values_of(Lamp, values.get("lamp", {})))
+            return Step(str(values["what"]), tuple(told), lamp, cuts_in(values.get("cuts", [])))
 
         return cls(*(tuple(step(values) for values in content[name])[-MOST_UNDO_STEPS:] for name in ("past", "future")))

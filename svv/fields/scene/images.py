@@ -19,6 +19,7 @@ from svv.core.geometry.cameras import Camera
 from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress
+from svv.fields.radiance.cutting import march_uncut
 from svv.fields.radiance.image import draw, image_kernels_of, look_at
 from svv.fields.radiance.kept_views import View, key_of
 from svv.fields.radiance.matcaps import dress
@@ -33,7 +34,6 @@ from svv.fields.radiance.rendering import (
     composite,
     empty_images,
     ended,
-    march,
     new_images,
     not_hidden,
     on_cpu,
@@ -221,14 +221,17 @@ Seen = tuple[Samples, Tensor, Tensor, Tensor]
 
 def marching_as_edited(scene: Model, network: str) -> Marching:
     """Return how rays are sampled; they go deeper where edits make regions more transparent."""
-    return replace(scene.marching_for_images, fade=fade_of(scene, network))
+    cuts = tuple(cut.in_box(scene.occupancy.box) for cut in scene.cuts)
+    # What a cut of some regions takes away must not end a ray.
+    fade = 0.0 if any(cut.regions for cut in cuts) else fade_of(scene, network)
+    return replace(scene.marching_for_images, fade=fade, cuts=cuts)
 
 
 @torch.no_grad()
 def visible_samples(scene: Model, rays: Rays, network: str) -> Samples:
     """Return the samples of rays for an image."""
     how = marching_as_edited(scene, network)
-    samples = march(rays, scene.occupancy, scene.base.density, how)
+    samples = march_uncut(rays, scene.occupancy, scene.base.density, how)
     if scene.base.density is None:
         samples, _ = not_hidden(samples, scene.base.extinction(samples), how)
         return samples
@@ -258,6 +261,7 @@ def shade(
     region = of_colour(here, parts.region)
     paint = scene.paint(samples, network, region)
     sigma = followed(scene, sigma, region, paint)
+    sigma = scene.cut_open(sigma, samples, region)
     if any(r.seen_opacity != 1.0 for r in scene.regions):
         sigma = sigma * numbers_on([r.seen_opacity for r in scene.regions], sigma.device)[region]
     diffuse = scene.with_style(parts.diffuse(scene.edited_colours(parts.offsets, here)), region, paint)

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import CameraRig
+from svv.core.geometry.cuts import Cut
 from svv.errors import BadInput, Progress
 from svv.fields.scene.edits import split_at as split_alone
 from svv.fields.scene.edits import with_part, without_undone_splits
-from svv.fields.scene.history import History
+from svv.fields.scene.history import MOST_CUTS, History
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
 from svv.io.views.view_meta import VolumeGrid
@@ -66,8 +67,8 @@ def joined(scenes: Sequence[S]) -> S:
         for region in scene.regions:
             parent = None if region.part_of is None else count + region.part_of
             regions.append(replace(region, layer=number, part_of=parent))
-    plain = [replace(scene, history=History(), others=()) for scene in scenes]
-    first = replace(plain[0], camera_rig=_rig_around(scenes), lamp=_lamp_of(scenes))
+    plain = [replace(scene, history=History(), others=(), cuts=()) for scene in scenes]
+    first = replace(plain[0], camera_rig=_rig_around(scenes), lamp=_lamp_of(scenes), cuts=_cuts_together(scenes))
     return replace(first, regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
 
 
@@ -142,7 +143,32 @@ def members(scene: S) -> tuple[S, ...]:
     found = []
     for number, member in enumerate(scene.every_layer):
         every, count = of_layer(scene.every_region, number), sum(r.layer == number for r in scene.regions)
-        found.append(replace(member, lamp=scene.lamp, history=History(), regions=every[:count], unsplit=every[count:]))
+        cuts = _cuts_of(scene, number)
+        own = replace(member, lamp=scene.lamp, cuts=cuts, history=History())
+        found.append(replace(own, regions=every[:count], unsplit=every[count:]))
+    return tuple(found)
+
+
+def _cuts_of(scene: Model, number: int) -> tuple[Cut, ...]:
+    """Return the cuts of a member, with its own numbers of regions."""
+    own = [k for k, region in enumerate(scene.regions) if region.layer == number]
+    found = []
+    for cut in scene.cuts:
+        among = tuple(place for place, k in enumerate(own) if k in cut.regions)
+        if among or not cut.regions:
+            found.append(replace(cut, regions=() if len(among) == len(own) else among))
+    return tuple(found)
+
+
+def _cuts_together(scenes: Sequence[Model]) -> tuple[Cut, ...]:
+    """Return the cuts of scenes that are joined, each with the numbers of its scene's regions."""
+    found, first = list[Cut](), 0
+    for scene in scenes:
+        count = len(scene.regions)
+        found += [replace(c, regions=tuple(first + k for k in c.regions or range(count))) for c in scene.cuts]
+        first += count
+    if len(found) > MOST_CUTS:
+        raise BadInput(f"The scenes have {len(found)} cuts together, and a scene has at most {MOST_CUTS}.")
     return tuple(found)
 
 
@@ -153,11 +179,13 @@ def with_members(scene: S, changed: Sequence[S]) -> S:
     count, history = len(scene.regions), scene.history.rebased(scene.every_region, every)
     shared = changed[0].steps
     layers = tuple(
-        replace(s, regions=(), unsplit=(), steps=None if s.steps is shared else s.steps, others=()) for s in changed[1:]
+        replace(s, regions=(), unsplit=(), cuts=(), steps=None if s.steps is shared else s.steps, others=())
+        for s in changed[1:]
     )
     return replace(
         changed[0],
-        regions=every[:count], unsplit=every[count:], lamp=scene.lamp, history=history, others=(), layers=layers,
+        regions=every[:count], unsplit=every[count:], lamp=scene.lamp, cuts=scene.cuts, history=history, others=(),
+        layers=layers,
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from svv.core.colour.colour import shift_colours
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.colour.oklab import shift_in_oklab
 from svv.core.geometry.cameras import Camera, CameraRig
+from svv.core.geometry.cuts import Cut
 from svv.core.strokes.strokes import Floats
 from svv.errors import BadInput
 from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
@@ -97,6 +98,8 @@ class Model:
     """Where regions that are parts of others are; None if no region was ever split."""
     lamp: Lamp = field(default_factory=Lamp)
     """The light of a scene whose lighting is ``phong``."""
+    cuts: tuple[Cut, ...] = ()
+    """What is cut off, in world units."""
     history: History = field(default_factory=History)
     """The steps that can be undone and redone."""
 
@@ -209,6 +212,24 @@ class Model:
     def marching_for_images(self) -> Marching:
         """How rays are sampled for images of the unedited scene."""
         return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
+
+    @torch.no_grad()
+    def cut_open(self, sigma: Tensor, samples: Samples, region: Tensor) -> Tensor:
+        """Return the extinction (S,) of samples, without that of regions (S,) that are cut off where the samples lie.
+
+        Cuts of all regions are not looked at: nothing of what they take away is sampled.
+        """
+        for cut in self.cuts:
+            if cut.regions:
+                depth = cut.in_box(self.occupancy.box).depth(samples.position)
+                left = (0.5 - depth / samples.step).clamp(0.0, 1.0)  # over a step, or the faces would show steps
+                sigma = torch.where(self.in_cut(cut, region), left * sigma, sigma)
+        return sigma
+
+    def in_cut(self, cut: Cut, region: Tensor) -> Tensor:
+        """Return which samples are of a region (S,) that a cut opens; parts of a region are cut with it. (S,)"""
+        own = [not cut.regions or k in cut.regions or r.part_of in cut.regions for k, r in enumerate(self.regions)]
+        return torch.tensor(own, device=region.device)[region.long()]
 
     def coefficients(self) -> Tensor | None:
         """Return each region's edited ambient, diffuse, specular and shininess (regions, 4); None without such light.

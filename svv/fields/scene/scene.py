@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.geometry.cameras import Camera
+from svv.core.geometry.cuts import Cut
 from svv.errors import Progress, silent
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.phong import Beams
@@ -95,6 +98,32 @@ class Scene(Model):
             BadInput: The lighting comes from a network, the scene has no light, or a number is out of range.
         """
         return edits.with_light(self, azimuth, elevation, direction, intensity)
+
+    def cut(self, *cuts: Cut | str) -> Self:
+        """Return a scene cut open: what is inside a shape, or outside of it, is not shown; nothing is trained.
+
+        Args:
+            cuts: Shapes in world units, or texts that :meth:`svv.Cut.parse` reads, such as ``"x>50%&y>50%"``.
+
+        Raises:
+            BadInput: A text is no cut, a region does not exist, or there are too many.
+
+        >>> half = scene.cut("x>50%")
+        >>> half.cuts[0].said()
+        'cut x > 0'
+        """
+        bounds = self.bounds
+        return edits.cut(self, [Cut.parse(one, bounds) if isinstance(one, str) else one for one in cuts])
+
+    def uncut(self) -> Self:
+        """Return the scene without its cuts, as one edit."""
+        return edits.uncut(self)
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of what it shows, with all its members, in world units. (2, 3)"""
+        every = np.stack([layer.occupancy.box.bounds for layer in self.every_layer])
+        return np.stack([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
 
     def hidden(self, *regions: int) -> Self:
         """Return a scene in which these regions are hidden; their opacities are kept for when they are shown again.

@@ -20,7 +20,7 @@ from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedFi
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
-from svv.fields.scene.history import History
+from svv.fields.scene.history import History, cuts_in
 from svv.fields.scene.joined import members
 from svv.fields.scene.kept_styles import KEPT, put_apart, put_back, without_kept
 from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
@@ -48,6 +48,7 @@ def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str,
         "images": {"stride": scene.stride, "joined": scene.joined},
         "normal_resolutions": _normal_resolutions(scene),
         "lamp": vars(scene.lamp),
+        "cuts": [vars(cut) for cut in scene.cuts],
         "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
         "networks": [name for name, network in own_networks(scene) if network is not None],
         "regions": [vars(r) for r in scene.regions],
@@ -219,7 +220,7 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
     return kind(
         settings, occupancy, marching, base, palette, styled, values, steps, rig, _made_in(header["made"], tensors),
         regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
-        painting=painting, others=tuple(variants), **images,
+        cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), **images,
     )  # fmt: skip
 
 
@@ -344,6 +345,7 @@ def info_of(scene: Model) -> dict[str, Any]:
         "bounds": scene.occupancy.box.bounds.tolist(),
         "regions": [vars(r) for r in scene.regions],
         **_light_of(scene),
+        "cuts": [cut.said() for cut in scene.cuts],
         "times": [] if scene.steps is None or len(scene.steps) < 2 else scene.steps.times,
         "variant": scene.variant,
         "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in scene.every_variant},

@@ -117,6 +117,7 @@ def told(scene: Scene) -> str:
     lines += [f"region {k} is part of region {r.part_of}" for k, r in enumerate(scene.regions) if r.part_of is not None]
     if past:
         lines.append(f"last edit: {past[-1].what} ({len(past)} to undo)")
+    lines += [cut.said() for cut in scene.cuts]
     if scene.settings.lighting == "phong":
         lines.append(scene.lamp.said())
     if scene.variants:

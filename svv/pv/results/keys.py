@@ -132,4 +132,4 @@ def digest_of_edits(scene: Scene) -> str:
     """Return a hash of a scene's edits and paintings: all that :func:`digest_of_scene` omits, except the history."""
     header, arrays = scene.to_arrays()
     paintings = {k: v for k, v in arrays.items() if k.split(".")[0] not in ("base", "pcn", "occupied")}
-    return digest({k: header[k] for k in ("regions", "lamp", "painting", "variants")}, paintings)
+    return digest({k: header[k] for k in ("regions", "lamp", "cuts", "painting", "variants")}, paintings)

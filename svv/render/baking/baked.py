@@ -7,6 +7,7 @@ Letters: S points in occupied cells, (Z, Y, X) points of the grid.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import cast
 
@@ -32,6 +33,7 @@ from svv.options.baking import BakeOptions
 from svv.options.making import NetworkName
 from svv.render.baking.baked_volume import BakedVolume, halved, span_all_bytes, summed
 from svv.render.baking.baking_kernels import extend_colours, soften_edges
+from svv.render.baking.cut import DROP, REACH
 from svv.render.baking.voxels import CHUNK, Grid, Matter, as_samples, grid_around, grid_of, matter_of, paint_at, twice
 
 SIDES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
@@ -102,7 +104,16 @@ class Baker:
         shown = [k for k, member in enumerate(every) if any(r.seen_opacity for r in member.regions)] or [0]
         for done, number in enumerate(shown):
             member, own = every[number], network_in(every[number], network_of(scene, options))
-            key = member.base, member.palette_network, member.styled, member.regions, member.parts, member.lamp, options
+            key = (
+                member.base,
+                member.palette_network,
+                member.styled,
+                member.regions,
+                member.parts,
+                member.lamp,
+                member.cuts,
+                options,
+            )
             baker, known, volume = self._layers.get(number, (Baker(), None, None))
             if volume is None or known != key:
                 share = part(progress, done / len(shown), (done + 1) / len(shown))
@@ -218,7 +229,13 @@ def _seen_extinction(scene: Scene, matter: Matter, paint: Tensor | None) -> Tens
     logs = matter.log_extinction + seen[matter.region]
     shown = None if paint is None else paint.float()
     factor = followed(scene, torch.ones_like(logs), matter.region, shown)
-    return logs + factor.log()
+    logs = logs + factor.log()
+    for cut in scene.cuts:
+        beyond = cut.in_box(scene.occupancy.box).depth(matter.position) * matter.grid.resolution
+        beyond = torch.where(scene.in_cut(cut, matter.region), beyond, -torch.inf)
+        drop = DROP * (beyond + math.log(2.0) / DROP).clamp(min=0.0)
+        logs = torch.where(beyond > REACH, -torch.inf, logs - drop)
+    return logs
 
 
 def _colour(

@@ -106,6 +106,10 @@ def html_of(
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     _check_occlusion(scene)
+    if scene.cuts:
+        raise BadInput(
+            "A page does not show cuts: take them away (svv edit --uncut), or write pictures or a movie of the scene."
+        )
     scene = scene.on(torch.device("cpu"))
     rig = _closer(scene)
     stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))

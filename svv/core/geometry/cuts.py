@@ -1,0 +1,248 @@
+"""Shapes that cut a scene open: what is inside one of them, or outside of it, is not shown.
+
+A shape is convex, an intersection of half-spaces with, perhaps, a ball or an endless cylinder, so that a ray has at
+most one piece of it. Cuts are given in world units; :meth:`Cut.in_box` has them in those in which rays are marched.
+
+Letters: R rays, M pieces that are cut out of a ray, S points.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
+
+from svv.core.geometry.box import Box
+from svv.errors import BadInput
+
+HOW = (
+    "give sides of planes such as x>50% or x>50%&y<12.5, plane:X,Y,Z:NX,NY,NZ, box:X,Y,Z:X,Y,Z, sphere:X,Y,Z:R or "
+    "cylinder:X,Y,Z:DX,DY,DZ:R, for some regions only as 0,2=x>50%"
+)
+"""What the text of a cut may be."""
+
+_SIDE = re.compile(r"([xyz])([<>])([-+.\deE]+)(%?)")
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A shape whose inside is cut off.
+
+    Raises:
+        BadInput: There is no shape, a number is not finite, a direction is zero, or a radius is not positive.
+
+    >>> svv.Cut(planes=((1.0, 0.0, 0.0, 5.0),)).said()  # x > 5
+    'cut x > 5'
+    """
+
+    planes: tuple[tuple[float, float, float, float], ...] = ()
+    """Half-spaces n . x > d in which the shape lies, as (nx, ny, nz, d) in world units; n has length 1."""
+    centre: tuple[float, float, float] | None = None
+    """Centre of a ball, or a point on the axis of a cylinder, in world units."""
+    axis: tuple[float, float, float] | None = None
+    """Direction of the cylinder's axis, of length 1; None for a ball."""
+    radius: float | None = None
+    """Radius of the ball or cylinder in world units, > 0."""
+    outside: bool = False
+    """Whether what is outside of the shape is cut off instead."""
+    regions: tuple[int, ...] = ()
+    """Regions that are cut; all if empty."""
+
+    def __post_init__(self) -> None:
+        numbers = [*np.ravel(self.planes), *(self.centre or ()), *(self.axis or ()), self.radius or 0.0]
+        if not np.isfinite(np.asarray(numbers, np.float64)).all():
+            raise BadInput("A cut's numbers must be finite.")
+        if (self.centre is None) != (self.radius is None) or (self.axis is not None and self.centre is None):
+            raise BadInput("A ball or a cylinder that cuts needs a centre and a radius.")
+        if not self.planes and self.centre is None:
+            raise BadInput("A cut needs a shape: " + HOW + ".")
+        if self.radius is not None and not self.radius > 0.0:
+            raise BadInput(f"The radius of a cut must be above 0, not {self.radius:g}.")
+        planes = []
+        for *normal, distance in self.planes:
+            length = float(np.linalg.norm(normal))
+            if not length > 0.0:
+                raise BadInput("A plane that cuts needs a direction that is not 0.")
+            planes.append(tuple(float(v) / length for v in (*normal, distance)))
+        object.__setattr__(self, "planes", tuple(planes))
+        if self.centre is not None:
+            object.__setattr__(self, "centre", tuple(float(v) for v in self.centre))
+            object.__setattr__(self, "radius", float(self.radius or 0.0))
+        if self.axis is not None:
+            if not (length := float(np.linalg.norm(self.axis))) > 0.0:
+                raise BadInput("A cylinder that cuts needs an axis that is not 0.")
+            object.__setattr__(self, "axis", tuple(float(v) / length for v in self.axis))
+        object.__setattr__(self, "regions", tuple(sorted({int(k) for k in self.regions})))
+
+    @classmethod
+    def parse(cls, text: str, bounds: ArrayLike, outside: bool = False) -> Cut:
+        """Return the cut that a text describes.
+
+        Args:
+            text: Sides of planes along the axes, such as ``x>50%`` or ``x>50%&y<12.5``, which are cut off where all of
+                them hold (percent: from the lower to the upper end of the bounds); ``plane:X,Y,Z:NX,NY,NZ``, a point
+                and the direction of the side that is cut off; ``box:X,Y,Z:X,Y,Z``, two corners; ``sphere:X,Y,Z:R``;
+                ``cylinder:X,Y,Z:DX,DY,DZ:R``. Regions and a ``=`` may stand in front: ``0,2=x>50%``.
+            bounds: Lowest and highest corner of what is cut, in world units. (2, 3)
+            outside: Whether what is outside of the shape is cut off.
+
+        Raises:
+            BadInput: The text is none of these.
+
+        >>> svv.Cut.parse("x>50%&y<1", [[0, 0, 0], [4, 4, 4]]).planes
+        ((1.0, 0.0, 0.0, 2.0), (0.0, -1.0, 0.0, -1.0))
+        """
+        of, _, shape = text.replace(" ", "").rpartition("=")
+        try:
+            regions = tuple(int(k) for k in of.split(",")) if of else ()
+            if min(regions, default=0) < 0:
+                raise ValueError
+            kind, *rest = shape.lower().split(":")
+            parts = [tuple(float(v) for v in part.split(",")) for part in rest]
+            found = _sides(kind, np.asarray(bounds, np.float64)) if not parts else _shape(kind, parts)
+        except BadInput:
+            raise
+        except (ValueError, IndexError):
+            raise BadInput(f"'{text}' is no cut: {HOW}.") from None
+        return replace(found, outside=outside, regions=regions)
+
+    def in_box(self, box: Box) -> Cut:
+        """Return the cut in box coordinates."""
+        low = np.asarray(box.low)
+        planes = tuple((x, y, z, (d - float(np.dot((x, y, z), low))) / box.size) for x, y, z, d in self.planes)
+        if self.centre is None or self.radius is None:
+            return replace(self, planes=planes)
+        u, v, w = box.to_box(self.centre).tolist()
+        return replace(self, planes=planes, centre=(u, v, w), radius=self.radius / box.size)
+
+    def span(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        """Return where rays (R, 3), with unit directions, enter and leave the shape; enter > leave for a miss. (R,)"""
+        near = torch.full_like(origins[:, 0], -torch.inf)
+        far = torch.full_like(near, torch.inf)
+        for *n, d in self.planes:
+            normal = origins.new_tensor(n)
+            slope, rest = directions @ normal, d - origins @ normal
+            at = rest / torch.where(slope == 0.0, 1.0, slope)
+            near = torch.maximum(near, torch.where(slope > 0.0, at, -torch.inf))
+            far = torch.minimum(far, torch.where(slope < 0.0, at, torch.inf))
+            far = torch.where((slope == 0.0) & (rest >= 0.0), -torch.inf, far)
+        if self.centre is not None:
+            away, along = origins - origins.new_tensor(self.centre), directions
+            if self.axis is not None:
+                axis = origins.new_tensor(self.axis)
+                away, along = (v - (v @ axis)[:, None] * axis for v in (away, along))
+            a, b = (along * along).sum(1), (away * along).sum(1)
+            c = (away * away).sum(1) - (self.radius or 0.0) ** 2
+            inside = b * b - a * c
+            root = inside.clamp(min=0.0).sqrt() / torch.where(a > 1e-12, a, 1.0)
+            middle = -b / torch.where(a > 1e-12, a, 1.0)
+            hit = torch.where(a > 1e-12, inside > 0.0, c < 0.0)
+            near = torch.where(hit & (a > 1e-12), torch.maximum(near, middle - root), near)
+            far = torch.where(hit & (a > 1e-12), torch.minimum(far, middle + root), far)
+            far = torch.where(hit, far, -torch.inf)
+        return near, far
+
+    def depth(self, points: Tensor) -> Tensor:
+        """Return how deep points (S, 3) lie in what is cut off, whatever their region; negative outside. (S,)
+
+        Near a face, it is the distance from it; near an edge, the distance from the nearer of its faces.
+        """
+        depth = torch.full_like(points[:, 0], torch.inf)
+        for *n, d in self.planes:
+            depth = torch.minimum(depth, points @ points.new_tensor(n) - d)
+        if self.centre is not None:
+            away = points - points.new_tensor(self.centre)
+            if self.axis is not None:
+                axis = points.new_tensor(self.axis)
+                away = away - (away @ axis)[:, None] * axis
+            depth = torch.minimum(depth, (self.radius or 0.0) - away.norm(dim=1))
+        return -depth if self.outside else depth
+
+    def said(self) -> str:
+        """Return a short description."""
+        parts = [_plane_said(*plane) for plane in self.planes]
+        if self.centre is not None:
+            place = ", ".join(f"{v:.4g}" for v in self.centre)
+            kind = "ball" if self.axis is None else "cylinder"
+            parts.append(f"{kind} of radius {self.radius:.4g} at {place}")
+        of = f" of region {', '.join(map(str, self.regions))}" if self.regions else ""
+        return f"cut {'all but ' if self.outside else ''}{' and '.join(parts)}{of}"
+
+
+def _plane_said(x: float, y: float, z: float, d: float) -> str:
+    for name, value in zip("xyz", (x, y, z), strict=True):
+        if abs(value) == 1.0:
+            return f"{name} {'>' if value > 0 else '<'} {value * d:.4g}"
+    return f"{x:.3g} x + {y:.3g} y + {z:.3g} z > {d:.4g}"
+
+
+def _sides(text: str, bounds: NDArray[np.float64]) -> Cut:
+    """Return the shape in which all of some comparisons hold; raises ValueError if it is not one."""
+    planes = []
+    for part in text.split("&"):
+        found = _SIDE.fullmatch(part)
+        if found is None:
+            raise ValueError
+        axis, sign, number, percent = found.groups()
+        k, side = "xyz".index(axis), 1.0 if sign == ">" else -1.0
+        value = float(number)
+        if percent:
+            value = float(bounds[0, k] + 0.01 * value * (bounds[1, k] - bounds[0, k]))
+        normal = [0.0, 0.0, 0.0]
+        normal[k] = side
+        planes.append((normal[0], normal[1], normal[2], side * value))
+    return Cut(tuple(planes))
+
+
+def _shape(kind: str, parts: Sequence[tuple[float, ...]]) -> Cut:
+    """Return a shape from its name and numbers; raises ValueError if they do not fit."""
+    lengths = tuple(len(part) for part in parts)
+    if kind == "plane" and lengths == (3, 3):
+        at, normal = parts
+        x, y, z = normal
+        return Cut(((x, y, z, float(np.dot(at, normal))),))
+    if kind == "box" and lengths == (3, 3):
+        low, high = np.min(parts, axis=0), np.max(parts, axis=0)
+        eye = np.eye(3)
+        planes = [(*sign * eye[k], sign * end[k]) for sign, end in ((1.0, low), (-1.0, high)) for k in range(3)]
+        return Cut(tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in planes))
+    if kind == "sphere" and lengths == (3, 1):
+        (x, y, z), (radius,) = parts
+        return Cut(centre=(x, y, z), radius=radius)
+    if kind == "cylinder" and lengths == (3, 3, 1):
+        (x, y, z), (dx, dy, dz), (radius,) = parts
+        return Cut(centre=(x, y, z), axis=(dx, dy, dz), radius=radius)
+    raise ValueError
+
+
+def kept_spans(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the pieces of rays that no cut takes away, whatever the regions.
+
+    Args:
+        cuts: The cuts, in the coordinates of the rays.
+        origins: Starting points. (R, 3)
+        directions: Unit vectors. (R, 3)
+
+    Returns:
+        Where pieces begin and end, in ascending order, from 0 on; those with end <= begin are none. (R, M + 1) each
+    """
+    begins, ends = [], []
+    for cut in cuts:
+        near, far = cut.span(origins, directions)
+        hit = near < far
+        if cut.outside:
+            begins += [torch.full_like(near, -torch.inf), torch.where(hit, far, torch.inf)]
+            ends += [torch.where(hit, near, torch.inf), torch.full_like(near, torch.inf)]
+        else:
+            begins.append(torch.where(hit, near, torch.inf))
+            ends.append(torch.where(hit, far, torch.inf))
+    begin, end = torch.stack(begins, 1), torch.stack(ends, 1)
+    begin, order = begin.sort(dim=1)
+    end = end.gather(1, order).cummax(dim=1).values
+    first = torch.zeros_like(begin[:, :1])
+    return torch.cat([first, end.clamp(min=0.0)], 1), torch.cat([begin, torch.full_like(first, torch.inf)], 1)

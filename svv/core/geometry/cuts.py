@@ -94,7 +94,7 @@ class Cut:
         Raises:
             BadInput: The text is none of these.
 
-        >>> svv.Cut.parse("x>50%&y<1", [[0, 0, 0], [4, 4, 4]]).planes
+        >>> Cut.parse("x>50%&y<1", [[0, 0, 0], [4, 4, 4]]).planes
         ((1.0, 0.0, 0.0, 2.0), (0.0, -1.0, 0.0, -1.0))
         """
         of, _, shape = text.replace(" ", "").rpartition("=")

@@ -107,10 +107,6 @@ class Scene(Model):
 
         Raises:
             BadInput: A text is no cut, a region does not exist, or there are too many.
-
-        >>> half = scene.cut("x>50%")
-        >>> half.cuts[0].said()
-        'cut x > 0'
         """
         bounds = self.bounds
         return edits.cut(self, [Cut.parse(one, bounds) if isinstance(one, str) else one for one in cuts])

@@ -97,8 +97,8 @@ def _numba_folders() -> Iterator[Path]:
     for package in PACKAGES:
         spec = find_spec(package)
         for root in (spec.submodule_search_locations or ()) if spec else ():
-            for folder in sorted({Path(root), *(file.parent for file in Path(root).rglob("*.py"))}):
-                yield folder / "__pycache__"
+            yield from sorted(Path(root).rglob("__pycache__"))  # also of modules that an upgrade has removed
+            for folder in sorted({file.parent for file in Path(root).rglob("*.py")}):
                 at = os.path.abspath(folder)
                 name = f"{folder.name}_{hashlib.sha1(at.encode(), usedforsecurity=False).hexdigest()}"
                 yield from (place / name for place in elsewhere)

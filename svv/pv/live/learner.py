@@ -8,6 +8,7 @@ meanwhile are obeyed from the callback of the progress.
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 import time
@@ -21,7 +22,6 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkTable
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithmOutput, vtkTrivialProducer
 
 from svv.errors import BadInput, Cancelled, Progress, part
-from svv.io.files.atomic import make_folder
 from svv.io.files.cache import Cache
 from svv.io.files.worker import Orders, be_worker, say
 from svv.options.making import TrainOptions
@@ -101,6 +101,7 @@ class Learner:
         self._made: LearningFilter | None = None
         self._sketch = Sketching()
         self._repainting = self._known = False
+        self._held: int | None = None
         self.sketched = 0.0
         """Fraction of the work that the sketches of the last order took."""
 
@@ -216,13 +217,27 @@ class Learner:
             filter.release()  # what it has may be no longer there for the filter in ParaView
         if self.order["anew"]:
             filter.anew()
+        self._hold_checkpoint()
         filter.Modified()
         filter.Update()
         if self._pending is not None or self._stopped:
             raise Cancelled
         if filter.failed and not filter.repaints:
             raise BadInput(filter.failed)
-        filter.checkpoint.unlink(missing_ok=True)
+        Cache.of_user().remove_checkpoint(self.order["scene"])
+        self._let_go()
+
+    def _hold_checkpoint(self) -> None:
+        """Let the training resume from a file in the cache, which keeps it while this process holds it."""
+        self._let_go()
+        place = Cache.of_user()
+        self._filter.checkpoint, self._held = place.hold_checkpoint(self.order["scene"])
+        place.trim()  # those of trainings that were replaced
+
+    def _let_go(self) -> None:
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
 
     def _show_sketches(self) -> None:
         """Make the scenes that are shown first. If that cannot be done, the work itself will say why."""
@@ -375,11 +390,4 @@ def learning(kind: str, learner: Learner) -> LearningFilter:
         def say(self, sentence: str, error: bool = True) -> None:
             self.failed = sentence
 
-    filter = Learning()
-    filter.checkpoint = checkpoint_for(learner.order["scene"])
-    return filter
-
-
-def checkpoint_for(name: str) -> Path:
-    """Return the file from which the training of a scene resumes: in the cache, which removes it when it is old."""
-    return make_folder(Cache.of_user().folder) / f".{name}-checkpoint"
+    return Learning()

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.io.files.atomic import write_json
+from svv.io.files.temporary import work_folder
 from svv.options.figures import FigureOptions
 from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of, upstream
 from svv.pv.filters.vtk_data import camera_of
@@ -59,8 +59,8 @@ def pixels_of(scene: Scene, values: Values, progress: Progress) -> tuple[NDArray
     """
     from PIL import Image
 
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "figure.png"
+    with work_folder() as folder:
+        file = folder / "figure.png"
         said = write(scene, values, file, progress)
         with Image.open(file) as picture:
             return np.array(picture.convert("RGBA")), said
@@ -78,12 +78,12 @@ def write(scene: Scene, values: Values, out: Path, progress: Progress) -> str:
     python = os.environ.get(PYTHON) or (sys.executable if "python" in Path(sys.executable or "").name.lower() else "")
     if not python:
         raise BadInput("Figures are drawn by the Python that starts ParaView: start it with `svv paraview`.")
-    with TemporaryDirectory() as folder:
-        scene.save(Path(folder) / "scene.svv")
+    with work_folder() as folder:
+        scene.save(folder / "scene.svv")
         volume = [file for file in (values["VolumeFile"],) if file] if values["VolumeRendering"] else None
-        asked = request(Path(folder) / "scene.svv", camera_in(values), options_of(values), out.absolute(), volume)
-        write_json(Path(folder) / "request.json", asked)
-        return _ran([python, "-m", "svv.job.figure_program", str(Path(folder) / "request.json")], progress)
+        asked = request(folder / "scene.svv", camera_in(values), options_of(values), out.absolute(), volume)
+        write_json(folder / "request.json", asked)
+        return _ran([python, "-m", "svv.job.figure_program", str(folder / "request.json")], progress)
 
 
 def _ran(words: list[str], progress: Progress) -> str:

@@ -16,7 +16,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from svv.core.volumes.opacity_code import depths
 from svv.errors import BadInput, Progress, silent
 from svv.io import openvdb_script
 from svv.io.files.atomic import atomic_path, write_json
+from svv.io.files.temporary import work_folder
 from svv.render.baking.baked_volume import BakedVolume
 
 PYTHON = "SVV_OPENVDB_PYTHON"
@@ -89,17 +89,17 @@ def write_vdb(path: Path, volume: BakedVolume, progress: Progress = silent) -> l
     if volume.empty:
         raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")
     python, unit = python_with_openvdb(), unit_for(volume.grid.spacing)
-    with atomic_path(path) as temporary, TemporaryDirectory() as folder:
+    with atomic_path(path) as temporary, work_folder() as folder:
         progress(0.0, "converting")
         density, colour = grids_of(volume, unit)
-        np.save(Path(folder) / "density.npy", density)
-        np.save(Path(folder) / "colour.npy", colour)
-        write_json(Path(folder) / "told.json", {
+        np.save(folder / "density.npy", density)
+        np.save(folder / "colour.npy", colour)
+        write_json(folder / "told.json", {
             "origin": [x / unit for x in volume.grid.origin], "spacing": volume.grid.spacing / unit,
             "metadata": {"creator": f"svv {__version__}", "world_units": unit},
         })  # fmt: skip
         del density, colour
-        _run([python, openvdb_script.__file__, folder, str(temporary)], path, progress)
+        _run([python, openvdb_script.__file__, str(folder), str(temporary)], path, progress)
     progress(1.0, "writing")
     notes = []
     if unit != 1.0:

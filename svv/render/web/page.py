@@ -17,7 +17,6 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -40,6 +39,7 @@ from svv.fields.scene.joined import members
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
+from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
 from svv.render.pictures import in_words
 from svv.render.web.fields import Field, fields_of
@@ -339,8 +339,8 @@ def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress:
             yield seen(moving, camera)
 
     Image.fromarray(seen(scene, first)).save(buffer, format="JPEG", quality=FRONT_QUALITY)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "orbit.mp4"
+    with work_folder() as folder:
+        path = folder / "orbit.mp4"
         write_mp4(path, frames(), MOVIE_FPS, MOVIE_CRF)
         movie = path.read_bytes()
     return {"front": _data("image/jpeg", buffer.getvalue()), "movie": _data("video/mp4", movie)}

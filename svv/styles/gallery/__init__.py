@@ -6,6 +6,7 @@ All of them are generated from a seed and belong to the project. Wherever a styl
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
-from svv.io.files.cache import cache_folder
+from svv.io.files.cache import Cache, cache_folder
 from svv.io.pictures.output import to_bytes, write_png
 from svv.io.pictures.style_picture import SMALLEST, read_style
 from svv.options.making import DRAWN, PREFIX
@@ -25,6 +26,18 @@ LARGEST = 1024
 """Largest side in pixels of a painted picture; styles are never used larger."""
 VERSION = 1
 """To be raised with any change of a painter; cached pictures of older versions are then painted again."""
+
+
+BOUND = 100_000_000
+"""Maximum size in bytes of all pictures that are kept; those that were painted first are removed first."""
+
+NAME = re.compile(r"[a-z-]+-\d+-\d+-[\w.+]+-\d+(\.png)?")
+"""Pattern of their names: picture, side, seed, and versions."""
+
+
+def pictures() -> Cache:
+    """Return the cache of the gallery's pictures, the folder ``gallery`` of the user's cache."""
+    return Cache(cache_folder() / "gallery", BOUND, NAME)
 
 
 def gallery_name(text: str) -> str:
@@ -59,7 +72,7 @@ def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progre
         raise BadInput(f"Pictures of the gallery have {SMALLEST} to {LARGEST} pixels a side, not {size}.")
     if seed < 0:
         raise BadInput(f"The seed must be a whole number of at least 0, not {seed}.")
-    kept = cache_folder() / "gallery" / f"{name}-{size}-{seed}-{__version__}-{VERSION}.png"
+    kept = pictures().folder / f"{name}-{size}-{seed}-{__version__}-{VERSION}.png"
     if kept.is_file():
         try:
             found = read_style(kept)
@@ -72,6 +85,7 @@ def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progre
     with suppress(BadInput, OSError):  # without a writable home with space left, it is painted every time
         kept.parent.mkdir(parents=True, exist_ok=True)
         write_png(kept, levels)
+        pictures().trim(kept)
     return levels.astype(np.float32) / np.float32(255)
 
 

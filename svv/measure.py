@@ -20,10 +20,12 @@ class Cost:
 
     Args:
         seconds: Wall-clock time.
+        cpu_seconds: Processor time of this process, the sum over its threads.
         peak_rss_bytes: Peak resident memory of the process during the work, as reported by the operating system.
     """
 
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
     peak_rss_bytes: int = 0
 
 
@@ -32,11 +34,11 @@ def measured() -> Iterator[Cost]:
     """Measure the cost of the body; the figures are set when it ends."""
     cost = Cost()
     _forget_peak()
-    start = time.monotonic()
+    start, cpu = time.monotonic(), time.process_time()
     try:
         yield cost
     finally:
-        cost.seconds = time.monotonic() - start
+        cost.seconds, cost.cpu_seconds = time.monotonic() - start, time.process_time() - cpu
         cost.peak_rss_bytes = _peak()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -95,20 +97,68 @@ def test_the_last_paintings_tell_how_long_one_takes(
 ) -> None:
     monkeypatch.setenv("SVV_CACHE", str(tmp_path / "kept"))
     monkeypatch.setattr(expected, "usable_cpus", lambda: 4)
-    text = "On this machine: draft (a sketch) {}, fast (good) about 2 min, balanced (better) about 2 min."
-    assert expected.expected() == text.format("about 20 s")
-    made = {"preset": "draft", "seconds": {"total": 30.0}, "stylized": {"seconds": {"total": 8.0}}}
-    scene = replace(Scene.load(painted), made={**made, "source": {"seconds": 12.0}})
+    text = "On this machine: draft (a sketch) {}, fast (good) {}, balanced (better) {}."
+    unknown = text.format("about 20 s", "about 2 min", "about 2 min")
+    assert expected.expected() == unknown
     (tmp_path / "kept").mkdir()
     file = tmp_path / "kept" / name_of("painting", digest("a"), digest("b"))
-    scene.save(file)
+    keep(painted, file, "draft", 100.0)
     used = file.stat().st_mtime_ns
-    assert expected.expected() == text.format("about 50 s")
+    assert expected.expected() == text.format("about 2 min", "about 10 min", "about 12 min")
     assert file.stat().st_mtime_ns == used, "looking is no use"
     file.write_bytes(b"damaged")
-    assert expected.expected() == text.format("about 20 s")
+    assert expected.expected() == unknown
     monkeypatch.setenv("SVV_CACHE_SIZE", "much")
-    assert expected.expected() == text.format("about 20 s")
+    assert expected.expected() == unknown
+
+
+def keep(painted: Path, file: Path, preset: str, seconds: float, load: float = 0.6, views: int = 92) -> None:
+    """Save a painting that took so many seconds, and in its parts ``load`` times those of the processor."""
+    parts = [{"seconds": {"total": part * seconds}, "cpu_seconds": part * seconds / load} for part in (0.7, 0.2)]
+    made = {"preset": preset, "views": views, **parts[0], "stylized": parts[1], "source": {"seconds": 0.1 * seconds}}
+    replace(Scene.load(painted), made=made).save(file)
+
+
+def told_of_presets() -> list[float]:
+    """Seconds that are told for draft, fast and balanced."""
+    units = {"s": 1.0, "min": 60.0}
+    return [float(number) * units[unit] for number, unit in re.findall(r"about (\d+) (s|min)", expected.expected())]
+
+
+@pytest.mark.parametrize("preset", ["draft", "fast", "balanced"])
+@pytest.mark.parametrize("seconds", [3.0, 50.0, 300.0, 4000.0])
+def test_one_measurement_tells_the_times_of_all_presets_in_their_ratio(
+    painted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, preset: str, seconds: float
+) -> None:
+    monkeypatch.setenv("SVV_CACHE", str(tmp_path / "kept"))
+    (tmp_path / "kept").mkdir()
+    keep(painted, tmp_path / "kept" / name_of("painting", digest("a"), digest("b")), preset, seconds)
+    draft, fast, balanced = told_of_presets()
+    assert draft <= fast <= balanced
+    assert {"draft": draft, "fast": fast, "balanced": balanced}[preset] == pytest.approx(seconds, abs=30.0)
+    if seconds >= 300.0:
+        assert draft < fast < balanced and fast / draft == pytest.approx(6.0, rel=0.3)
+
+
+def test_a_busy_machine_and_smaller_work_tell_nothing_of_its_speed(
+    painted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SVV_CACHE", str(tmp_path / "kept"))
+    (tmp_path / "kept").mkdir()
+    unknown = told_of_presets()
+    names = [tmp_path / "kept" / name_of("painting", digest("a"), digest(str(k))) for k in range(4)]
+    for age, file in enumerate(names):
+        keep(painted, file, "draft", 300.0, load=4.0)
+        if age == 1:
+            keep(painted, file, "draft", 2.0, views=12)
+        if age == 2:
+            keep(painted, file, "paper", 20000.0)
+        os.utime(file, (1e9 + age, 1e9 + age))
+    assert told_of_presets() == unknown, "five minutes at load, and a small job, are taken for the machine's speed"
+    keep(painted, names[3], "fast", 600.0)  # measured again
+    assert told_of_presets() == [120.0, 600.0, 720.0]
+    keep(painted, names[0], "draft", 300.0, load=4.0)  # at load again, later
+    assert told_of_presets() == [120.0, 600.0, 720.0]
 
 
 @pytest.mark.parametrize(("seconds", "said"), [(3.0, "about 5 s"), (41.0, "about 40 s"), (100.0, "about 2 min")])

@@ -18,6 +18,8 @@ class Report(TypedDict, total=False):
 
     seconds: dict[str, float]
     """Duration of each stage, and ``total``."""
+    cpu_seconds: float
+    """Processor time, the sum over all threads: below ``total`` if other programs kept the machine busy."""
     peak_rss_bytes: int
     parameters: int
     device: str
@@ -60,6 +62,7 @@ def report_on(scene: Scene, seconds: Mapping[str, float], cost: Cost, chosen: Pr
     used = device_report(scene.device)
     return Report(
         seconds=dict(seconds),
+        cpu_seconds=cost.cpu_seconds,
         peak_rss_bytes=cost.peak_rss_bytes,
         parameters=scene.info()["parameters"]["total"],
         device=used["device"],

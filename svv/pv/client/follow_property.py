@@ -1,5 +1,7 @@
 """The property Follow Camera: watch the image filters, and start and stop the live camera as they ask.
 
+The images of filters that the window has made are shown beside the 3D view, and follow its camera from the start.
+
 Client code. Views and layouts must not be changed while ParaView draws them or loads a state, so changes are deferred:
 to a timer in the window, to the next rendering in a script.
 """
@@ -8,10 +10,22 @@ from __future__ import annotations
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
-from svv.pv.client.linked_camera import busy, follow, follower_of, followers, placed, stop_following, view_to_follow
-from svv.pv.client.observers import WeakReference, python_proxy, with_data
-from svv.pv.client.timers import Timer, window
-from svv.pv.paraview_types import SMProxy, SMViewProxy
+from svv.pv.client.linked_camera import (
+    busy,
+    follow,
+    follower_of,
+    followers,
+    forget_closed,
+    placed,
+    show_beside,
+    shows,
+    stop_following,
+    view_closed,
+    view_to_follow,
+)
+from svv.pv.client.observers import Watched, WeakReference, python_proxy, with_data
+from svv.pv.client.timers import Timer, by_window, window
+from svv.pv.paraview_types import Proxy, SMProxy, SMViewProxy
 
 PROPERTY = "FollowCamera"
 
@@ -26,6 +40,29 @@ _beginning: list[bool] = []
 
 _timers: list[Timer] = []
 """The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
+
+
+_known: Watched[list[bool]] = Watched()
+"""The filters, each with whether its first image is still to be shown."""
+
+
+def begin(filter: Proxy, loading: bool) -> None:
+    """Let the image of a new filter follow if the window has made it, and show it even if that is turned off.
+
+    Args:
+        filter: Proxy of an image filter.
+        loading: Whether a state is being loaded, which says itself how its images are shown.
+    """
+    if filter.SMProxy in _known:
+        return
+    ours = by_window() and not loading
+    _known.put(filter.SMProxy, [ours])
+    if ours:
+        filter.FollowCamera = 1
+
+
+def _is_new(proxy: SMProxy) -> bool:
+    return (_known.get(proxy) or [False])[0]
 
 
 def _wait_for(proxy: SMProxy) -> None:
@@ -43,6 +80,7 @@ def property_set(proxy: SMProxy, event: str, name: str) -> None:
         stop_following(filter)
         filter.Moving = 0
     elif follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
+        forget_closed(filter)
         _wait_for(proxy)
         if not _soon():
             _begin()
@@ -52,7 +90,7 @@ def image_updated(proxy: SMProxy, event: str) -> None:
     """Remember that a filter has a new image; an observer of the image filters."""
     filter = python_proxy(proxy)
     follower = follower_of(filter)
-    if filter.FollowCamera and not (follower is not None and follower.drawing):
+    if (filter.FollowCamera or _is_new(proxy)) and not (follower is not None and follower.drawing):
         _wait_for(proxy)
         _soon()
 
@@ -103,12 +141,21 @@ def _begin() -> None:
 
 
 def _follow(waiting: list[SMProxy]) -> None:
+    from paraview import simple
+
     for proxy in waiting:
         filter = python_proxy(proxy)
-        if filter is None or not filter.FollowCamera or not filter.GetDataInformation().GetNumberOfPoints():
+        if filter is None or not filter.GetDataInformation().GetNumberOfPoints():
             continue
-        follower = follower_of(filter)
+        new, follower, view = _is_new(proxy), follower_of(filter), view_to_follow(filter)
+        _known.put(proxy, [False])
         if follower is not None:
             follower.update(False)
-        elif not placed(filter) and view_to_follow(filter) is not None:  # a picture needs no view of its own
+        elif placed(filter) or view is None:  # a picture needs no view of its own
+            continue
+        elif filter.FollowCamera and view_closed(filter):
+            stop_following(filter)
+        elif filter.FollowCamera:
             follow(filter)
+        elif new and not any(shows(other, [filter]) for other in simple.GetRenderViews()):
+            show_beside(filter, view)

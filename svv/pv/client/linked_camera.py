@@ -6,6 +6,7 @@ starts and stops it according to a filter's property *Follow Camera*.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Container, Iterator, Sequence
 
@@ -13,6 +14,7 @@ from svv.core.frame_rate import Pace
 from svv.errors import BadInput
 from svv.pv.client.mouse import ForwardedMouse
 from svv.pv.client.observers import Watched, WeakReference, python_proxy
+from svv.pv.client.timers import window
 from svv.pv.paraview_types import Display, Proxy, SMProxy, View
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView")
@@ -25,6 +27,13 @@ NO_IMAGE = "There is no StyleRF image to follow the camera: add StyleRF Render o
 
 LARGEST = 800
 """Longer side of the sharp image, in pixels."""
+
+SLICE = "ImageSliceRepresentation"
+"""XML name of the representation of images in the window. ParaView's editor of colour maps, which is wider than the
+panel, is no part of its own, and it has no colour bar."""
+
+OWN = "StyleRF.image"
+"""Annotation of a view that was made for an image."""
 
 _paces: Watched[Pace] = Watched()
 """How large the images are while the mouse moves."""
@@ -210,11 +219,15 @@ def show_image(filter: Proxy, view: View) -> Display:
     """Show an image filter's colours directly, in 2D; return the representation."""
     from paraview import simple
 
-    display = simple.Show(filter, view)
-    display.SetRepresentationType("Slice")
-    simple.ColorBy(display, ("POINTS", "RGBA"))
+    if window() is not None:
+        display = simple.Show(filter, view, SLICE)
+        display.ColorArrayName = ["POINTS", "RGBA"]
+    else:
+        display = simple.Show(filter, view)
+        display.SetRepresentationType("Slice")
+        simple.ColorBy(display, ("POINTS", "RGBA"))
+        display.SetScalarBarVisibility(view, False)
     display.MapScalars = 0
-    display.SetScalarBarVisibility(view, False)
     view.InteractionMode = "2D"
     view.OrientationAxesVisibility = 0
     return display
@@ -235,7 +248,8 @@ def fit(view: View, width: int, height: int) -> None:
 def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollower:
     """Let an image follow a camera, and set its filter's property Follow Camera.
 
-    The image has a separate view: the one that already shows it, or a new one to the right of the followed view.
+    The image has a separate view (:func:`show_beside`). In the window, a followed view with nothing in it is given the
+    image's camera.
 
     Args:
         filter: Proxy of a StyleRF image filter; by default the active one, or the one created last.
@@ -250,28 +264,78 @@ def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollo
     view = view or view_to_follow(filter)
     if view is None or view.GetXMLName() != "RenderView":
         raise BadInput("There is no 3D view to follow: show the volume in one first.")
-    for old in [f for f in _followers if not f.alive or f.filter == filter]:
-        old.stop()
-        _followers.remove(old)
-    active = simple.GetActiveView()
-    target = next((v for v in simple.GetRenderViews() if v != view and shows(v, [filter])), None)
+    _end([follower for follower in _followers if follower.filter in (None, filter)])
     if shows(view, [filter]):
         simple.Hide(filter, view)
+        if window() is not None:  # where its eye was clicked, and the camera then put where it could be seen
+            simple.ResetCamera(view)
+    empty = not any(getattr(display, "Input", None) for display in view.Representations)
+    if window() is not None and empty and all(follower.view != view for follower in followers()):
+        look_at_scene(view, filter)
+    follower = CameraFollower(view, filter, show_beside(filter, view))
+    _followers.append(follower)
+    follower.update(False)
+    filter.FollowCamera = 1
+    return follower
+
+
+def show_beside(filter: Proxy, view: View) -> View:
+    """Show an image in a view of its own, and return that view.
+
+    It is the one that already shows it, or one that was made for an image that is gone, or a new one to the right.
+
+    Args:
+        filter: Proxy of a StyleRF image filter.
+        view: The 3D view, which stays the active one if another is made.
+    """
+    from paraview import simple
+
+    target = view_beside(filter, view)
+    if target is not None and shows(target, [filter]):
+        return target
     if target is None:
         layout = simple.GetLayout(view)
         if layout is None:  # views created by scripts may be in none
             simple.AssignViewToLayout(view)
             layout = simple.GetLayout(view)
         target = simple.CreateView("RenderView")
+        target.SMProxy.SetAnnotation(OWN, "1")
         simple.AssignViewToLayout(view=target, layout=layout, hint=layout.SplitViewHorizontal(view, 0.5))
-        show_image(filter, target)
-        active = view
-    follower = CameraFollower(view, filter, target)
-    _followers.append(follower)
-    follower.update(False)
-    simple.SetActiveView(active)
-    filter.FollowCamera = 1
-    return follower
+    show_image(filter, target)
+    fit(target, *filter.ImageSize)
+    simple.SetActiveView(view)
+    return target
+
+
+def view_beside(filter: Proxy, view: View) -> View | None:
+    """Return the view beside a 3D view that shows an image, or one that was made for an image that is gone, or None."""
+    from paraview import simple
+
+    others = [other for other in simple.GetRenderViews() if other != view]
+    showing = (other for other in others if shows(other, [filter]))
+    return next(showing, None) or next((one for one in others if made_for_image(one) and not any(given_to(one))), None)
+
+
+def made_for_image(view: View) -> bool:
+    """Return whether a view was made for an image, by :func:`show_beside`."""
+    return view.SMProxy.HasAnnotation(OWN)
+
+
+def look_at_scene(view: View, filter: Proxy) -> None:
+    """Give a view the camera from which an image shows its scene, if it tells, unless the image has a camera."""
+    if any(list(filter.Camera)[:6]):
+        return
+    told = filter.SMProxy.GetProperty("SeenFrom")
+    filter.SMProxy.UpdatePropertyInformation(told)
+    numbers = [float(number) for number in str(told.GetElement(0) or "").split()]
+    if not numbers:
+        return
+    width, height = view.ViewSize
+    left = 1.0 if view_beside(filter, view) else 0.5  # of its width, when it will have been split
+    narrow = min(left * width / max(height, 1), 1.0)
+    view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = numbers[:3], numbers[3:6], numbers[6:9]
+    view.CenterOfRotation = numbers[3:6]
+    view.CameraViewAngle = math.degrees(2.0 * math.atan(math.tan(0.5 * math.radians(numbers[9])) / narrow))
 
 
 def followers() -> list[CameraFollower]:
@@ -284,22 +348,44 @@ def follower_of(filter: Proxy) -> CameraFollower | None:
     return next((f for f in followers() if f.filter == filter), None)
 
 
-def stop_following(filter: Proxy | None = None) -> None:
-    """Stop a filter's image, or every image, from following."""
-    ended = [f for f in _followers if filter is None or not f.alive or f.filter == filter]
-    _followers[:] = [f for f in _followers if f not in ended]
+def view_closed(filter: Proxy) -> bool:
+    """Return whether the user has closed the view in which a filter's image followed another one."""
+    from paraview import simple
+
+    lost = [follower for follower in _followers if follower.filter == filter and not follower.alive]
+    return window() is not None and any(follower.view in simple.GetRenderViews() for follower in lost)
+
+
+def forget_closed(filter: Proxy) -> None:
+    """Let a filter's image have a view again after the user has closed the one that it had."""
+    _end([follower for follower in _followers if follower.filter == filter and not follower.alive])
+
+
+def _end(ended: list[CameraFollower]) -> list[CameraFollower]:
+    """Stop followers and forget them; return them."""
     for follower in ended:
         follower.stop()
+        _followers.remove(follower)
+    return ended
+
+
+def stop_following(filter: Proxy | None = None) -> None:
+    """Stop a filter's image, or every image, from following."""
+    for follower in _end([f for f in _followers if filter is None or f.filter in (None, filter)]):
         if follower.filter is not None and follower.filter.FollowCamera:
             follower.filter.FollowCamera = 0
 
 
 def view_to_follow(filter: Proxy) -> View | None:
-    """Return the 3D view that shows the volume of a filter's image, or the active one; None if there is no 3D view."""
+    """Return the 3D view that shows the volume of a filter's image, or the active one; None if there is no 3D view.
+
+    Views that were made for images are none.
+    """
     from paraview import simple
 
     active = simple.GetActiveView()
-    views = sorted(simple.GetRenderViews(), key=lambda view: view != active)  # the active one first
+    found = [view for view in simple.GetRenderViews() if not made_for_image(view)]
+    views = sorted(found, key=lambda view: view != active)  # the active one first
     before = list(upstream(filter))
     images = [source for source in simple.GetSources().values() if source.SMProxy.GetXMLName() in IMAGES]
     showing = [view for view in views if shows(view, before)]
@@ -309,8 +395,15 @@ def view_to_follow(filter: Proxy) -> View | None:
 
 def shows(view: View, sources: Sequence[Proxy]) -> bool:
     """Return whether a view shows any of these sources."""
-    given = [getattr(display, "Input", None) for display in view.Representations if display.Visibility]
-    return any(one is not None and one.SMProxy == source.SMProxy for one in given for source in sources)
+    return any(one.SMProxy == source.SMProxy for one in given_to(view) for source in sources)
+
+
+def given_to(view: View) -> Iterator[Proxy]:
+    """Yield the sources and filters that a view shows."""
+    for display in view.Representations:
+        given = getattr(display, "Input", None)
+        if given is not None and display.Visibility:
+            yield given
 
 
 def upstream(filter: Proxy) -> Iterator[Proxy]:

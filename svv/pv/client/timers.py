@@ -1,8 +1,10 @@
-"""Timers of ParaView's window, from whose event loop client code may change proxies and draw views."""
+"""ParaView's window: whether there is one and it is at work, and timers, from which client code may draw views."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from typing import Any
 
 from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
 
@@ -45,3 +47,13 @@ def window() -> vtkRenderWindowInteractor | None:
         if interactor is not None and interactor.GetClassName().startswith("QVTK"):  # only Qt's has an event loop
             return interactor
     return None
+
+
+def by_window() -> bool:
+    """Return whether this is called by the window itself, and not by a script."""
+    frame: Any = sys._getframe()
+    while frame is not None:
+        if not str(frame.f_globals.get("__package__")).startswith("svv.pv"):
+            return False
+        frame = frame.f_back
+    return True

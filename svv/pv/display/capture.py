@@ -237,15 +237,18 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
     for names, event, do in OBSERVERS:
         for filter in (filter for name in names for filter in _proxies(session, name)):
             observe(filter.SMProxy, event, do)
+    loading = bool(session.GetInLoadXMLState())
     for name in BESIDE:
         for filter in _proxies(session, name):
-            watch_learning(filter, loading=bool(session.GetInLoadXMLState()))
+            watch_learning(filter, loading)
+    for name in linked_camera.IMAGES:
+        for filter in _proxies(session, name):
+            follow_property.begin(filter, loading)
     for view in _proxies(session, "RenderView", "views"):
         for event, do in OF_VIEWS:
             observe(view.SMProxy, event, do)
-    loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
     for display in _new_displays(session, placing.DISPLAY):
-        if not loading:
+        if not loading:  # a state defines how its data is displayed
             placing.as_placed(display)
     for display in _new_displays(session, DISPLAY):
         if loading or as_volume(display):

@@ -50,7 +50,8 @@ def set_looks(proxy: SMViewProxy, event: str) -> None:
     """Give baked volumes the look that their data ask for before a 3D view is drawn; an observer of the views."""
     view = python_proxy(proxy)
     for display in view.Representations:
-        if getattr(display, "MapScalars", 1) or not display.Visibility or display.Representation != "Volume":
+        kind = getattr(display, "Representation", "")  # which those of images do not have
+        if getattr(display, "MapScalars", 1) or not display.Visibility or kind != "Volume":
             continue
         display.Input.UpdatePipeline(view.ViewTime)  # as the view does next, which is too late for the look
         look = look_of(display.Input)

@@ -360,6 +360,16 @@ class ViewsOutput(Filter):
 class ImageOutput(Filter):
     """A filter whose output is an image of a scene."""
 
+    framed = ""
+    """What :meth:`GetSeenFrom` returns."""
+
+    def GetSeenFrom(self) -> str:
+        """Return position, focal point and view up of the last image's camera, and its angle of view in degrees.
+
+        The angle is the horizontal one, and the text is empty if the image's volume is in a view anyway.
+        """
+        return self.framed
+
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Announce the image's size; the time steps are those of the input."""
         set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))

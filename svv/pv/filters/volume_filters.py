@@ -26,6 +26,7 @@ from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.filters.vtk_data import (
     drawn_in,
     key_of_scene,
+    numbers_of,
     put_baked,
     put_drawn,
     put_mesh,
@@ -43,6 +44,7 @@ from svv.pv.panel.groups import (
     image_properties,
     keep_input_visible,
     menu,
+    shown_beside,
     take_buttons,
     takes_image,
     takes_scene,
@@ -212,6 +214,7 @@ class StyleRFTrain(DividedInput, Beside):
 @smproxy.filter(label="StyleRF Render", support_reload=False)
 @menu
 @keep_input_visible
+@shown_beside
 @panel(*image_properties(400), device(), *picked(), status())
 @takes_scene
 class StyleRFRender(ImageOutput, Clickable):
@@ -229,6 +232,7 @@ class StyleRFRender(ImageOutput, Clickable):
         camera = camera_for(scene.rig, self.values)
         drawn = draw(scene, camera, self.values, self.progress)
         put_drawn(outputs[0], drawn, camera)
+        self.framed = " ".join(f"{number:.9g}" for number in numbers_of(camera, scene.rig.centre))
         return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}"
 
 
@@ -303,6 +307,7 @@ class StyleRFVolume(VolumeOutput, Clickable):
 @smproxy.filter(label="StyleRF Stylized View", support_reload=False)
 @menu
 @keep_input_visible
+@shown_beside
 @panel(
     *stylized_view_properties(),
 )

@@ -301,6 +301,18 @@ def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale:
     return Camera(look_at(position, focal, up), float(fov_x), width, height)
 
 
+def numbers_of(camera: Camera, centre: Sequence[float]) -> list[float]:
+    """Return VTK's ten numbers of a camera, with its horizontal angle of view.
+
+    Args:
+        camera: The camera.
+        centre: A point in world coordinates; the focal point is as far away.
+    """
+    ahead = -camera.camera_to_world[:3, 2]
+    focal = camera.position + ahead * max(float(ahead @ (np.asarray(centre) - camera.position)), 1e-6)
+    return [*camera.position, *focal, *camera.camera_to_world[:3, 1], float(np.degrees(camera.fov_x))]
+
+
 # --- views ----------------------------------------------------------------------------------------------------------
 
 

@@ -7,13 +7,12 @@ they return.
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from svv.pv.client.connection import server_gone
 from svv.pv.client.linked_camera import busy, follower_of, may_be_late, shows, upstream
 from svv.pv.client.observers import Watched
-from svv.pv.client.timers import Timer, window
+from svv.pv.client.timers import Timer, by_window, window
 
 BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize", "StyleRFPalette")
 """Filters that learn beside the window (:class:`svv.pv.live.beside.Beside`)."""
@@ -63,16 +62,6 @@ def _tell(proxy: Any, name: str, value: Any) -> None:
     """Set an internal property, of which neither states nor traces nor Python know."""
     proxy.GetProperty(name).SetElement(0, value)
     proxy.UpdateProperty(name)
-
-
-def by_window() -> bool:
-    """Return whether this is called by the window itself, and not by a script."""
-    frame: Any = sys._getframe()
-    while frame is not None:
-        if not str(frame.f_globals.get("__package__")).startswith("svv.pv"):
-            return False
-        frame = frame.f_back
-    return True
 
 
 def _updated(proxy: Any, event: str) -> None:

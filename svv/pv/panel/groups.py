@@ -74,6 +74,11 @@ def keep_input_visible(cls: Class) -> Class:
     return smhint.xml('<Visibility replace_input="0"/>')(cls)
 
 
+def shown_beside(cls: Class) -> Class:
+    """Keep Apply from showing the filter's image in the 3D view: client code shows it beside that."""
+    return smhint.xml('<View type="None"/>')(cls)
+
+
 def takes_volume(cls: Class) -> Class:
     """Give the filter a grid as its input, which may consist of blocks."""
     arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
@@ -211,6 +216,7 @@ def image_properties(size: int) -> list[Property]:
         integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros; the macro StyleRF "
                 "play orbit animates through the frames.", 0, 180),
         moving(),
+        hidden_text("SeenFrom", "GetSeenFrom", "Camera of the last image, for a view that has none of its own."),
     ]  # fmt: skip
 
 

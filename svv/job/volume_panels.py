@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
+from svv.core.geometry.given_cameras import GivenCamera
 from svv.core.json_values import list_in, text_in, vector_in, whole_in
 from svv.errors import BadInput
 from svv.fields.scene.history import edits_of, named_alone, with_edits
@@ -73,7 +74,7 @@ class Remembered:
 def volume_panel(
     scene: Scene,
     volume: str | Path | vtkDataObject | None = None,
-    camera: Camera | None = None,
+    camera: GivenCamera | None = None,
     title: str = "",
 ) -> Panel:
     """Return a panel with the rendering of a scene's volume, for :func:`svv.figure`.
@@ -97,7 +98,7 @@ def volume_panel(
     return panel_of(scene, remembered(scene, named, [Path()]), camera, title)
 
 
-def panel_of(scene: Scene, found: Remembered, camera: Camera | None = None, title: str = "") -> Panel:
+def panel_of(scene: Scene, found: Remembered, camera: GivenCamera | None = None, title: str = "") -> Panel:
     """Return a panel of a scene with its volume as it was found; see :func:`volume_panel`."""
     from svv.render.figures.figure import SHOWN, Panel  # matplotlib's, which ParaView's Python may not have
 

@@ -18,7 +18,8 @@ from PIL import Image
 
 from svv.core.colour.colour import WHITE, over
 from svv.core.frame_rate import Pace
-from svv.core.geometry.cameras import Camera, look_at
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.given_cameras import DEFAULT_SIZE, GivenCamera, Plotter, camera_of
 from svv.errors import BadInput, Progress, silent
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
@@ -42,10 +43,10 @@ MOVING = 1.0
 def show(
     scene: Scene | Learning,
     *,
-    camera: Camera | None = None,
+    camera: GivenCamera | None = None,
     network: str | None = None,
     background: Sequence[float] = WHITE,
-    size: tuple[int, int] = (800, 800),
+    size: tuple[int, int] | None = None,
     off_screen: bool = False,
     screenshot: str | Path | None = None,
 ) -> Image.Image | None:
@@ -58,10 +59,13 @@ def show(
 
     Args:
         scene: Scene to show, or a training in the background.
-        camera: Initial camera; by default in front, at the distance of the training views.
+        camera: Initial camera: svv's, a plotter or its camera, a ``camera_position``, or the name of a side such as
+            ``xy`` (:func:`svv.core.geometry.given_cameras.camera_of`); by default in front, at the distance of the
+            training views.
         network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
         background: RGB in [0, 1].
-        size: Width and height of the window or picture, in pixels.
+        size: Width and height of the window or picture, in pixels; by default those of the plotter whose camera it is,
+            or 800 x 800.
         off_screen: Whether to return the picture without opening a window.
         screenshot: A PNG file for the picture; from a window, the last one before it is closed.
 
@@ -70,7 +74,7 @@ def show(
 
     Raises:
         BadInput: PyVista is missing, this is ParaView, there is no display, the scene does not have that network, the
-            file cannot be written, or the training failed.
+            file cannot be written, the camera is none, or the training failed.
         Cancelled: The training was stopped before there was anything to show.
 
     >>> picture = svv.show(scene, size=(64, 48), off_screen=True)
@@ -79,7 +83,9 @@ def show(
     """
     learning = scene if isinstance(scene, Learning) else None
     scene = first_scene_of(scene) if isinstance(scene, Learning) else scene
-    first = camera.resized(*size) if camera is not None else orbit(scene, 181, *size)[90]
+    size = size or (None if isinstance(camera, Plotter) else DEFAULT_SIZE)
+    front = None if camera is not None else orbit(scene, 181, *(size or DEFAULT_SIZE))[90]
+    first = front or camera_of(camera, scene, size)
     if not off_screen and _in_notebook():
         picture = _picture(scene, first, network, background)
         if learning is not None:
@@ -90,7 +96,7 @@ def show(
         pyvista = _pyvista()
         if not off_screen and not pyvista.system_supports_plotting():
             raise BadInput("There is no display for a window; give off_screen=True to get only the picture.")
-        plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size))
+        plotter = pyvista.Plotter(off_screen=off_screen, window_size=[first.width, first.height])
         follower = SceneFollower(plotter, scene, first, network, background)
         if learning is not None:
             follower.sharpen(learning)
@@ -252,13 +258,8 @@ class SceneFollower:
 
     def camera(self, part: float = 1.0) -> Camera:
         """Convert the plotter's camera, with an image ``part`` times the size of the window."""
-        seen = self.plotter.camera
         width, height = (max(1, round(part * pixels)) for pixels in self.plotter.render_window.GetSize())
-        pose = look_at(seen.position, seen.focal_point, seen.up)
-        if seen.parallel_projection:
-            return Camera.orthographic(pose, 2.0 * seen.parallel_scale * width / height, width, height)
-        fov_x = 2.0 * np.arctan(np.tan(0.5 * np.radians(seen.view_angle)) * width / height)
-        return Camera(pose, float(fov_x), width, height)
+        return camera_of(self.plotter.camera, self.scene, (width, height))
 
     def _place(self, camera: Camera) -> None:
         """Place the plotter's camera at a camera of a scene, to turn about the scene's middle."""

@@ -157,8 +157,12 @@ def _cameras(scene: Scene, options: PanelOptions) -> list[Camera]:
 
 def _parallel(panel: Panel) -> bool:
     """Return whether a panel's rays are parallel."""
+    from svv.core.geometry.given_cameras import camera_of
+
     rig = panel.scene.camera_rig
-    return panel.camera.is_orthographic if panel.camera is not None else rig is not None and rig.span_x is not None
+    if panel.camera is None:
+        return rig is not None and rig.span_x is not None
+    return camera_of(panel.camera, panel.scene).is_orthographic
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.cuts import Cut
+from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import Progress, silent
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.phong import Beams
@@ -341,7 +342,7 @@ class Scene(Model):
 
     def render(
         self,
-        camera: Camera,
+        camera: GivenCamera,
         network: str | None = None,
         background: Sequence[float] | None = None,
         progress: Progress = silent,
@@ -349,23 +350,24 @@ class Scene(Model):
         """Render one image.
 
         Args:
-            camera: Camera in world units.
+            camera: Camera in world units, also a plotter's, or the name of a side such as ``xy``
+                (:func:`svv.core.geometry.given_cameras.camera_of`).
             network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
             background: RGB in [0, 1] to blend over (alpha becomes 1); None keeps straight alpha.
             progress: Called before every chunk of rays and at the end.
 
         Raises:
-            BadInput: The scene does not have that network.
+            BadInput: The scene does not have that network, or the camera is none.
         """
-        return images.render(self, camera, network, background, progress)
+        return images.render(self, camera_of(camera, self), network, background, progress)
 
     def point_at(
-        self, camera: Camera, pixel: tuple[float, float], network: str | None = None
+        self, camera: GivenCamera, pixel: tuple[float, float], network: str | None = None
     ) -> tuple[float, float, float]:
         """Return the point that a pixel shows: where the region that the pixel belongs to is most visible.
 
         Args:
-            camera: Camera of the picture, in world units.
+            camera: Camera of the picture, as for :meth:`render`.
             pixel: Column from the left and row from the top of the picture, in pixels.
             network: As in :meth:`render`.
 
@@ -375,7 +377,7 @@ class Scene(Model):
         Raises:
             BadInput: The pixel is outside the picture, or nothing is visible there.
         """
-        return images.point_at(self, camera, pixel, network)
+        return images.point_at(self, camera_of(camera, self), pixel, network)
 
     def visible_samples(self, rays: Rays, network: str) -> Samples:
         """Return the samples of rays for an image."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from svv.core.colour.colour import over, to_hex
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE
 from svv.core.geometry.cameras import Camera
+from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.region import checked_line
 from svv.fields.scene.seen_colours import Pair, Seen, seen_in, seen_of
@@ -80,8 +81,8 @@ class Panel:
     """
 
     scene: Scene
-    camera: Camera | None = None
-    """By default in front, at the distance of the training views."""
+    camera: GivenCamera | None = None
+    """As for :func:`svv.show`; by default in front, at the distance of the training views."""
     title: str = ""
     look: object = None
     """Panels of the same value look alike and share a legend; by default, those of the same scene do."""
@@ -213,7 +214,8 @@ def _placed(panel: Panel, options: FigureOptions) -> Panel:
     network = panel.network or options.network or there[-1]
     if network not in there:
         raise BadInput(f"The scene has no network '{network}', only {', '.join(there)}.")
-    camera = panel.camera if panel.camera is not None else orbit(panel.scene, 181, 800, 800)[90]
+    front = None if panel.camera is not None else orbit(panel.scene, 181, 800, 800)[90]
+    camera = front or camera_of(panel.camera, panel.scene)
     if options.parallel:
         camera = parallel(camera, _middle(panel.scene))
     look = (id(panel.scene), network) if panel.look is None else panel.look
@@ -222,7 +224,7 @@ def _placed(panel: Panel, options: FigureOptions) -> Panel:
 
 def _camera(panel: Panel) -> Camera:
     """Return the camera of a panel that was placed."""
-    assert panel.camera is not None
+    assert isinstance(panel.camera, Camera)
     return panel.camera
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from svv.core.geometry.cameras import Camera
+from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.history import edits_of
 from svv.fields.scene.kept_styles import KEPT
@@ -39,7 +39,7 @@ class Look(Kept):
     def of(
         cls,
         scene: Scene,
-        camera: Camera | None = None,
+        camera: GivenCamera | None = None,
         figure: FigureOptions | None = None,
         styles: Mapping[str, StyleInput] | None = None,
         title: str = "",
@@ -48,7 +48,7 @@ class Look(Kept):
 
         Args:
             scene: A scene with regions.
-            camera: Camera to keep, in world units.
+            camera: Camera to keep, in world units, as for :func:`svv.show`.
             figure: Settings of figures to keep.
             styles: Pictures of styles by name, for scenes that were painted before scenes kept them.
             title: One line about the look.
@@ -73,7 +73,8 @@ class Look(Kept):
             regions.append(LookRegion(edits_of(region), region.colour, region.values, style, laid))
         return cls(
             tuple(regions), found, scene.lamp if scene.settings.lighting == "phong" else None,
-            None if camera is None else moved(camera, scene, to_box=True), changed_settings(figure), title,
+            None if camera is None else moved(camera_of(camera, scene), scene, to_box=True),
+            changed_settings(figure), title,
         )  # fmt: skip
 
     @classmethod

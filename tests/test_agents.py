@@ -38,6 +38,19 @@ def workshop(tmp_path: Path) -> Workshop:
     return Workshop(tmp_path / "root")
 
 
+def test_an_assistant_cuts_a_scene_open(workshop: Workshop) -> None:
+    assert workshop.cut("cube.svv", "open.svv", ["x>50%", "1=y>0"]) == [
+        "cut x > 0",
+        "cut y > 0 of region 1",
+        "open.svv",
+    ]
+    assert workshop.info("open.svv")["cuts"] == ["cut x > 0", "cut y > 0 of region 1"]
+    said = workshop.cut("open.svv", "ball.svv", outside=["sphere:0,0,0:0.4"], uncut=True)
+    assert said == ["cut all but ball of radius 0.4 at 0, 0, 0", "ball.svv"]
+    with pytest.raises(BadInput, match="Nothing to cut"):
+        workshop.cut("cube.svv", "a.svv")
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("broad_strokes")
 def test_tools_do_what_they_say(workshop: Workshop) -> None:

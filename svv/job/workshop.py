@@ -69,7 +69,7 @@ class Workshop:
     def info(self, scene: str) -> dict[str, Any]:
         """Show the regions of a scene (name, colour, values, opacity, style), its paintings and its edits."""
         told = self._scene(scene).info()
-        keys = ("networks", "bounds", "lighting", "variant", "variants", "undo", "redo", "times")
+        keys = ("networks", "bounds", "lighting", "cuts", "variant", "variants", "undo", "redo", "times")
         regions = [
             {key: r[key] for key in ("name", "colour", "edited_colour", "values", "opacity", "hidden", "style")}
             for r in told["regions"]
@@ -115,6 +115,26 @@ class Workshop:
         done = spoken(self._scene(scene), say, progress)
         done.scene.save(path)
         return [*done.understood, self.shown(path)]
+
+    def cut(
+        self, scene: str, out: str, cut: list[str] | None = None, outside: list[str] | None = None, uncut: bool = False
+    ) -> list[str]:
+        """Cut a scene open: off goes what is inside of shapes, or outside; ``uncut`` takes away earlier cuts first.
+
+        Shapes: "x>50%" or "x>50%&y<12.5" (percent of the bounds, or world units), "plane:X,Y,Z:NX,NY,NZ" (the side to
+        which the direction points), "box:X,Y,Z:X,Y,Z", "sphere:X,Y,Z:R", "cylinder:X,Y,Z:DX,DY,DZ:R"; for some regions
+        only with their numbers in front: "0,2=x>50%".
+        """
+        from svv.fields.scene.edit_request import with_edit
+        from svv.options.editing import CutEdit, SceneEdit
+
+        path, shapes = self._new_scene(out), (tuple(texts) if texts else None for texts in (cut, outside))
+        edit = CutEdit(*shapes, uncut or None)
+        if not edit:
+            raise BadInput("Nothing to cut: give cut, outside or uncut.")
+        result = with_edit(self._scene(scene), SceneEdit(cuts=edit))
+        result.save(path)
+        return [*(one.said() for one in result.cuts), self.shown(path)]
 
     def name(self, scene: str, names: dict[str, str], out: str) -> str:
         """Name regions of a scene by their numbers, such as {"0": "bone"}."""
@@ -253,7 +273,7 @@ def _camera(scene: Scene, azimuth: float, elevation: float, size: int) -> Camera
     return seen_from(scene, azimuth, elevation, size, size)
 
 
-TOOLS = ("files", "info", "name", "edit", "styles", "stylize", "save_look", "apply_look", "render", "figure", "views",
+TOOLS = ("files", "info", "name", "edit", "cut", "styles", "stylize", "save_look", "apply_look", "render", "figure", "views",
          "train")  # fmt: skip
 """Methods of :class:`Workshop` that are tools; their docstrings are what an assistant reads. Those that take long tell
 their progress, and stop when it raises."""

@@ -273,7 +273,7 @@ def _camera(scene: Scene, azimuth: float, elevation: float, size: int) -> Camera
     return seen_from(scene, azimuth, elevation, size, size)
 
 
-TOOLS = ("files", "info", "name", "edit", "cut", "styles", "stylize", "save_look", "apply_look", "render", "figure", "views",
-         "train")  # fmt: skip
+TOOLS = ("files", "info", "name", "edit", "cut", "styles", "stylize", "save_look", "apply_look", "render", "figure",
+         "views", "train")  # fmt: skip
 """Methods of :class:`Workshop` that are tools; their docstrings are what an assistant reads. Those that take long tell
 their progress, and stop when it raises."""

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
+from PIL import Image
 
 from tests.paraview.test_volume import VIEW
 
@@ -110,3 +114,42 @@ said["parts"] = [edit.Parts, moved(before)]
 """
     )
     assert said["parts"][0].count(",") == 2 and said["parts"][1] < 1e-6, said
+
+
+def test_an_image_follows_the_camera_in_the_frames_of_a_saved_animation(inside, tmp_path: Path) -> None:
+    """Of its own view alone, too, in which case the followed view is not drawn."""
+    said = inside(
+        VIEW
+        + """
+from svv.pv.client import linked_camera
+linked_camera.LARGEST = 40
+view = small_view()
+layout = CreateLayout("film")
+AssignViewToLayout(view, layout)
+Show(Wavelet(WholeExtent=[-1, 1] * 3), view)
+Render(view)
+image = StyleRFRender(Input=OpenDataFile(folder + "/cube.svv"))
+image.UpdatePipeline()
+image.FollowCamera = 1
+(target,) = [v for v in GetRenderViews() if v.SMProxy is not view.SMProxy]
+animation, track = GetAnimationScene(), GetCameraTrack(view=view)
+animation.PlayMode, animation.NumberOfFrames = "Sequence", 3
+animation.StartTime, animation.EndTime, track.Mode = 0.0, 1.0, "Interpolate Camera"
+track.KeyFrames = [
+    CameraKeyFrame(KeyTime=time, Position=place, FocalPoint=[0, 0, 0], ViewUp=[0, 1, 0], ViewAngle=30)
+    for time, place in ((0.0, [0, 0, 4]), (1.0, [4, 0, 0]))
+]
+for name, saved in (("layout", layout), ("target", target)):
+    places = []
+    def drawn(*_):
+        places.append([round(v, 3) for v in image.Camera[:3]])
+    tag = target.SMProxy.AddObserver("EndEvent", drawn)
+    SaveAnimation(f"{folder}/{name}.png", viewOrLayout=saved, ImageResolution=[80, 40])
+    target.SMProxy.RemoveObserver(tag)
+    said[name] = places
+"""
+    )
+    for name in ("layout", "target"):
+        assert [place for place in ([0, 0, 4], [2, 0, 2], [4, 0, 0]) if place not in said[name]] == [], name
+        frames = [np.asarray(Image.open(tmp_path / f"{name}.{number:04d}.png")) for number in range(3)]
+        assert len({frame[:, -40:].tobytes() for frame in frames}) == 3, name

@@ -17,6 +17,7 @@ from svv.pv.client.linked_camera import (
     followers,
     forget_closed,
     placed,
+    saving_animation,
     show_beside,
     shows,
     stop_following,
@@ -103,7 +104,7 @@ def view_drawn(proxy: SMViewProxy, event: str, interactive: int) -> None:
         late = follower.behind or (not interactive and follower.strayed(proxy))
         if late and not follower.drawing:
             _wait_for(follower.filter.SMProxy)
-    if _waiting and not _soon():
+    if _waiting and (saving_animation() or not _soon()):  # no timer goes off while frames are saved
         _begin()
 
 
@@ -127,7 +128,7 @@ def _begin() -> None:
 
     if _beginning:  # showing an image draws a view, which would call this again
         return
-    if busy() or servermanager.ProxyManager().GetInLoadXMLState():
+    if (busy() and not saving_animation()) or servermanager.ProxyManager().GetInLoadXMLState():
         _soon()
         return
     waiting = [reference.Get() for reference in _waiting]

@@ -88,8 +88,12 @@ class CameraFollower:
         return self._wanted is not None
 
     def strayed(self, view: SMProxy) -> bool:
-        """Whether this is the followed view, given as a proxy, and its camera is not that of the image."""
-        return self._proxies[0].Get() is view and self._last != through(self.view, self.filter, False)
+        """Whether this is the followed view, given as a proxy, and its camera is not that of the image.
+
+        While an animation is saved, it may also be the view of the image: the other one need not be drawn then.
+        """
+        own = self._proxies[0].Get() is view or (saving_animation() and self._proxies[2].Get() is view)
+        return own and self._last != through(self.view, self.filter, False)
 
     @property
     def alive(self) -> bool:
@@ -100,7 +104,7 @@ class CameraFollower:
     def update(self, moving: bool) -> None:
         """Render the image from the view's camera if the camera has moved or the image size has changed."""
         self._wanted = moving
-        if self.drawing or busy():
+        if self.drawing or (busy() and not saving_animation()):
             return
         self.drawing = True
         try:
@@ -119,7 +123,8 @@ class CameraFollower:
             return
         self._last = wanted
         look_through(filter, view, moving)
-        may_be_late(filter.SMProxy)
+        if not saving_animation():
+            may_be_late(filter.SMProxy)
         timed(filter, filter.UpdatePipeline)
         fit(target, *filter.ImageSize)
         simple.Render(target)
@@ -139,6 +144,14 @@ def busy() -> bool:
 
     connection = servermanager.ActiveConnection
     return connection is not None and bool(connection.Session.GetProgressHandler().GetEnableProgress())
+
+
+def saving_animation() -> bool:
+    """Return whether ParaView is drawing the frames of an animation into a file; it counts as busy meanwhile."""
+    from paraview import simple
+
+    scene = simple.GetAnimationScene().SMProxy.GetClientSideObject()
+    return scene is not None and bool(scene.GetOverrideStillRender())
 
 
 def may_be_late(proxy: SMProxy) -> None:

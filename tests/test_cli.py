@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from svv.cli import added
 from svv.cli import app as cli
@@ -22,6 +23,7 @@ from svv.core.geometry.cameras import look_at
 from svv.errors import BadInput, Cancelled
 from svv.io.views.camera_file import read_camera, read_cameras
 from svv_bench import cli as bench
+from tests.cube import cube_scene
 from tests.wheels import make_installed
 
 COMMANDS = [
@@ -315,3 +317,14 @@ def test_a_bad_camera_file_is_one_sentence(content: str, tmp_path: Path) -> None
     (tmp_path / "c.json").write_text(content)
     with pytest.raises(BadInput):
         read_camera(tmp_path / "c.json")
+
+
+def test_the_bounds_of_a_scene_are_told_axis_by_axis(tmp_path: Path) -> None:
+    scene = cube_scene()
+    scene.save(tmp_path / "cube.svv")
+    told = CliRunner().invoke(cli.app, ["info", str(tmp_path / "cube.svv"), "--json", str(tmp_path / "info.json")])
+    assert told.exit_code == 0
+    (line,) = (line for line in told.stdout.splitlines() if line.startswith("bounds"))
+    low, high = json.loads((tmp_path / "info.json").read_text())["bounds"]
+    pairs = [f"{name} {a:.4g} to {b:.4g}" for name, a, b in zip("xyz", low, high, strict=True)]
+    assert line.removeprefix("bounds").strip() == ", ".join(pairs)

@@ -4,10 +4,10 @@ A volume is taken at several resolutions: your own (--volume, with coarser level
 each, a scene is trained on 92 views, and three sides render the same unseen views in separate processes: VTK's ray
 caster and our own, which reads bricks, on the volume; and the palette network from the scene file alone. Volumes that
 do not fit into half of the memory are left out for VTK's. After Ctrl-C, the same command resumes; nothing is measured
-twice.
+twice on the same machine with the same versions.
 
-Run it with `svv pvpython`, or with a Python that has vtk and svv. The results are compare.csv, compare.md (a table) and
-compare.png (a chart).
+Run it with `svv pvpython`, or with a Python that has vtk and svv. The results are compare.json, compare.csv, compare.md
+(a table) and compare.pdf, .svg and .png (a chart), all with processor, versions and settings.
 """
 
 import csv
@@ -47,11 +47,15 @@ LEAST = 64
 """Minimum number of voxels along the longest side of the levels of a volume that are compared."""
 
 VIEWS = 7
-"""Number of unseen views, each rendered once by each side after a warm-up; the median is taken over them."""
+"""Number of unseen views, which each side renders in turn, after a warm-up and as often as is asked."""
+
+SIDE = 800
+"""Pixels along each side of training views."""
 
 COLUMNS = (
     "side", "volume", "image", "seconds_median", "seconds_least", "seconds_most", "psnr", "psnr_foreground", "ssim",
-    "lpips", "memory_bytes", "gpu_bytes", "ready_seconds", "ready_bytes", "data_bytes", "ray_caster",
+    "lpips", "own_bytes", "idle_bytes", "memory_bytes", "gpu_bytes", "ready_seconds", "ready_bytes", "data_bytes",
+    "ray_caster",
 )  # fmt: skip
 
 
@@ -66,6 +70,7 @@ def main() -> None:
     parser.add_argument("--images", **many, default=[400, 800, 1200], help="pixels along each side")
     training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed", "views_only": "--views-only"}
     add_arguments(parser, TrainOptions(preset="fast"), training)
+    parser.add_argument("--repeats", type=int, default=5, metavar="N", help="times that each side draws the views (5)")
     parser.add_argument("--views", type=int, default=92, metavar="N", help="training views of 800 x 800 pixels (92)")
     parser.add_argument("--ray-caster", default="auto", choices=("auto", "gpu", "cpu"), help="VTK's ray caster (auto)")
     parser.add_argument("--step", help="run a single step of the work (used when the script calls itself)")
@@ -76,9 +81,13 @@ def main() -> None:
 def compare(chosen) -> None:
     """Do every step that is not finished yet, then write table and chart."""
     from svv.job.stages import Stages, fingerprint
+    from svv.styles.weights import load
+    from svv_bench.volume_size.circumstances import circumstances
 
     if min(chosen.volumes) < 16 or min(chosen.images) < 16:
         raise BadInput("Volumes need at least 16 voxels along each side, and images 16 pixels.")
+    if chosen.repeats < 2:
+        raise BadInput(f"A spread needs at least 2 repeats, not {chosen.repeats}.")
     if chosen.volume is not None:
         if not chosen.volume.exists():
             raise BadInput(f"There is no volume {chosen.volume}; check the path.")
@@ -89,32 +98,70 @@ def compare(chosen) -> None:
         chosen.volumes = sorted(max(level.shape) for level in levels if max(level.shape) >= LEAST) or [
             max(levels[0].shape)
         ]
-    stages = Stages(chosen.out)
-    rows = []
+    draw_chart("-c", "import svv_bench.volume_size.chart")  # whether it can be drawn is known before all that work
+    stages, here = Stages(chosen.out), circumstances()
+    rows, dates = [], set()
     for volume in chosen.volumes:
         folder = chosen.out / str(volume)
         folder.mkdir(exist_ok=True)
+        complete_or_say_so(folder)
         settings = {"volume": volume, "seed": chosen.seed}
         if chosen.volume is not None:
             settings["file"] = fingerprint(chosen.volume)
         trained = {"preset": chosen.preset, "time_limit": chosen.time_limit, "views": chosen.views,
                    **({"views_only": True} if chosen.views_only else {})}  # fmt: skip
-        images = {"images": chosen.images}
+        measured = {"images": chosen.images, "repeats": chosen.repeats, "here": here}
+        likened = {"lpips": load("alexnet") is not None}
         for step, more, files, after in (
             ("generate", {}, ["volume.mha", "tf.json"], ()),
             ("train", trained, ["scene.svv"], ("generate",)),
-            ("dvr", {**images, "ray_caster": chosen.ray_caster}, ["dvr.json"], ("train",)),
-            ("bricks", images, ["bricks.json"], ("train",)),
-            ("pcn", images, ["pcn.json"], ("bricks",)),
+            ("dvr", {**measured, "ray_caster": chosen.ray_caster}, ["dvr.json"], ("train",)),
+            ("bricks", measured, ["bricks.json"], ("train",)),
+            ("pcn", {**measured, **likened}, ["pcn.json"], ("bricks",)),
         ):
             stages.do(
                 f"{step} {volume}", step, {**settings, **more}, [folder / file for file in files],
                 lambda progress, step=step, volume=volume: in_a_process(chosen, step, volume),
                 [f"{name} {volume}" for name in after],
             )  # fmt: skip
-        rows += [row for side in ("dvr", "bricks", "pcn") for row in json.loads((folder / f"{side}.json").read_text())]
-        write_results(chosen.out, rows)
+        told = [json.loads((folder / f"{side}.json").read_text()) for side in ("dvr", "bricks", "pcn")]
+        rows += [row for one in told for row in one["rows"]]
+        dates |= {one["date"] for one in told}
+        write_results(
+            chosen.out, rows, {**here, **settings_of(chosen), "date": " to ".join(sorted({min(dates), max(dates)}))}
+        )
     print((chosen.out / "compare.md").read_text())
+
+
+def complete_or_say_so(folder: Path) -> None:
+    """Say that what an earlier version measured is measured again: it kept neither the machine nor repeats."""
+    old = [side for side in ("dvr", "bricks", "pcn") if isinstance(read_json(folder / f"{side}.json"), list)]
+    for side in old:
+        (folder / f"{side}.json").unlink()
+    if old:
+        print(
+            f"{folder.name}: what an earlier version measured ({', '.join(old)}) lacks processor, versions and "
+            "repeats: it is measured again.",
+            file=sys.stderr,
+        )
+
+
+def read_json(path: Path) -> object:
+    """Return the content of a JSON file; None if there is none, or it is damaged."""
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def settings_of(chosen) -> dict[str, object]:
+    """Return the settings on which the figures depend."""
+    return {
+        "volume": "generated field" if chosen.volume is None else chosen.volume.name, "preset": chosen.preset,
+        "time_limit": chosen.time_limit, "learned_from": "views only" if chosen.views_only else "volume and views",
+        "views": chosen.views, "views_side": SIDE, "images": chosen.images, "unseen_views": VIEWS,
+        "repeats": chosen.repeats, "seed": chosen.seed, "ray_caster": chosen.ray_caster,
+    }  # fmt: skip
 
 
 def in_a_process(chosen, step: str, volume: int) -> None:
@@ -123,7 +170,7 @@ def in_a_process(chosen, step: str, volume: int) -> None:
     given = {name: getattr(chosen, name) for name in ("volume", *READING, "time_limit")}
     command = [
         scripts.interpreter(), __file__, "--step", step, "--out", chosen.out / str(volume), "--volumes", volume,
-        "--images", *chosen.images, "--preset", chosen.preset, "--views", chosen.views,
+        "--images", *chosen.images, "--repeats", chosen.repeats, "--preset", chosen.preset, "--views", chosen.views,
         "--ray-caster", chosen.ray_caster, "--seed", chosen.seed, *(["--views-only"] if chosen.views_only else []),
         *(part for name, value in given.items() if value for part in (f"--{name.replace('_', '-')}", value)),
     ]  # fmt: skip
@@ -200,8 +247,8 @@ def train(chosen) -> None:
 
     with shown("Training") as progress:
         views, _ = make_views(
-            chosen.out / "volume.mha", function_of(chosen), n=chosen.views, test=0, mapper="bricks", rescale=False,
-            progress=part(progress, 0.0, 0.2),
+            chosen.out / "volume.mha", function_of(chosen), n=chosen.views, test=0, size=SIDE, mapper="bricks",
+            rescale=False, progress=part(progress, 0.0, 0.2),
         )  # fmt: skip
         scene, _ = train_scene(views, options_of(TrainOptions, chosen), part(progress, 0.2, 1.0))
     scene.save(chosen.out / "scene.svv")
@@ -214,9 +261,7 @@ def dvr(chosen) -> None:
     from svv.dvr.draw.large import memory_allowed, vtk_bytes
 
     if vtk_bytes(open_bricks(chosen.out / "volume.mha")) > memory_allowed(None):
-        from svv.io.files.atomic import write_json
-
-        write_json(chosen.out / "dvr.json", [])
+        write_step(chosen, "dvr", [])
         return
     cast(chosen, "DVR", choose_mapper(chosen.ray_caster).name)
 
@@ -232,23 +277,24 @@ def cast(chosen, side: str, mapper: str) -> None:
     from svv.dvr.draw.frame import set_stage
     from svv.dvr.draw.large import Opened, open_volume
     from svv.dvr.draw.views import open_caster
-    from svv.io.files.atomic import write_json
     from svv.measure import measured
 
     file, function = chosen.out / "volume.mha", function_of(chosen)
+    cameras = {size: unseen(chosen, size) for size in (64, *chosen.images)}
+    held = idle_bytes()
     with measured() as ready:
         opened = Opened.of(open_volume(file, mapper=mapper), mapper, None)
         caster, _ = open_caster(set_stage(opened.image, function), mapper, Shading(), 0.5, opened.caster(function))
-        caster.render(unseen(chosen, 64)[0])  # the first image computes gradients and tables
+        caster.render(cameras[64][0])  # the first image computes gradients and tables
     rows = []
     for size in chosen.images:
-        images, row = timed(caster.render, unseen(chosen, size))
+        images, row = timed(caster.render, cameras[size], chosen.repeats, held)
         if side == "bricks":
             np.savez_compressed(chosen.out / f"truth-{size}.npz", images=np.stack(images))
         ready_now = {"ready_seconds": ready.seconds, "ready_bytes": ready.peak_rss_bytes}
         rows.append({"side": side, "volume": chosen.volumes[0], "image": size, **row, **ready_now,
                      "data_bytes": file.stat().st_size, "ray_caster": mapper})  # fmt: skip
-    write_json(chosen.out / f"{side.lower()}.json", rows)
+    write_step(chosen, side.lower(), rows)
 
 
 def pcn(chosen) -> None:
@@ -256,17 +302,21 @@ def pcn(chosen) -> None:
     from svv.core.colour.colour import over
     from svv.core.images.metrics import WHITE, Likeness
     from svv.fields.scene.scene import Scene
-    from svv.io.files.atomic import write_json
     from svv.measure import measured
     from svv.train.lpips import load_lpips, lpips
 
-    file, network = chosen.out / "scene.svv", load_lpips()
+    file = chosen.out / "scene.svv"
+    cameras = {size: unseen(chosen, size) for size in (64, *chosen.images)}
+    held = idle_bytes()
     with measured() as ready:
         scene = Scene.load(file)
-        scene.render(unseen(chosen, 64)[0], "pcn")
-    rows = []
-    for size in chosen.images:
-        shown, row = timed(lambda camera: scene.render(camera, "pcn").rgba, unseen(chosen, size))
+        scene.render(cameras[64][0], "pcn")
+    drawn = {
+        size: timed(lambda camera: scene.render(camera, "pcn").rgba, cameras[size], chosen.repeats, held)
+        for size in chosen.images
+    }
+    rows, network = [], load_lpips()  # only now, so that it is no memory of the scene's
+    for size, (shown, row) in drawn.items():
         truth = np.load(chosen.out / f"truth-{size}.npz")["images"]
         views = [Likeness.of(over(rgba, WHITE), true) for rgba, true in zip(shown, truth, strict=True)]
         likeness = asdict(Likeness.mean(views))
@@ -276,7 +326,7 @@ def pcn(chosen) -> None:
         ready_now = {"ready_seconds": ready.seconds, "ready_bytes": ready.peak_rss_bytes}
         rows.append({"side": "PCN", "volume": chosen.volumes[0], "image": size, **row, **ready_now, **likeness,
                      "data_bytes": file.stat().st_size})  # fmt: skip
-    write_json(chosen.out / "pcn.json", rows)
+    write_step(chosen, "pcn", rows)
 
 
 STEPS = {"generate": generate, "train": train, "dvr": dvr, "bricks": bricks, "pcn": pcn}
@@ -291,22 +341,36 @@ def unseen(chosen, size: int) -> list:
     return [path[int(k)] for k in np.linspace(0, 180, VIEWS + 2).round()[1:-1]]
 
 
-def timed(render, cameras) -> tuple[list, dict]:
-    """Return the images from all cameras, and their cost: seconds per image, and the peak memory of the process."""
+def idle_bytes() -> int:
+    """Return the bytes of memory that this process holds now, when it has loaded its libraries and nothing else."""
+    from svv.measure import give_memory_back, measured
+
+    give_memory_back()
+    with measured() as now:
+        pass
+    return now.peak_rss_bytes
+
+
+def timed(render, cameras, repeats: int, held: int) -> tuple[list, dict]:
+    """Return the images from all cameras, and their cost: seconds per image in each repeat, and the peak of memory.
+
+    ``held`` are the bytes that the process held before it opened what it renders.
+    """
     import time
 
     from svv.measure import measured
 
     render(cameras[0])  # warm-up
-    images, seconds = [], []
+    seconds = []
     with measured() as cost:
-        for camera in cameras:
+        for _ in range(repeats):
             start = time.perf_counter()
-            images.append(render(camera))
-            seconds.append(time.perf_counter() - start)
+            images = [render(camera) for camera in cameras]
+            seconds.append((time.perf_counter() - start) / len(cameras))
     return images, {
         "seconds_median": statistics.median(seconds), "seconds_least": min(seconds), "seconds_most": max(seconds),
-        "memory_bytes": cost.peak_rss_bytes, "gpu_bytes": gpu_bytes(),
+        "seconds": seconds, "memory_bytes": cost.peak_rss_bytes, "idle_bytes": held,
+        "own_bytes": max(cost.peak_rss_bytes - held, 0), "gpu_bytes": gpu_bytes(),
     }  # fmt: skip
 
 
@@ -326,19 +390,38 @@ def gpu_bytes() -> int | None:
 # --- results ----------------------------------------------------------------------------------------------------------
 
 
-def write_results(out: Path, rows: list[dict]) -> None:
-    """Write all rows as CSV, as a table and as a chart."""
-    from svv.io.files.atomic import atomic_path
-    from svv_bench.volume_size.comparison import draw_chart, table
+def write_step(chosen, step: str, rows: list[dict]) -> None:
+    """Write what a step has measured, with the day."""
+    from datetime import date
 
-    with atomic_path(out / "compare.csv") as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, restval="")
+    from svv.io.files.atomic import write_json
+
+    write_json(chosen.out / f"{step}.json", {"date": date.today().isoformat(), "rows": rows})
+
+
+def write_results(out: Path, rows: list[dict], about: dict[str, object]) -> None:
+    """Write all rows as JSON, as CSV below its circumstances, as a table and as a chart."""
+    from svv.io.files.atomic import atomic_path, write_json
+    from svv_bench.volume_size.comparison import table
+
+    write_json(out / "compare.json", {"about": about, "rows": rows})
+    with atomic_path(out / "compare.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {name}: {' '.join(str(value).split())}\n" for name, value in about.items())
+        writer = csv.DictWriter(file, COLUMNS, restval="", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
     with atomic_path(out / "compare.md") as temporary:
-        temporary.write_text(table(rows), encoding="utf-8")
-    with atomic_path(out / "compare.png") as temporary:
-        draw_chart(rows, temporary)
+        temporary.write_text(table(rows, about), encoding="utf-8")
+    draw_chart("-m", "svv_bench.volume_size.chart", str(out.absolute()))
+
+
+def draw_chart(*words: str) -> None:
+    """Run a program that draws the chart outside ParaView, whose Python must not load matplotlib."""
+    import svv_bench
+    from svv.errors import silent
+    from svv.pv.panel.figures import run_outside
+
+    run_outside(words, silent, [Path(svv_bench.__file__).resolve().parents[1]])
 
 
 if __name__ == "__main__":

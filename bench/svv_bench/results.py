@@ -167,10 +167,10 @@ def machine() -> str:
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     cards = [torch.cuda.get_device_name(number) for number in range(torch.cuda.device_count())]
-    return ", ".join([f"{_processor()}, {cores} core{'s' * (cores > 1)}", *cards])
+    return ", ".join([f"{processor()}, {cores} core{'s' * (cores > 1)}", *cards])
 
 
-def _processor() -> str:
+def processor() -> str:
     """Return the processor's name as the system gives it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -138,20 +138,28 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     np.save(tmp_path / "ball.npy", ball)
     (tmp_path / "tf.json").write_text('{"bumps": [{"centre": 8, "width": 6, "opacity": 0.5}]}')
     own = ("--volume", tmp_path / "ball.npy", "--tf", tmp_path / "tf.json", "--spacing", "2,2,2", "--views-only")
-    quick = ("--images", 48, 64, "--preset", "draft", "--views", 12)
+    quick = ("--images", 48, 64, "--preset", "draft", "--views", 12, "--repeats", 2)
     done = pvpython(LITTLE, COMPARE, *own, *quick, "--out", tmp_path / "own")
-    rows = list(csv.DictReader((tmp_path / "own" / "compare.csv").read_text().splitlines()))
+    lines = (tmp_path / "own" / "compare.csv").read_text().splitlines()
+    told = dict(line[2:].split(": ", 1) for line in lines if line.startswith("# ") and not line.endswith(": "))
+    assert told["paraview"].startswith(("5.", "6.")) and told["preset"] == "draft" and told["views"] == "12"
+    assert told["repeats"] == "2" and told["processor"] and told["volume"] == "ball.npy"
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert [(r["side"], r["volume"], r["image"]) for r in rows] == [
         (side, "26", image) for side in ("DVR", "bricks", "PCN") for image in ("48", "64")
     ]
     for row in rows:
         assert 0 < float(row["seconds_least"]) <= float(row["seconds_median"]) <= float(row["seconds_most"])
-        assert float(row["memory_bytes"]) > 1e7
+        assert float(row["idle_bytes"]) > 1e7
+        assert int(row["own_bytes"]) == int(row["memory_bytes"]) - int(row["idle_bytes"]) > 0
         assert (row["side"] == "PCN") == bool(row["psnr"]) and (row["side"] != "PCN") == bool(row["ray_caster"])
         if row["side"] != "PCN":
             assert ball.nbytes < int(row["data_bytes"]) < ball.nbytes + 4096
     assert float(rows[-1]["psnr"]) > 15.0, "not even alike: the sides do not show the same"
-    assert done.stdout.count("|---") == 14 and "In memory" in done.stdout
+    assert done.stdout.count("|---") == 14 - ("LPIPS was not measured" in done.stdout)
+    assert "In memory" in done.stdout and told["paraview"] in done.stdout
+    assert (tmp_path / "own" / "compare.pdf").read_bytes().startswith(b"%PDF")
+    assert "voxels along a side" in (tmp_path / "own" / "compare.svg").read_text()
     chart = read_png(tmp_path / "own" / "compare.png")[..., :3].reshape(-1, 3).astype(int)
     for one, other in ((0, 2), (2, 0), (1, 0)):  # red, blue and green marks
         assert ((chart[:, one] - chart[:, other]) > 100).sum() > 40
@@ -159,6 +167,12 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     stamp = (tmp_path / "own" / "26" / "pcn.json").stat().st_mtime_ns
     pvpython(LITTLE, COMPARE, *own, *quick, "--out", tmp_path / "own")
     assert (tmp_path / "own" / "26" / "pcn.json").stat().st_mtime_ns == stamp
+    scene = (tmp_path / "own" / "26" / "scene.svv").stat().st_mtime_ns
+    (tmp_path / "own" / "26" / "pcn.json").write_text("[]")  # as earlier versions wrote it
+    done = pvpython(LITTLE, COMPARE, *own, *quick, "--out", tmp_path / "own")
+    assert "26: what an earlier version measured (pcn) lacks processor, versions and repeats" in done.stderr
+    assert len(json.loads((tmp_path / "own" / "26" / "pcn.json").read_text())["rows"]) == 2
+    assert (tmp_path / "own" / "26" / "scene.svv").stat().st_mtime_ns == scene
 
 
 BAD = {

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -190,4 +191,12 @@ def info(scene: SceneFile, json: Json = None) -> None:
         write_json(json, content)
     colours = ("colour", "edited_colour")
     regions = [{**r, **{k: to_hex(r[k]) for k in colours if r[k]}} for r in content["regions"]]
-    print_table({**content, "regions": regions})
+    print_table(_axis_by_axis({**content, "regions": regions}))
+
+
+def _axis_by_axis(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is to be printed, with bounds, of the scene and of its views, as ParaView has them: by axes."""
+    told = {name: _axis_by_axis(value) if isinstance(value, dict) else value for name, value in content.items()}
+    if told.get("bounds"):
+        told["bounds"] = {x: f"{low:.4g} to {high:.4g}" for x, low, high in zip("xyz", *told["bounds"], strict=True)}
+    return told

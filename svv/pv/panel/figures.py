@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,33 +76,43 @@ def write(scene: Scene, values: Values, out: Path, progress: Progress) -> str:
 
     if out.suffix.lower() not in KINDS:
         raise BadInput(f"A figure is a .pdf, .svg, .png or .tiff, not '{out.name}': choose another name.")
-    python = os.environ.get(PYTHON) or (sys.executable if "python" in Path(sys.executable or "").name.lower() else "")
-    if not python:
-        raise BadInput("Figures are drawn by the Python that starts ParaView: start it with `svv paraview`.")
     with work_folder() as folder:
         scene.save(folder / "scene.svv")
         volume = [file for file in (values["VolumeFile"],) if file] if values["VolumeRendering"] else None
         asked = request(folder / "scene.svv", camera_in(values), options_of(values), out.absolute(), volume)
         write_json(folder / "request.json", asked)
-        return _ran([python, "-m", "svv.job.figure_program", str(folder / "request.json")], progress)
+        return run_outside(["-m", "svv.job.figure_program", str(folder / "request.json")], progress)
 
 
-def _ran(words: list[str], progress: Progress) -> str:
-    """Run a program, outside ParaView's environment; return what it says, as one line.
+def run_outside(words: Sequence[str], progress: Progress, folders: Sequence[Path] = ()) -> str:
+    """Run a program that draws a figure in the Python that started ParaView; return what it says, as one line.
+
+    Args:
+        words: Python's arguments.
+        progress: Called every 0.1 seconds.
+        folders: Folders of further packages.
 
     Raises:
         BadInput: It failed; the sentence is its last line.
         Cancelled: The user pressed Abort; the program is ended.
     """
+    python = os.environ.get(PYTHON) or (sys.executable if "python" in Path(sys.executable or "").name.lower() else "")
+    if not python:
+        raise BadInput("Figures are drawn by the Python that starts ParaView: start it with `svv paraview`.")
     hidden = ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "LD_PRELOAD")
     environ = {name: value for name, value in os.environ.items() if name not in hidden}
-    environ["PYTHONPATH"] = str(Path(__file__).resolve().parents[2])
+    environ["PYTHONPATH"] = os.pathsep.join(map(str, [Path(__file__).resolve().parents[3], *folders]))
     try:
         process = subprocess.Popen(
-            words, env=environ, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [python, *words],
+            env=environ,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
     except OSError as error:
-        raise BadInput(f"{words[0]} cannot draw the figure: {error.strerror}.") from error
+        raise BadInput(f"{python} cannot draw the figure: {error.strerror}.") from error
     try:
         while process.poll() is None:
             progress(0.5, "drawing the figure")
@@ -116,7 +127,7 @@ def _ran(words: list[str], progress: Progress) -> str:
     if last.startswith("svv: "):
         raise BadInput(last.removeprefix("svv: "))
     raise BadInput(
-        f"The Python at {words[0]} cannot draw the figure ({last}): install svv there with its extra 'figure'."
+        f"The Python at {python} cannot draw the figure ({last}): install svv there with its extra 'figure'."
     )
 
 

@@ -88,7 +88,6 @@ Render(view)
 STYLE = """
 painting = FindSource("StyleRFStylizedView1")
 painting.StyleFiles = [os.path.abspath("oil.png")]
-painting.FollowCamera = 1
 SetActiveSource(painting)
 """
 

@@ -20,6 +20,7 @@ from svv.styles.textures import style_picture
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SCRIPT = """
+import numpy as np
 from paraview.simple import *
 
 volume, preset, style, quick = ARGUMENTS
@@ -43,17 +44,23 @@ Render(view)
 SetActiveSource(reader)
 stage = "shown"
 
+def camera():
+    live = view.GetActiveCamera()
+    return [*live.GetPosition(), *live.GetFocalPoint(), *live.GetViewUp()]
+
+start = camera()
+
 def tick(*_):
     global stage, first
     made = [s for s in GetSources().values() if s.SMProxy.GetXMLName() == "StyleRFStylizedView"]
     if stage == "shown" and made:
         stage = "made"
         filter = made[0]
-        filter.StyleFiles, filter.FollowCamera = [style], 1
+        filter.StyleFiles = [style]
         if quick == "quick":
             filter.Preset, filter.Views, filter.ViewSize = "draft", 12, 128
             filter.Settings = "reconstruct.iterations=60; recolour.iterations=40"
-        done(f"made {filter.TransferFunction is not None} {filter.Shade}")
+        done(f"made {filter.TransferFunction is not None} {filter.Shade} {filter.FollowCamera}")
     elif stage == "made" and made and "Learning" in made[0].Status:
         stage = "learning"
         done(f"learning {made[0].GetDataInformation().GetNumberOfPoints() > 0}")
@@ -63,7 +70,10 @@ def tick(*_):
     elif stage == "painted" and len(GetRenderViews()) == 2 and max(made[0].ImageSize) == 800:
         stage = "followed"
         first = list(made[0].Camera)
-        done("followed")
+        bars = [d for v in GetRenderViews() for d in v.Representations if "ScalarBar" in d.SMProxy.GetXMLName()]
+        seen = [d.Input for d in view.Representations if hasattr(d, "Input") and d.Visibility]
+        same = np.array_equal(first[:9], start) and camera() == start
+        done(f"followed {same} {seen == [reader]} {not any(bar.Visibility for bar in bars)}")
     elif stage == "followed" and list(made[0].Camera) != first and max(made[0].ImageSize) == 800:
         stage = "turned"
         interactor.DestroyTimer(timer)
@@ -155,13 +165,13 @@ def test_a_newcomer_paints_a_volume_from_the_menu(gui: Callable, tmp_path: Path)
     # Edit, Render and Stylize need a scene and cannot be chosen; Stylized View is the first that can.
     assert choose(running, menu, SUBMENU, "Down") > row
     running.xdotool("key", "Return")
-    assert running.wait() == "made True 1", "the filter did not take how the volume is shown"
+    assert running.wait() == "made True 1 1", "the filter did not take how the volume is shown, or does not follow"
     running.screenshot(tmp_path / "made.png")
     running.xdotool("key", "alt+a")  # Apply
     assert running.wait() == "learning True", "Live is on in the window, and something is shown at once"
     said = running.wait(1500.0 if kept else 300.0)
     assert said.startswith("painted: ") and "regions" in said, said
-    assert running.wait() == "followed"
+    assert running.wait() == "followed True True True", "the camera was touched, or the image is in the 3D view"
     # There are two views now, with nothing between them, and the right one shows something as soon as ParaView comes
     # to drawing it. How it is coloured says how far this machine came within the time limit, and is not asked.
     until = time.monotonic() + 120.0

@@ -159,4 +159,4 @@ def _follow(waiting: list[SMProxy]) -> None:
         elif filter.FollowCamera:
             follow(filter)
         elif new and not any(shows(other, [filter]) for other in simple.GetRenderViews()):
-            show_beside(filter, view)
+            simple.Render(show_beside(filter, view))

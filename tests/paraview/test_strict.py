@@ -88,6 +88,7 @@ svv.pv.strict(False)
 bad.Preset = "fast"
 caught("not strict", bad.UpdatePipeline)
 print("STATUS", bad.Status)
+svv.pv.strict()  # what went before counts as told: the script ends as if nothing had been wrong
 """
     done = pvpython(STRICT + script, cwd=tmp_path)
     said = dict(line[7:].split(" | ", 1) for line in done.stdout.splitlines() if line.startswith("CAUGHT"))
@@ -124,11 +125,15 @@ def test_the_commands_start_strict(environ: dict[str, str], tmp_path: Path, prog
     (tmp_path / "script.py").write_text(SHOWN + "Show(bad)\nprint('GONE ON')\n")
     command = [sys.executable, "-m", "svv", program, "script.py"]
     paths = {"PYTHONPATH": str(Path(__file__).parents[2]), "PV_PLUGIN_PATH": ""}
-    run = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 600}
-    done = subprocess.run(command, env={**environ, **paths}, **run)
+
+    def run(**more: str) -> subprocess.CompletedProcess[str]:
+        own = {**environ, **paths, **more}
+        return subprocess.run(command, env=own, cwd=tmp_path, capture_output=True, text=True, timeout=600)
+
+    done = run()
     assert done.returncode == 1 and done.stderr.endswith(f"script.py, line 14: {SENTENCE}\n"), done.stderr
     assert "GONE ON" not in done.stdout
-    done = subprocess.run(command, env={**environ, **paths, "SVV_STRICT": "0"}, **run)
+    done = run(SVV_STRICT="0")
     assert done.returncode == 0 and "GONE ON" in done.stdout
 
 

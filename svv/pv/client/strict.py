@@ -159,14 +159,14 @@ def _before_data(filename: object, proxy: Proxy | None = None, *_: object, **__:
         _check(source, filename)
 
 
-def _before_picture(filename: object, shown: object = None, *_: object, **options: object) -> None:
+def _before_picture(filename: object, shown: Any = None, *_: object, **options: Any) -> None:
     from paraview import simple
 
     shown = shown or next((options[key] for key in ("viewOrLayout", "view", "layout") if options.get(key)), None)
     shown = shown or simple.GetActiveView()
     if shown is None:
         return
-    views = [shown] if hasattr(shown, "Representations") else simple.GetViewsInLayout(shown)
+    views: list[View] = [shown] if hasattr(shown, "Representations") else simple.GetViewsInLayout(shown)
     displays = [(display, view) for view in views for display in _visible(view)]
     for display, view in displays:
         display.Input.UpdatePipeline(view.ViewTime)
@@ -215,8 +215,8 @@ def _ours_until(source: Any) -> Iterator[Any]:
         seen.add(one.GetGlobalIDAsString())
         if _is_ours(one):
             yield one
-        given = getattr(one, "Input", None)
-        ahead += list(given) if isinstance(given, list | tuple) or type(given).__name__ == "InputProperty" else [given]
+        given: Any = getattr(one, "Input", None)
+        ahead += [given] if given is None or hasattr(given, "SMProxy") else list(given)  # one proxy, or several
 
 
 def _is_ours(proxy: Any) -> bool:

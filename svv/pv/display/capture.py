@@ -21,6 +21,7 @@ from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, r
 from svv.pv.display.shown import PLAIN
 from svv.pv.display.volume_display import as_volume, set_looks
 from svv.pv.filters.default_function import colours_of
+from svv.pv.filters.failed import in_window
 from svv.pv.live.sharpening import BESIDE, watch_learning
 from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
@@ -40,6 +41,9 @@ FOLLOWED = ("Camera", "ParallelScale", "ImageSize")
 
 _captured: Watched[tuple[WeakReference[SMProxy], dict[str, object]]] = Watched()
 """The display that each filter has captured last, and what it was like."""
+
+_applied: list[SMProxy] = []
+"""Waiting filters while what is applied to them is passed on."""
 
 OF_VIEWS = (
     ("EndEvent", follow_property.view_drawn),
@@ -161,7 +165,9 @@ def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
     state was loaded that shows it in several views: it does not say from which one the filter has its panel.
     """
     filter = python_proxy(proxy)
-    if name not in TAKE and not (waits(filter) and _is_applied(filter, name)):
+    if name not in TAKE:
+        if waits(filter) and _is_applied(filter, name):
+            _applied.append(proxy)  # what is set now would not be passed on
         return
     known = _captured.get(proxy)
     displays = list(_volume_displays(filter.Input))
@@ -175,9 +181,15 @@ def waits(filter: Proxy) -> bool:
 
     Capturing one would let it learn as soon as a view is drawn, which nobody has asked for.
     """
-    import paraview
+    return in_window() and filter.TransferFunction is None and bool(failure_of(filter))
 
-    return paraview.fromGUI and filter.TransferFunction is None and bool(failure_of(filter))
+
+def applied(proxy: SMProxy, event: str) -> None:
+    """Capture the display of a waiting filter's input once all that was applied has been passed on; an observer."""
+    if proxy in _applied:
+        _applied.remove(proxy)
+        filter = python_proxy(proxy)
+        _capture_first(filter, _volume_displays(filter.Input), {})
 
 
 def _is_applied(filter: Proxy, name: str) -> bool:
@@ -226,6 +238,7 @@ def _take(filter: Proxy, display: Display, before: Mapping[str, object]) -> None
 
 OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
     (CAPTURED, "UpdatePropertyEvent", capture_changes),
+    (CAPTURED, "UpdateEvent", applied),
     (KEEPING, "UpdateDataEvent", take_names),
     (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
     (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),

@@ -155,11 +155,19 @@ def name_of(filter: str) -> str:
 
 def in_script() -> bool:
     """Return whether this process runs a script in pvpython or pvbatch; neither ParaView's window nor a server does."""
-    import paraview
     from paraview.modules.vtkRemotingCore import vtkProcessModule
 
     scripts = (vtkProcessModule.PROCESS_CLIENT, vtkProcessModule.PROCESS_BATCH)
-    return not paraview.fromGUI and vtkProcessModule.GetProcessType() in scripts
+    return not in_window() and vtkProcessModule.GetProcessType() in scripts
+
+
+def in_window() -> bool:
+    """Return whether this process is ParaView's window; ``paraview.fromGUI`` is not set there, at least in 5.11."""
+    import paraview
+    from paraview.modules.vtkRemotingCore import vtkProcessModule
+
+    module = vtkProcessModule.GetProcessModule()
+    return paraview.fromGUI or (module is not None and Path(module.GetProgramPath() or "").stem.startswith("paraview"))
 
 
 def take_again() -> str:

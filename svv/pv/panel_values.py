@@ -52,6 +52,7 @@ class Values(DisplayValues, total=False):
     SpecularPower: float
     Refusal: str
     Notice: str
+    DefaultColours: str
     Display: PVDataRepresentation
     Distance: float
 

@@ -14,11 +14,14 @@ from typing import Any
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
-from svv.pv.client import follow_property, linked_camera, mask_points, part_picking, placing
+from svv.pv.client import follow_property, linked_camera, mask_points, part_picking, placing, strict
 from svv.pv.client.observers import Watched, WeakReference, observe, python_proxy, with_data
+from svv.pv.client.strict import failure_of
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
 from svv.pv.display.volume_display import as_volume, set_looks
+from svv.pv.filters.default_function import colours_of
+from svv.pv.filters.failed import in_window
 from svv.pv.live.sharpening import BESIDE, watch_learning
 from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
@@ -33,8 +36,14 @@ BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 TAKE = ("TakeWhatIsShownNow", "TakeAsEdited")
 """Buttons, of one meaning, after which what a display has changed is captured."""
 
+FOLLOWED = ("Camera", "ParallelScale", "ImageSize")
+"""Properties that are set while an image follows a view."""
+
 _captured: Watched[tuple[WeakReference[SMProxy], dict[str, object]]] = Watched()
 """The display that each filter has captured last, and what it was like."""
+
+_applied: list[SMProxy] = []
+"""Waiting filters while what is applied to them is passed on."""
 
 OF_VIEWS = (
     ("EndEvent", follow_property.view_drawn),
@@ -155,13 +164,47 @@ def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
     What was changed in the panel alone stays. If the input is no longer shown as a volume, all does, and also if a
     state was loaded that shows it in several views: it does not say from which one the filter has its panel.
     """
+    filter = python_proxy(proxy)
     if name not in TAKE:
+        if waits(filter) and _is_applied(filter, name):
+            _applied.append(proxy)  # what is set now would not be passed on
         return
-    filter, known = python_proxy(proxy), _captured.get(proxy)
+    known = _captured.get(proxy)
     displays = list(_volume_displays(filter.Input))
     same = [display for display in displays if known is not None and known[0].Get() is display.SMProxy]
     if same or known is not None or filter.TransferFunction is None or len(displays) == 1:
         _capture_first(filter, same or displays, {} if known is None else known[1])
+
+
+def waits(filter: Proxy) -> bool:
+    """Return whether a filter in the window has failed for want of a transfer function, and so waits for *Apply*.
+
+    Capturing one would let it learn as soon as a view is drawn, which nobody has asked for.
+    """
+    return in_window() and filter.TransferFunction is None and bool(failure_of(filter))
+
+
+def applied(proxy: SMProxy, event: str) -> None:
+    """Capture the display of a waiting filter's input once all that was applied has been passed on; an observer."""
+    if proxy in _applied:
+        _applied.remove(proxy)
+        filter = python_proxy(proxy)
+        _capture_first(filter, _volume_displays(filter.Input), {})
+
+
+def _is_applied(filter: Proxy, name: str) -> bool:
+    """Return whether a property is one that *Apply* passes on, and not one that following a view sets."""
+    shown = filter.SMProxy.GetProperty(name)
+    return name not in FOLLOWED and shown is not None and shown.GetPanelVisibility() != "never"
+
+
+def default_colours() -> str:
+    """Return the colours that this ParaView gives arrays by itself (:func:`svv.pv.filters.default_function`)."""
+    session = vtkSMProxyManager.GetProxyManager().GetActiveSessionProxyManager()
+    table = session.NewProxy("lookup_tables", "PVLookupTable")
+    points, space = table.GetProperty("RGBPoints"), table.GetProperty("ColorSpace")
+    numbers = [points.GetElement(number) for number in range(points.GetNumberOfElements())]
+    return colours_of(numbers, space.GetElement(0))
 
 
 def _capture_first(filter: Proxy, displays: Iterable[Display], before: Mapping[str, object]) -> None:
@@ -185,7 +228,7 @@ def _take(filter: Proxy, display: Display, before: Mapping[str, object]) -> None
     except BadInput as error:
         filter.Refusal = str(error)
         raise
-    filter.Refusal = ""
+    filter.Refusal, filter.DefaultColours = "", default_colours()
     now = {**shown, "TransferFunction": display.LookupTable.SMProxy.GetGlobalIDAsString()}
     for name, value in shown.items():
         if name not in before or before[name] != now[name]:
@@ -195,6 +238,7 @@ def _take(filter: Proxy, display: Display, before: Mapping[str, object]) -> None
 
 OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
     (CAPTURED, "UpdatePropertyEvent", capture_changes),
+    (CAPTURED, "UpdateEvent", applied),
     (KEEPING, "UpdateDataEvent", take_names),
     (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
     (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
@@ -222,14 +266,16 @@ def _session_changed(manager: SMProxyManager, *_: object) -> None:
 
 def _watch_session(session: SMSessionProxyManager | None) -> None:
     if session is not None:
+        strict.install()
         observe(session, "RegisterEvent", _registered)
 
 
 def _registered(session: SMSessionProxyManager, *_: object) -> None:
+    strict.install()
     for name in CAPTURED:
         # The event does not identify the proxy, but a new one has no transfer function yet.
         for filter in _proxies(session, name):
-            if filter.TransferFunction is None and filter.Input is not None:
+            if filter.TransferFunction is None and filter.Input is not None and not waits(filter):
                 _capture_first(filter, _volume_displays(filter.Input), {})
     for name in BUTTONS:
         for filter in _proxies(session, name):

@@ -7,7 +7,7 @@ result, or nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -17,14 +17,19 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
-from svv.errors import BadInput, Cancelled, Progress
+from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.measure import give_memory_back
+from svv.progress import shown
 from svv.pv.client.connection import client_gone
 from svv.pv.filters.failed import (
     EARLIER,
     FailedBefore,
+    in_script,
     is_empty,
+    is_strict,
     mark_failed,
+    name_of,
+    note_failed,
     note_right,
     note_wrong,
     reason_in,
@@ -50,6 +55,7 @@ ORBIT = 181
 """Frames of the orbit around a scene."""
 
 STOPPED = "Stopped; the previous result is kept. Press Apply again to resume."
+STOPPED_SCRIPT = "Stopped; the previous result is kept. Update the filter again to resume."
 
 UNFINISHED = "The scene before this filter is still being learned."
 
@@ -76,6 +82,8 @@ class Filter(VTKPythonAlgorithmBase):
         self.values = self.defaults.copy()
         self._status = ""
         self._failed_on: object = None
+        self._ends = ExitStack()
+        self._tell: Progress = silent
         self.unfinished = False
         """Whether the input is made from a scene that is still being learned."""
         self.shows_edits = False
@@ -134,7 +142,8 @@ class Filter(VTKPythonAlgorithmBase):
         inputs = [vtkDataObject.GetData(port, 0) for port in in_info]
         outputs = [vtkDataObject.GetData(out_info, port) for port in range(self.GetNumberOfOutputPorts())]
         try:
-            said = self.work(inputs, outputs, out_info) or "Done."
+            with ExitStack() as self._ends:
+                said = self.work(inputs, outputs, out_info) or "Done."
             self.unfinished = any(map(is_unfinished, inputs))
             for output in outputs if self.unfinished else ():
                 mark_unfinished(output)
@@ -148,8 +157,9 @@ class Filter(VTKPythonAlgorithmBase):
             for output in outputs:
                 mark_unfinished(output)
         except Cancelled:
-            self.say(STOPPED, error=False)
-            self._output_previous(outputs, reason_of(type(self).__name__, STOPPED, stopped=True))
+            sentence = STOPPED_SCRIPT if in_script() else STOPPED
+            self.say(sentence, error=False)
+            self._output_previous(outputs, reason_of(type(self).__name__, sentence, stopped=True))
         except FailedBefore as error:
             self._say_once(str(error), inputs)
             self._output_previous(outputs, str(error))
@@ -213,6 +223,7 @@ class Filter(VTKPythonAlgorithmBase):
         """
         if client_gone():
             raise Cancelled
+        self._tell(fraction, label)
         self.SetProgressText(label)
         self.UpdateProgress(min(max(fraction, 0.0), 1.0))
         check = getattr(self, "CheckAbort", None)  # from VTK 9.3 on
@@ -223,12 +234,17 @@ class Filter(VTKPythonAlgorithmBase):
     def training(self) -> Iterator[Progress]:
         """Provide the progress callback for long work, which only one filter may do at a time.
 
+        Scripts show the progress on standard error; it stays there until the filter's work ends.
+
         Raises:
             BadInput: Another filter is doing long work.
         """
         if _working:
             raise BadInput(f"{_working[0]} is at work: stop it, or apply this filter again when it is done.")
         _working.append(type(self).__name__)
+        if self._tell is silent and in_script():
+            self._tell = self._ends.enter_context(shown(name_of(type(self).__name__)))
+            self._ends.callback(setattr, self, "_tell", silent)
         try:
             yield self.progress
         finally:
@@ -274,6 +290,9 @@ class Filter(VTKPythonAlgorithmBase):
     def say(self, sentence: str, error: bool = True) -> None:
         """Report a sentence to the user, in Output Messages and in the property Status."""
         self._status = sentence
+        note_failed(self, sentence, stopped=not error)
+        if is_strict():
+            return  # an exception will say it
         window = vtkOutputWindow.GetInstance()
         (window.DisplayErrorText if error else window.DisplayWarningText)(f"{type(self).__name__}: {sentence}\n")
 

@@ -2,7 +2,8 @@
 
 A filter that fails outputs its previous result, or nothing. Both carry the reason, which filters behind it repeat. In
 pvpython and pvbatch, which show no messages, a script that ends while a filter still lacks what it was asked to show
-has failed as well: its exit code is 2.
+has failed as well: its exit code is 2. If scripts are to be strict, :mod:`svv.pv.client.strict` makes every failure an
+exception of the script as soon as it can, and what is left when the script ends gives exit code 1.
 """
 
 from __future__ import annotations
@@ -13,16 +14,23 @@ import os
 import sys
 import traceback
 from pathlib import Path
+from typing import NoReturn
 
+import numpy as np
 from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
+from svv.dvr.draw.appearance import named
 from svv.ending import said_of
-from svv.errors import BadInput, is_lack_of_memory
+from svv.errors import BadInput, Cancelled, is_lack_of_memory
+from svv.pv.launch.programs import STRICT
 from svv.pv.panel.properties import label_of
 
 MARK = "StyleRF Failed"
 """Field data of what a filter outputs that has failed, and of what is made from it: the reason."""
+
+NUMBER = "StyleRF Failure"
+"""The same: the number of the failure, from 1. A client learns numbers of its server's data, but no texts."""
 
 UNEXPECTED = (
     "This should not have failed ({error} in {place}): please report it, with the input and this line. Other filters, "
@@ -40,6 +48,18 @@ EARLIER = "This shows an earlier result: {reason}"
 
 FAILED_SCRIPT = 2
 """Exit code of a script that ends with wrong pictures, as that of commands with bad input."""
+
+FAILED_STRICT = 1
+"""The same if scripts are strict: that of any script that ends with an exception."""
+
+_strict = [os.environ.get(STRICT) == "1"]
+"""Whether failures are to be exceptions of scripts."""
+
+_count = [0]
+"""How many outputs have been marked."""
+
+_untold: dict[str, Exception] = {}
+"""Failures that no exception has told the script yet, by the filter's address."""
 
 _wrong: dict[str, str] = {}
 """Reason why a filter does not show what it was asked to, by its address; filters behind one that failed."""
@@ -70,8 +90,7 @@ def reason_of(filter: str, sentence: str, stopped: bool = False) -> str:
     >>> reason_of("StyleRFStylizedView", "There is no style picture a.png: choose another.")
     'StyleRF Stylized View before this filter failed: There is no style picture a.png: choose another.'
     """
-    label = f"StyleRF {label_of(filter.removeprefix('StyleRF'))}"
-    return f"{label} before this filter {'was stopped' if stopped else 'failed'}: {sentence}"
+    return f"{name_of(filter)} before this filter {'was stopped' if stopped else 'failed'}: {sentence}"
 
 
 def mark_failed(data: vtkDataObject, reason: str) -> None:
@@ -80,6 +99,8 @@ def mark_failed(data: vtkDataObject, reason: str) -> None:
     array.SetName(MARK)
     array.InsertNextValue(reason)
     data.GetFieldData().AddArray(array)
+    _count[0] += 1
+    data.GetFieldData().AddArray(named(NUMBER, np.array([float(_count[0])])))
 
 
 def reason_in(data: vtkDataObject | None) -> str:
@@ -105,11 +126,64 @@ def is_empty(data: vtkDataObject | None) -> bool:
 def note_right(filter: object) -> None:
     """Take note that a filter shows what it was asked to."""
     _wrong.pop(_address(filter), None)
+    _untold.pop(_address(filter), None)
 
 
 def note_wrong(filter: object, reason: str) -> None:
     """Take note that a filter shows something else than it was asked to; a script that ends now has failed."""
     _wrong[_address(filter)] = reason
+    _untold.setdefault(_address(filter), BadInput(reason))
+
+
+def note_failed(filter: object, sentence: str, stopped: bool = False) -> None:
+    """Take note of what a strict script is to be told: that a filter has failed, or was stopped."""
+    said = f"{name_of(type(filter).__name__)}: {sentence}"
+    _untold[_address(filter)] = Cancelled(said) if stopped else BadInput(said)
+
+
+def take_failure() -> Exception | None:
+    """Return the first failure that the script has not been told; the others follow from it, or were before it."""
+    first = next(iter(_untold.values()), None)
+    _untold.clear()
+    return first
+
+
+def name_of(filter: str) -> str:
+    """Return the label of a class of filters, 'StyleRF Stylized View' for 'StyleRFStylizedView'."""
+    return f"StyleRF {label_of(filter.removeprefix('StyleRF'))}"
+
+
+def in_script() -> bool:
+    """Return whether this process runs a script in pvpython or pvbatch; neither ParaView's window nor a server does."""
+    from paraview.modules.vtkRemotingCore import vtkProcessModule
+
+    scripts = (vtkProcessModule.PROCESS_CLIENT, vtkProcessModule.PROCESS_BATCH)
+    return not in_window() and vtkProcessModule.GetProcessType() in scripts
+
+
+def in_window() -> bool:
+    """Return whether this process is ParaView's window; ``paraview.fromGUI`` is not set there, at least in 5.11."""
+    import paraview
+    from paraview.modules.vtkRemotingCore import vtkProcessModule
+
+    module = vtkProcessModule.GetProcessModule()
+    return paraview.fromGUI or (module is not None and Path(module.GetProgramPath() or "").stem.startswith("paraview"))
+
+
+def take_again() -> str:
+    """Return what the user does so that a filter takes over how its input is shown: 'press ...'."""
+    return "call TakeWhatIsShownNow() of the filter" if in_script() else "press Take What Is Shown Now"
+
+
+def is_strict() -> bool:
+    """Return whether failures of filters are exceptions here."""
+    return _strict[0] and in_script()
+
+
+def set_strict(on: bool) -> None:
+    """Choose whether failures of filters are exceptions of scripts; those before this count as told."""
+    _untold.clear()
+    _strict[0] = on
 
 
 def _address(filter: object) -> str:
@@ -119,16 +193,15 @@ def _address(filter: object) -> str:
 @atexit.register
 def _end() -> None:
     """End a script with an exit code that says so if it leaves filters that do not show what they were asked to."""
-    if not _wrong:
-        return
-    import paraview
-    from paraview.modules.vtkRemotingCore import vtkProcessModule
+    left = [str(error) for error in _untold.values()] if _strict[0] else list(_wrong.values())
+    if left and in_script():
+        print(f"svv: {left[0]}", file=sys.stderr)
+        end_now(FAILED_STRICT if _strict[0] else FAILED_SCRIPT)
 
-    scripts = (vtkProcessModule.PROCESS_CLIENT, vtkProcessModule.PROCESS_BATCH)
-    if paraview.fromGUI or vtkProcessModule.GetProcessType() not in scripts:
-        return
-    print(f"svv: {next(iter(_wrong.values()))}", file=sys.stderr)
+
+def end_now(code: int) -> NoReturn:
+    """End the process, with everything written that it has said."""
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     ctypes.CDLL(None).fflush(None)  # what ParaView's own streams hold
-    os._exit(FAILED_SCRIPT)
+    os._exit(code)

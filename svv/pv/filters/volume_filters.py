@@ -17,6 +17,7 @@ from svv.errors import BadInput, part
 from svv.io.files.keyed_results import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
+from svv.pv.filters import default_function
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.filters.parallel import DividedInput
 from svv.pv.filters.picking import Clickable
@@ -126,7 +127,8 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
         self.show(train, outputs, key_in(name))
         said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
         said = " ".join(filter(None, [said, train.meta.assumed]))
-        return said + told_of(inputs[0], self.values) + self.note + self.steps.told(now, "Drawn", "draws them again")
+        said += told_of(inputs[0], self.values) + default_function.told(inputs[0], self.values)
+        return said + self.note + self.steps.told(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Data]) -> None:
         if self.steps.result is not None:
@@ -199,7 +201,7 @@ class StyleRFTrain(DividedInput, Beside):
         said = " ".join(
             [said, *scene.made.get("warnings", []), scene.made.get("source", {}).get("assumed") or ""]
         ).rstrip()
-        return said + told_of(inputs[0], self.values) + self.note + told
+        return said + told_of(inputs[0], self.values) + default_function.told(inputs[0], self.values) + self.note + told
 
     def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
         if not self.put_newest(outputs[0]):
@@ -374,7 +376,8 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
         parts = "" if isinstance(scene, Stored) else parts_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         note = LOST.format(lost=self.lost) if self.lost else self.note
-        said = f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{note}"
+        shown = told_of(inputs[0], values) + default_function.told(inputs[0], values)
+        said = f"{regions_said(scene)}{hint}.{shown}{note}"
         said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed"), parts]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):

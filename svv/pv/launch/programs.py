@@ -34,6 +34,12 @@ SECOND_VTK = ("vtk", "vtk.py", "vtkmodules", "pyvista", "matplotlib")
 PYTHON = "SVV_PYTHON"
 """Environment variable with the Python that started ParaView, which has packages that ParaView's must not have."""
 
+STRICT = "SVV_STRICT"
+"""Environment variable: 1 makes errors of filters exceptions of the scripts that run them, 0 does not."""
+
+SCRIPTED = ("pvpython", "pvbatch")
+"""Programs that run scripts."""
+
 INSTALL_HINT = (
     "install ParaView 5.11 or newer (Debian, Ubuntu: sudo apt-get install paraview python3-paraview xvfb; "
     "Fedora: sudo dnf install paraview; without root: conda create -n paraview -c conda-forge paraview, or an archive "
@@ -301,6 +307,8 @@ def run(program: str, arguments: Sequence[str], folder: str | Path | None = None
     paraview = find(folder)
     path = paraview.program(program)
     environ = environ_for(paraview)
+    if program in SCRIPTED:
+        environ.setdefault(STRICT, "1")
     if needs_display(paraview, program) and not environ.get("DISPLAY"):
         _, environ["DISPLAY"] = start_display()
     sys.stdout.flush()

@@ -261,6 +261,7 @@ def capture_reports() -> list[Property]:
     helps = {
         "Refusal": "Why the volume cannot be drawn as it is shown; empty if it can.",
         "Notice": "How it is drawn otherwise than it is shown; empty if it is not.",
+        "DefaultColours": "The colours that ParaView gives an array by itself: position from 0 to 1, red, green, blue.",
     }
     return [hidden("String", name, help, stored(name, lambda value: value or "")) for name, help in helps.items()]
 

@@ -1,0 +1,95 @@
+"""Whether a volume is shown with the transfer function that ParaView gives every array by itself.
+
+It is a ramp over all values, which shows most volumes as fog: whoever paints it by mistake is told.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
+
+from svv.pv.filters.failed import in_script, take_again
+from svv.pv.filters.parallel import crew_of
+from svv.pv.panel_values import Values
+
+if TYPE_CHECKING:
+    from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+    from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
+
+DEFAULT = (
+    " The transfer function is ParaView's default, a ramp over all values that shows most volumes as fog: {edit}, and "
+    "then {take}."
+)
+
+SAME = 1e-4
+"""Difference of two colours, 0 to 1, or of two positions relative to the range, below which they are the same."""
+
+RAMP = ((0.0, 0.0, 0.5, 0.0), (1.0, 1.0, 0.5, 0.0))
+"""Position, opacity, midpoint and sharpness of the points of ParaView's default opacities."""
+
+
+def told(data: vtkDataObject | None, values: Values) -> str:
+    """Return a sentence, after a space, if the panel's transfer function is ParaView's default; '' if it is not."""
+    if not is_default(data, values):
+        return ""
+    edit = "set its colours and opacities" if in_script() else "edit it in the Color Map Editor"
+    return DEFAULT.format(edit=edit, take=take_again())
+
+
+def is_default(data: vtkDataObject | None, values: Values) -> bool:
+    """Return whether neither colours, opacities nor their range have been changed since ParaView made them.
+
+    The client tells the colours, because versions of ParaView differ (``DefaultColours``). The range has to be that of
+    the array that is shown, where this process has all of it.
+    """
+    from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
+
+    table, told = values["TransferFunction"], values.get("DefaultColours", "").split()
+    if not isinstance(table, vtkDiscretizableColorTransferFunction) or not told:
+        return False
+    opacity = table.GetScalarOpacityFunction()
+    low, high = table.GetRange()
+    if opacity is None or not high > low or table.GetUseLogScale():
+        return False
+    space, *numbers = map(float, told)
+    known = _range_of(data, values)
+    if known is not None and np.abs(np.subtract(known, (low, high))).max() > SAME * (high - low):
+        return False
+    points = [(opacity, 4, RAMP), (table, 6, np.reshape(numbers, (-1, 4)))]
+    same = (_same(_points(function, width, low, high), given) for function, width, given in points)
+    return table.GetColorSpace() == space and all(same)
+
+
+def colours_of(positions_and_colours: list[float], space: int) -> str:
+    """Return the text of ``DefaultColours`` for the points of a colour function (position, red, green, blue, ...)."""
+    points = np.reshape(positions_and_colours, (-1, 4))
+    first, last = points[0, 0], points[-1, 0]
+    points[:, 0] = (points[:, 0] - first) / (last - first)
+    return " ".join(f"{number:.6g}" for number in (space, *points.ravel()))
+
+
+def _same(points: list[list[float]], given: object) -> bool:
+    ours, theirs = np.asarray(points), np.asarray(given)
+    return ours.shape == theirs.shape and bool(np.abs(ours - theirs).max() < SAME)
+
+
+def _points(
+    function: vtkPiecewiseFunction | vtkDiscretizableColorTransferFunction, width: int, low: float, high: float
+) -> list[list[float]]:
+    """Return the first four numbers of each point of a function, its position from 0 to 1 between low and high."""
+    found = []
+    for number in range(function.GetSize()):
+        function.GetNodeValue(number, node := [0.0] * width)
+        found.append([(node[0] - low) / (high - low), *node[1:4]])
+    return found
+
+
+def _range_of(data: vtkDataObject | None, values: Values) -> tuple[float, float] | None:
+    """Return the range of the array that is shown; None if this process does not have all of it as one array."""
+    if not isinstance(data, vtkDataSet) or crew_of(data) is not None:
+        return None
+    fields = data.GetCellData() if values.get("ScalarsOnCells") else data.GetPointData()
+    array = fields.GetArray(values["Scalars"]) if values["Scalars"] else fields.GetScalars()
+    return None if array is None else array.GetFiniteRange(0)

@@ -128,8 +128,8 @@ class Workshop:
         from svv.fields.scene.edit_request import with_edit
         from svv.options.editing import CutEdit, SceneEdit
 
-        path, shapes = self._new_scene(out), (tuple(texts) if texts else None for texts in (cut, outside))
-        edit = CutEdit(*shapes, uncut or None)
+        path = self._new_scene(out)
+        edit = CutEdit(tuple(cut or ()) or None, tuple(outside or ()) or None, uncut or None)
         if not edit:
             raise BadInput("Nothing to cut: give cut, outside or uncut.")
         result = with_edit(self._scene(scene), SceneEdit(cuts=edit))

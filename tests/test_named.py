@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PARAVIEW = {
     "Abort", "Apply", "Clip", "Color Map Editor", "Coloring", "Composite", "Coordinate System", "Cubic", "Headlight",
     "Lights", "Linear", "Navigable", "Output Messages", "Pipeline Browser", "Play", "Save Animation",
-    "Scalar Opacity Unit Distance", "Smart", "Use 2D Transfer Function", "Volume Rendering Mode", "Volumetric Scattering Blending",
+    "Scalar Opacity Unit Distance", "Smart", "Use 2D Transfer Function", "Volume Rendering Mode",
+    "Volumetric Scattering Blending",
 }  # fmt: skip
 """Names in ParaView's window: its buttons and panels, and what they offer."""
 
@@ -34,8 +35,8 @@ OUTPUTS = {"Mask"}
 """Our filters' outputs."""
 
 WORDS = {
-    "CPU", "CUDA", "Debian", "DIR", "DISPLAY", "Fedora", "GB", "GPU", "JSON", "Machado", "MatCap", "MatCaps", "NVIDIA GPU",
-    "PATH", "PDF", "ParaView", "Python", "SVG", "SVV_CACHE_SIZE", "SVV_TORCH_INDEX", "TORCH", "Ubuntu", "VTK", "Xvfb",
+    "CPU", "CUDA", "Debian", "DIR", "DISPLAY", "Fedora", "GB", "GPU", "JSON", "Machado", "MatCap", "MatCaps",
+    "NVIDIA GPU", "PATH", "PDF", "ParaView", "Python", "SVG", "SVV_CACHE_SIZE", "SVV_TORCH_INDEX", "TORCH", "Ubuntu", "VTK", "Xvfb",
     "NAME", "FILE", "No", "RGBA", "There",
 }  # fmt: skip
 """Other words with a capital: programs, formats, variables, people."""
@@ -187,7 +188,7 @@ def commands() -> dict[str, set[str]]:
 
 
 def unknown_commands(text: str) -> list[str]:
-    """Commands and options in a sentence that are not there; an option belongs to the command before it, if there is."""
+    """Commands and options in a sentence that are not there; an option belongs to the command before it, if any."""
     if text.startswith(":root"):
         return []  # the style sheet of a page
     every = set().union(*commands().values()) | FOREIGN

@@ -36,7 +36,8 @@ OUTPUTS = {"Mask"}
 
 WORDS = {
     "CPU", "CUDA", "Debian", "DIR", "DISPLAY", "Fedora", "GB", "GPU", "JSON", "Machado", "MatCap", "MatCaps",
-    "NVIDIA GPU", "PATH", "PDF", "ParaView", "Python", "SVG", "SVV_CACHE_SIZE", "SVV_TORCH_INDEX", "TORCH", "Ubuntu", "VTK", "Xvfb",
+    "NVIDIA GPU", "PATH", "PDF", "ParaView", "Python", "SVG", "SVV_CACHE_SIZE", "SVV_TORCH_INDEX", "TORCH", "Ubuntu",
+    "VTK", "Xvfb",
     "NAME", "FILE", "No", "RGBA", "There",
 }  # fmt: skip
 """Other words with a capital: programs, formats, variables, people."""

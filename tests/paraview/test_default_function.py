@@ -38,7 +38,7 @@ points = list(colours.RGBPoints)
 colours.RGBPoints = [*points[:1], 0.9, *points[2:]]
 told("another colour")
 colours.RGBPoints = points
-space, colours.ColorSpace = str(colours.ColorSpace), "RGB"
+space, colours.ColorSpace = colours.GetProperty("ColorSpace").GetData(), "RGB"
 told("another space")
 colours.ColorSpace = space
 for function in (colours, opacities):

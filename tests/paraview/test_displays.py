@@ -335,7 +335,7 @@ said["again"] = str(made.Status)
         "CoordinateSystem"
     }
     for name, (_, words) in REFUSALS.items():
-        assert words in said[name] and said[name].endswith("Then run the macro 'StyleRF capture'."), said[name]
+        assert words in said[name] and said[name].endswith("Then call TakeWhatIsShownNow() of the filter."), said[name]
     assert "other lights than the light kit" in said["light"] and "other lights" in said["weak headlight"]
     assert said["headlight"].startswith("4 views") and "Lit from" not in said["headlight"]
     assert "Lit from the camera" in said["light turned off"] and "Lit from" not in said["light without shade"]

@@ -93,7 +93,7 @@ REPRESENTATION: Mapping[str, Row] = {
     "UseTransfer2D": Row(
         REFUSED,
         "The volume is shown with a 2D transfer function, and StyleRF draws with a 1D one: turn Use 2D Transfer "
-        "Function off in the colour map editor.",
+        "Function off in the Color Map Editor.",
     ),
     "UseGradientForTransfer2D": WITH,
     "ColorArray2Name": WITH,

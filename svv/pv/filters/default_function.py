@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
-from svv.pv.filters.failed import in_script, take_again
+from svv.pv.filters.failed import in_script, pressing
 from svv.pv.filters.parallel import crew_of
 from svv.pv.panel_values import Values
 
@@ -35,7 +35,7 @@ def told(data: vtkDataObject | None, values: Values) -> str:
     if not is_default(data, values):
         return ""
     edit = "set its colours and opacities" if in_script() else "edit it in the Color Map Editor"
-    return DEFAULT.format(edit=edit, take=take_again())
+    return DEFAULT.format(edit=edit, take=pressing())
 
 
 def is_default(data: vtkDataObject | None, values: Values) -> bool:

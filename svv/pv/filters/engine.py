@@ -25,7 +25,7 @@ from svv.options.making import DeviceOptions, RenderOptions, TrainOptions, ViewO
 from svv.pv.display.shown import CROPS_INDICES, DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
-from svv.pv.filters.failed import check_there, take_again
+from svv.pv.filters.failed import check_there, pressing
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
 from svv.pv.panel.groups import COLOURS, IN_COLOUR
@@ -135,7 +135,7 @@ def transfer_function_of(values: Values) -> TransferFunction:
     from svv.dvr.functions.transfer_functions import TransferFunction
 
     if values.get("Refusal"):
-        raise BadInput(f"{values['Refusal']} Then {take_again()}.")
+        raise BadInput(f"{values['Refusal']} Then {pressing()}.")
     table = values["TransferFunction"]
     if isinstance(table, Mapping):  # handed from another process
         return TransferFunction.from_dict(table, "the transfer function")
@@ -143,7 +143,7 @@ def transfer_function_of(values: Values) -> TransferFunction:
     if table is None or opacity is None:
         raise BadInput(
             "There is no transfer function: show the filter's input in the active view with the representation Volume, "
-            f"and then {take_again()}."
+            f"and then {pressing()}."
         )
     unit = scale_of(values) * values["OpacityUnitDistance"] or None
     return TransferFunction.from_vtk(table, opacity, unit, "the transfer function")

@@ -170,9 +170,9 @@ def in_window() -> bool:
     return paraview.fromGUI or (module is not None and Path(module.GetProgramPath() or "").stem.startswith("paraview"))
 
 
-def take_again() -> str:
-    """Return what the user does so that a filter takes over how its input is shown: 'press ...'."""
-    return "call TakeWhatIsShownNow() of the filter" if in_script() else "press Take What Is Shown Now"
+def pressing(button: str = "Take What Is Shown Now") -> str:
+    """Return what the user does so that a filter does what a button of its panel stands for, in a script or not."""
+    return f"call {button.replace(' ', '')}() of the filter" if in_script() else f"press {button}"
 
 
 def is_strict() -> bool:

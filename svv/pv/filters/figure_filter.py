@@ -27,12 +27,14 @@ __all__ = ["StyleRFFigure"]
     switch("VolumeRendering", False, "Also show the volume rendering, in a panel before it; the palette network if the "
            "volume is not there.", advanced=True),
     file("VolumeFile", "vti mhd mha nrrd nhdr nii gz raw npy tif tiff h5 nc vtk vtu pvti", "Volumes", "The file of the "
-         "scene's volume, for the panel above. The macro StyleRF figure names that of the pipeline.", advanced=True),
+         "scene's volume, for the panel above. The macro StyleRF figure, imported from plugin/macros, names that of "
+         "the pipeline.", advanced=True),
     switch("Background", False, "Give the figure a background; otherwise it is white."),
     numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
     seen_with(),
     numbers("Camera", (0.0,) * 9 + (30.0,), "Position, focal point and view-up vector (x, y, z each), and angle of "
-            "view in degrees; all zeros: from the front. The macro StyleRF figure uses the active view's.", None, True),
+            "view in degrees; all zeros: from the front. The macro StyleRF figure, imported from plugin/macros, uses "
+            "the active view's.", None, True),
     number("ParallelScale", 0.0, "Half of the height in world units, with parallel rays; 0 for perspective.", 0.0, None,
            True),
     file("FigureFile", "pdf svg png tiff", "Figures", "File to which Save Figure writes the figure.", save=True),

@@ -221,7 +221,8 @@ class StyleRFTrain(DividedInput, Beside):
 @takes_scene
 class StyleRFRender(ImageOutput, Clickable):
     """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
-    orbit around the scene; the macro StyleRF play orbit makes Play and Save Animation show them all.
+    orbit around the scene; the macro StyleRF play orbit, imported from plugin/macros, makes Play and Save
+    Animation show them all.
     """
 
     def __init__(self) -> None:

@@ -214,7 +214,7 @@ def image_properties(size: int) -> list[Property]:
         number("ParallelScale", 0.0, "Half of the image's height in world units if Camera is orthographic, with "
                "parallel rays; 0 for perspective.", 0.0, None, True),
         integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros; the macro StyleRF "
-                "play orbit animates through the frames.", 0, 180),
+                "play orbit, imported from plugin/macros, animates through the frames.", 0, 180),
         moving(),
         hidden_text("SeenFrom", "GetSeenFrom", "Camera of the last image, for a view that has none of its own."),
     ]  # fmt: skip

@@ -273,7 +273,7 @@ def transfer_function() -> Property:
         'panel_widget="proxy_editor" null_on_empty="1">'
         '<ProxyGroupDomain name="groups"><Group name="lookup_tables"/></ProxyGroupDomain>'
         "<Documentation>Colours and opacities of the volume rendering to learn, taken from the volume as the active "
-        "view shows it when the filter is created; the colour map editor edits the same transfer function."
+        "view shows it when the filter is created; the Color Map Editor edits the same transfer function."
         "</Documentation></ProxyProperty>"
     )
 

@@ -17,6 +17,7 @@ from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.cache import Cache
 from svv.pv.filters.base import Filter
+from svv.pv.filters.failed import pressing
 from svv.pv.results.keys import key_in, name_of, settings_in, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
@@ -170,7 +171,7 @@ class Keeping(Filter):
 
     def _gone(self, name: str, kind: str) -> str:
         place = Cache.of_user()
-        again = f"press {self.button}, and {'they are' if kind == 'views' else 'it is'} {MADE[kind]} again"
+        again = f"{pressing(self.button)}, and {'they are' if kind == 'views' else 'it is'} {MADE[kind]} again"
         if self.lost:
             return f"{self.lost} What was made with it is missing from {place.folder}, too."
         if place.holds(name):

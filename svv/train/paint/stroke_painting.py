@@ -138,7 +138,8 @@ class Brushing:
         if glaze > 0.0:
             self.notes.append(
                 f"Region {region} is translucent, so the ground between its strokes is clearer than they are: svv "
-                "edit --stroke-opacity changes that (below 0 for dark backgrounds), and --manner pieces paints evenly."
+                "edit --stroke-opacity changes that (below 0 for dark backgrounds), and svv stylize --manner pieces "
+                "paints evenly."
             )
         glazed = clear if glaze > 0.0 and painter.on_glass.any() else 0.0
         return Laid(work, hand, clear, glazed), glaze

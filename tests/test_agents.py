@@ -45,7 +45,7 @@ def test_an_assistant_cuts_a_scene_open(workshop: Workshop) -> None:
         "open.svv",
     ]
     assert workshop.info("open.svv")["cuts"] == ["cut x > 0", "cut y > 0 of region 1"]
-    said = workshop.cut("open.svv", "ball.svv", outside=["sphere:0,0,0:0.4"], uncut=True)
+    said = workshop.cut("open.svv", "ball.svv", cut=["outside sphere:0,0,0:0.4"], uncut=True)
     assert said == ["cut all but ball of radius 0.4 at 0, 0, 0", "ball.svv"]
     with pytest.raises(BadInput, match="Nothing to cut"):
         workshop.cut("cube.svv", "a.svv")

@@ -38,7 +38,7 @@ def side_camera() -> Camera:
 
 
 def cut_with(scene: Scene, text: str, outside: bool = False) -> Scene:
-    return scene.cut(Cut.parse(text, scene.bounds, outside))
+    return scene.cut(outside * "outside " + text)
 
 
 @given(st.sampled_from(SHAPES), st.sampled_from(SHAPES), st.booleans(), points, points)
@@ -49,7 +49,7 @@ def test_what_is_left_of_a_ray_is_what_no_cut_holds(
     direction = torch.tensor(towards, dtype=torch.float64)
     if float(direction.norm()) < 0.1:
         return
-    cuts = [Cut.parse(one, BOUNDS), Cut.parse(other, BOUNDS, outside)]
+    cuts = [Cut.parse(one, BOUNDS), Cut.parse(outside * "outside " + other, BOUNDS)]
     origin = torch.tensor([start], dtype=torch.float64)
     direction = (direction / direction.norm())[None]
     begin, end = (spans[0] for spans in kept_spans(cuts, origin, direction))
@@ -66,7 +66,7 @@ def test_what_is_left_of_a_ray_is_what_no_cut_holds(
 def test_a_cut_is_the_same_in_the_world_and_in_the_box(
     shape: str, low: tuple[float, float, float], size: float, outside: bool
 ) -> None:
-    box, cut = Box(low, size, (1.0, 1.0, 1.0)), Cut.parse(shape, BOUNDS, outside)
+    box, cut = Box(low, size, (1.0, 1.0, 1.0)), Cut.parse(outside * "outside " + shape, BOUNDS)
     world = torch.from_numpy(np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)))
     inside = torch.from_numpy(box.to_box(world.numpy()))
     np.testing.assert_allclose(cut.in_box(box).depth(inside) * size, cut.depth(world), atol=1e-9 * (1 + size))
@@ -186,6 +186,7 @@ def test_a_page_refuses_cuts() -> None:
         ("plane:0,0,0:0,0,0", "direction that is not 0"),
         ("cylinder:0,0,0:0,0,0:1", "axis that is not 0"),
         ("x>nan", "is no cut"),
+        ("outside", "is no cut"),
         ("box:0,0,inf:1,1,1", "must be finite"),
         ("-1=x>5", "is no cut"),
         ("7=x>5", "There is no region 7: the scene has the regions 0 to 2"),
@@ -233,8 +234,8 @@ def test_the_command_cuts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         "x>50%&y>50%",
         "--cut",
         "0=z>0",
-        "--cut-outside",
-        "sphere:0,0,0:0.4",
+        "--cut",
+        "outside sphere:0,0,0:0.4",
         "--out",
         "c.svv",
     )

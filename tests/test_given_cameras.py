@@ -101,7 +101,7 @@ def test_all_that_take_a_camera_take_a_plotters(plotter: Any, cube: Scene) -> No
 
 
 @pytest.mark.parametrize(
-    "given", ["front", 3, (1.0, 2.0), [(0, 0, 0)] * 2, (np.nan, 0, 0), {"position": (0, 0, 1)}, object()], ids=str
+    "given", ["front", 3, (1.0, 2.0), [(0, 0, 0)] * 2, (np.nan, 0, 0), {"position": (0, 0, 1)}, object()], ids=range(7)
 )
 def test_what_is_no_camera_is_refused_with_what_is_one(cube: Scene, given: Any) -> None:
     with pytest.raises(BadInput, match=r"is no camera: give an svv.Camera, .*, iso\.$"):

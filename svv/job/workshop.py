@@ -116,22 +116,20 @@ class Workshop:
         done.scene.save(path)
         return [*done.understood, self.shown(path)]
 
-    def cut(
-        self, scene: str, out: str, cut: list[str] | None = None, outside: list[str] | None = None, uncut: bool = False
-    ) -> list[str]:
-        """Cut a scene open: off goes what is inside of shapes, or outside; ``uncut`` takes away earlier cuts first.
+    def cut(self, scene: str, out: str, cut: list[str] | None = None, uncut: bool = False) -> list[str]:
+        """Cut a scene open: off goes what is inside of shapes; ``uncut`` takes away earlier cuts first.
 
         Shapes: "x>50%" or "x>50%&y<12.5" (percent of the bounds, or world units), "plane:X,Y,Z:NX,NY,NZ" (the side to
         which the direction points), "box:X,Y,Z:X,Y,Z", "sphere:X,Y,Z:R", "cylinder:X,Y,Z:DX,DY,DZ:R"; for some regions
-        only with their numbers in front: "0,2=x>50%".
+        only with their numbers in front: "0,2=x>50%". What is outside of a shape: "outside sphere:X,Y,Z:R".
         """
         from svv.fields.scene.edit_request import with_edit
         from svv.options.editing import CutEdit, SceneEdit
 
         path = self._new_scene(out)
-        edit = CutEdit(tuple(cut or ()) or None, tuple(outside or ()) or None, uncut or None)
+        edit = CutEdit(tuple(cut or ()) or None, uncut or None)
         if not edit:
-            raise BadInput("Nothing to cut: give cut, outside or uncut.")
+            raise BadInput("Nothing to cut: give cut or uncut.")
         result = with_edit(self._scene(scene), SceneEdit(cuts=edit))
         result.save(path)
         return [*(one.said() for one in result.cuts), self.shown(path)]

@@ -22,9 +22,12 @@ from svv.errors import BadInput
 
 HOW = (
     "give sides of planes such as x>50% or x>50%&y<12.5, plane:X,Y,Z:NX,NY,NZ, box:X,Y,Z:X,Y,Z, sphere:X,Y,Z:R or "
-    "cylinder:X,Y,Z:DX,DY,DZ:R, for some regions only as 0,2=x>50%"
+    "cylinder:X,Y,Z:DX,DY,DZ:R, for some regions only as 0,2=x>50%, and outside before a shape to cut off the rest"
 )
 """What the text of a cut may be."""
+
+OUTSIDE = "outside"
+"""Word in front of a shape outside of which everything is cut off."""
 
 _SIDE = re.compile(r"([xyz])([<>])([-+.\deE]+)(%?)")
 
@@ -80,16 +83,16 @@ class Cut:
         object.__setattr__(self, "regions", tuple(sorted({int(k) for k in self.regions})))
 
     @classmethod
-    def parse(cls, text: str, bounds: ArrayLike, outside: bool = False) -> Cut:
+    def parse(cls, text: str, bounds: ArrayLike) -> Cut:
         """Return the cut that a text describes.
 
         Args:
             text: Sides of planes along the axes, such as ``x>50%`` or ``x>50%&y<12.5``, which are cut off where all of
                 them hold (percent: from the lower to the upper end of the bounds); ``plane:X,Y,Z:NX,NY,NZ``, a point
                 and the direction of the side that is cut off; ``box:X,Y,Z:X,Y,Z``, two corners; ``sphere:X,Y,Z:R``;
-                ``cylinder:X,Y,Z:DX,DY,DZ:R``. Regions and a ``=`` may stand in front: ``0,2=x>50%``.
+                ``cylinder:X,Y,Z:DX,DY,DZ:R``. With the word ``outside`` before it, what is outside of the shape is
+                cut off. Regions and a ``=`` may stand in front of all: ``0,2=outside sphere:0,0,0:5``.
             bounds: Lowest and highest corner of what is cut, in world units. (2, 3)
-            outside: Whether what is outside of the shape is cut off.
 
         Raises:
             BadInput: The text is none of these.
@@ -97,12 +100,13 @@ class Cut:
         >>> Cut.parse("x>50%&y<1", [[0, 0, 0], [4, 4, 4]]).planes
         ((1.0, 0.0, 0.0, 2.0), (0.0, -1.0, 0.0, -1.0))
         """
-        of, _, shape = text.replace(" ", "").rpartition("=")
+        of, _, shape = text.replace(" ", "").lower().rpartition("=")
+        outside, shape = shape.startswith(OUTSIDE), shape.removeprefix(OUTSIDE)
         try:
             regions = tuple(int(k) for k in of.split(",")) if of else ()
             if min(regions, default=0) < 0:
                 raise ValueError
-            kind, *rest = shape.lower().split(":")
+            kind, *rest = shape.split(":")
             parts = [tuple(float(v) for v in part.split(",")) for part in rest]
             found = _sides(kind, np.asarray(bounds, np.float64)) if not parts else _shape(kind, parts)
         except BadInput:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from svv.core.geometry.cuts import Cut
 from svv.errors import Progress, silent
 from svv.fields.scene.scene import Scene
 from svv.options.editing import SPLIT_LEVEL, SceneEdit
@@ -30,9 +29,8 @@ def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Sce
         result = result.shown(*seen.show)
     if edit.cuts.uncut:
         result = result.uncut()
-    for texts, outside in ((edit.cuts.cut, False), (edit.cuts.cut_outside, True)):
-        if texts:
-            result = result.cut(*(Cut.parse(text, scene.bounds, outside) for text in texts))
+    if edit.cuts.cut:
+        result = result.cut(*edit.cuts.cut)
     for region, change in edit.regions.items():
         if change:
             result = result.edited(region, **change.given())

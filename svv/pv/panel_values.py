@@ -90,6 +90,7 @@ class Values(DisplayValues, total=False):
     Pick: str
     Say: str
     Isolate: str
+    Cuts: str
     OutlineRegions: str
     LightFrom: str
     LightAzimuth: float

@@ -21,6 +21,32 @@ from tests.cube import clear_place, cube_scene, lit_cube_scene
 from tests.loose_balls import loose_balls
 
 
+def test_a_panel_cuts_a_scene_open(inside, tmp_path: Path) -> None:
+    said = inside("""
+edit = StyleRFEdit(Input=OpenDataFile(folder + "/cube.svv"))
+image = StyleRFRender(Input=edit, ImageSize=[40, 40])
+visible = lambda: float((arrays(image)["RGBA"][..., 3] > 100).mean())
+said["whole"] = visible()
+edit.Cuts = "x>50%; 1=outside sphere:0,0,0:0.3"
+said["cut"] = [visible(), status(edit)]
+volume = StyleRFVolume(Input=edit, Resolution=16)
+said["volume"] = status(volume)
+edit.SaveFile = folder + "/open.svv"
+edit.SaveScene()
+edit.Cuts = "x=5"
+said["no cut"] = status(edit)
+edit.UndoEdit()
+edit.UndoEdit()
+said["undone"] = [edit.Cuts, visible()]
+""")
+    assert 0.3 < said["cut"][0] / said["whole"] < 0.7
+    told = ["cut x > 0", "cut all but ball of radius 0.3 at 0, 0, 0 of region 1"]
+    assert all(one in said["cut"][1] for one in told), said["cut"]
+    assert [cut.said() for cut in Scene.load(tmp_path / "open.svv").cuts] == told
+    assert said["no cut"].startswith("'x=5' is no cut: give sides of planes")
+    assert said["undone"] == ["", said["whole"]]
+
+
 def test_regions_are_hidden_isolated_and_edits_taken_back(inside, tmp_path: Path) -> None:
     said = inside("""
 edit = StyleRFEdit(Input=OpenDataFile(folder + "/cube.svv"), Region0Opacity=0.5)

@@ -10,6 +10,7 @@ from svv.core.colour.correction import Correction, Point
 from svv.errors import BadInput, Progress, silent
 from svv.options.editing import (
     SPLIT_LEVEL,
+    CutEdit,
     LightEdit,
     OcclusionEdit,
     OutlineEdit,
@@ -150,6 +151,7 @@ def edit_in(values: Values) -> SceneEdit:
             isolate=tuple(whole_numbers_in(values["Isolate"], "Isolate")) if values["Isolate"].strip() else None,
             hide=hide or None,
         ),
+        CutEdit(tuple(text.strip() for text in values["Cuts"].split(";") if text.strip()) or None),
         outlined=tuple(whole_numbers_in(values["OutlineRegions"], "Outline Regions")),
     )
 

@@ -325,6 +325,12 @@ def edit_properties() -> Sequence[Property]:
         *light_properties(),
         *(p for region in range(REGIONS) for p in region_properties(region)),
         text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
+        text(
+            "Cuts",
+            "Cut the scene open, with semicolons between several: x>50%; 0=y>50% & z<12.5 for region 0 alone; "
+            "plane:X,Y,Z:NX,NY,NZ; box:X,Y,Z:X,Y,Z; sphere:X,Y,Z:R; cylinder:X,Y,Z:DX,DY,DZ:R; outside sphere:X,Y,Z:R "
+            "for all but the ball.",
+        ),
         *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),
         *stroke_properties(),
         *outline_properties(),

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from svv.io.views.camera_file import read_camera as read_camera
     from svv.io.views.camera_file import read_cameras as read_cameras
     from svv.io.views.viewset import ViewSet as ViewSet
+    from svv.job.painting import paint as paint
     from svv.job.volume_panels import volume_panel as volume_panel
     from svv.options.figures import FigureOptions as FigureOptions
     from svv.options.making import PaintOptions as PaintOptions
@@ -86,6 +87,7 @@ PUBLIC = {
     "image_data": "svv.render.show",
     "make_views": "svv.dvr.draw.views",
     "orbit": "svv.render.frames",
+    "paint": "svv.job.painting",
     "read_camera": "svv.io.views.camera_file",
     "read_cameras": "svv.io.views.camera_file",
     "read_style": "svv.io.pictures.style_picture",

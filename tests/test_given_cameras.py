@@ -43,10 +43,8 @@ def test_a_ball_lies_where_pyvista_draws_it(plotter: Any, cube: Scene, lens: str
     for name, value in LENSES[lens].items():
         getattr(plotter.camera, f"Set{name}")(*(value if isinstance(value, tuple) else (value,)))
     middle, radius = np.array((0.2, 0.1, -0.1)), 0.2
-    plotter.add_mesh(
-        pyvista.Sphere(radius=radius, center=middle, theta_resolution=60, phi_resolution=60), color="black", lighting=False,
-        reset_camera=False,
-    )  # fmt: skip
+    ball = pyvista.Sphere(radius=radius, center=middle, theta_resolution=60, phi_resolution=60)
+    plotter.add_mesh(ball, color="black", lighting=False, reset_camera=False)
     plotter.set_background("white")
     drawn = plotter.screenshot(return_img=True)[..., 0] < 128
     for given in (plotter, plotter.camera):
@@ -60,8 +58,9 @@ def test_a_ball_lies_where_pyvista_draws_it(plotter: Any, cube: Scene, lens: str
 
 def test_the_size_is_the_plotters_or_the_one_asked_for(plotter: Any, cube: Scene) -> None:
     assert cube.render(plotter).rgba.shape[:2] == SIZE[::-1]
-    assert svv.show(cube, camera=plotter, off_screen=True).size == SIZE
-    assert svv.show(cube, camera=plotter.camera, size=(32, 24), off_screen=True).size == (32, 24)
+    for camera, size, wanted in ((plotter, None, SIZE), (plotter.camera, (32, 24), (32, 24))):
+        shown = svv.show(cube, camera=camera, size=size, off_screen=True)
+        assert shown is not None and shown.size == wanted
     assert camera_of(plotter.camera, cube).width == 800
 
 
@@ -92,10 +91,11 @@ def test_all_that_take_a_camera_take_a_plotters(plotter: Any, cube: Scene) -> No
     np.testing.assert_array_equal(cube.render(plotter).rgba, cube.render(ours).rgba)
     pixel = tuple(int(i) for i in np.argwhere(cube.render(ours).rgba[..., 3] > 0.5).mean(0)[::-1])
     assert cube.point_at(plotter, pixel) == cube.point_at(ours, pixel)
-    look = svv.Look.of(cube, plotter).camera_for(cube)
-    np.testing.assert_allclose(look.camera_to_world, ours.camera_to_world, atol=1e-12)
+    kept = svv.Look.of(cube, plotter).camera_for(cube)
     drawn = drawing_of(svv.Panel(cube, plotter.camera_position), width=40.0, legend="none", tell=lambda _: None)
-    np.testing.assert_allclose(drawn.panels[0].camera.camera_to_world, ours.camera_to_world, atol=1e-12)
+    for found in (kept, drawn.panels[0].camera):
+        assert isinstance(found, svv.Camera)
+        np.testing.assert_allclose(found.camera_to_world, ours.camera_to_world, atol=1e-12)
     assert svv.volume_panel(cube, camera=plotter).camera is plotter
     np.testing.assert_array_equal(camera_of(cube_camera(), cube).camera_to_world, cube_camera().camera_to_world)
 

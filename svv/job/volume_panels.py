@@ -29,8 +29,7 @@ from svv.io.views.view_meta import ViewMeta
 from svv.job.source import VolumeSource, content_of
 
 if TYPE_CHECKING:
-    from vtkmodules.vtkCommonDataModel import vtkDataObject
-
+    from svv.dvr.draw.given import GivenVolume
     from svv.dvr.draw.views import Caster
     from svv.job.source import Volume
     from svv.render.figures.figure import Panel
@@ -73,7 +72,7 @@ class Remembered:
 
 def volume_panel(
     scene: Scene,
-    volume: str | Path | vtkDataObject | None = None,
+    volume: GivenVolume | None = None,
     camera: GivenCamera | None = None,
     title: str = "",
 ) -> Panel:
@@ -85,8 +84,8 @@ def volume_panel(
 
     Args:
         scene: A scene.
-        volume: The volume's file, or the image or grid that :func:`svv.make_views` was given; by default a file of its
-            name in the current folder or beside that.
+        volume: The volume's file, or the array, grid, actor or plotter that :func:`svv.make_views` was given; by default
+            a file of its name in the current folder or beside that.
         camera: As for a panel.
         title: As for a panel; by default ``volume rendering``, or ``palette network``.
 
@@ -115,7 +114,7 @@ def panel_of(scene: Scene, found: Remembered, camera: GivenCamera | None = None,
 
 
 def remembered(
-    scene: Scene, named: Sequence[Path | vtkDataObject], folders: Iterable[Path], within: Path | None = None
+    scene: Scene, named: Sequence[GivenVolume], folders: Iterable[Path], within: Path | None = None
 ) -> Remembered:
     """Find the volume of a scene.
 
@@ -159,12 +158,15 @@ def _beside(name: str, folders: Iterable[Path], within: Path | None) -> list[Pat
     return [path for path in found if within is None or path.resolve().is_relative_to(within)]
 
 
-def _known_again(scene: Scene, meta: ViewMeta, path: Path | vtkDataObject) -> Remembered:
+def _known_again(scene: Scene, meta: ViewMeta, path: GivenVolume) -> Remembered:
     """Return a file as the volume of a scene; raises BadInput if it is another one, or cannot be read."""
     if not isinstance(path, Path):
         from svv.dvr.draw.given import given_volume
 
-        draw = _drawing(meta, given_volume(path, bool(meta.nearest)), "What was given")
+        grid = meta.grid if isinstance(path, np.ndarray) else None
+        spacing, origin = (None, None) if grid is None else (grid.spacing, grid.origin)
+        given = given_volume(path, bool(meta.nearest), spacing=spacing, origin=origin)
+        draw = _drawing(meta, given, "What was given")
         _check_likeness(scene, draw, "What was given")
         return Remembered(draw, f"the volume that was given, {BY_PICTURE}")
     told = dict(meta.file or {})

@@ -93,7 +93,7 @@ def show(
                 learning, scene, picture, lambda newer: _picture(newer, first, network, background)
             )
     else:
-        pyvista = _pyvista()
+        pyvista = need_pyvista()
         if not off_screen and not pyvista.system_supports_plotting():
             raise BadInput("There is no display for a window; give off_screen=True to get only the picture.")
         plotter = pyvista.Plotter(off_screen=off_screen, window_size=[first.width, first.height])
@@ -182,7 +182,7 @@ def image_data(rendering: Rendering) -> pyvista.ImageData:
     ((64, 48, 1), ['RGBA', 'Depth', 'Region'])
     """
     height, width = rendering.depth.shape
-    image = _pyvista().ImageData(dimensions=(width, height, 1))
+    image = need_pyvista().ImageData(dimensions=(width, height, 1))
     arrays: dict[str, NDArray[np.generic]] = {
         "RGBA": to_bytes(rendering.rgba),
         "Depth": rendering.depth,
@@ -219,7 +219,7 @@ class SceneFollower:
         self._texture: pyvista.Texture | None = None
         # An empty renderer has no bounds, which VTK needs to zoom and to reset the camera.
         low, high = scene.occupancy.box.bounds
-        plotter.add_mesh(_pyvista().Box(np.stack([low, high], 1).ravel()), opacity=0.0, pickable=False)
+        plotter.add_mesh(need_pyvista().Box(np.stack([low, high], 1).ravel()), opacity=0.0, pickable=False)
         self._place(camera)
         self.update()  # called here because VTK's observers cannot raise
         plotter.renderer.AddObserver("StartEvent", lambda *_: self.update())
@@ -235,7 +235,7 @@ class SceneFollower:
         self.picture, self.seen = _picture(scene, camera, self.network, self.background), (camera, moving)
         if moving:
             self.pace.took(time.perf_counter() - began)
-        self._texture = _pyvista().Texture(self.picture)
+        self._texture = need_pyvista().Texture(self.picture)
         self._texture.SetInterpolate(True)
         renderer = self.plotter.renderer
         renderer.SetBackgroundTexture(self._texture)
@@ -336,7 +336,8 @@ def _same(one: Camera, other: Camera) -> bool:
     return one.identity[1:] == other.identity[1:] and bool((one.camera_to_world == other.camera_to_world).all())
 
 
-def _pyvista() -> ModuleType:
+def need_pyvista() -> ModuleType:
+    """Return PyVista; raises BadInput where it is missing, and in ParaView."""
     if "paraview" in sys.modules:
         raise BadInput("In ParaView, open the scene's file or add the filter StyleRF Render to show the scene.")
     try:

@@ -44,15 +44,19 @@ class VtkCamera(Protocol):
 
 @runtime_checkable
 class Plotter(Protocol):
-    """What is read of a ``pyvista.Plotter``: its camera, and the size of its window."""
+    """What is read of a ``pyvista.Plotter``."""
 
     @property
     def camera(self) -> Any:
         """Its camera."""
 
     @property
-    def window_size(self) -> Any:
-        """Width and height in pixels."""
+    def renderers(self) -> Any:
+        """Its renderers."""
+
+    @property
+    def render_window(self) -> Any:
+        """Its window; None once it is closed."""
 
 
 class Place(Protocol):
@@ -94,8 +98,7 @@ def camera_of(given: object, scene: HasRig, size: tuple[int, int] | None = None)
     if isinstance(given, VtkCamera):
         return _of_vtk(given, *(size or DEFAULT_SIZE))
     if isinstance(given, Plotter):
-        width, height = given.window_size
-        return _of_vtk(given.camera, *(size or (int(width), int(height))))
+        return _of_vtk(given.camera, *(size or _size_of(given)))
     if isinstance(given, str):
         if given.lower() not in SIDES:
             raise BadInput(NO_CAMERA.format(given=f"'{given}'"))
@@ -111,6 +114,13 @@ def camera_of(given: object, scene: HasRig, size: tuple[int, int] | None = None)
     position, focal, up = numbers.reshape(3, 3)
     width, height = size or DEFAULT_SIZE
     return Camera(look_at(position, focal, up), _across(VIEW_ANGLE, width, height), width, height)
+
+
+def _size_of(plotter: Plotter) -> tuple[int, int]:
+    """Return width and height of a plotter's picture: of its last one if it is closed."""
+    window, last = plotter.render_window, getattr(plotter, "last_image", None)
+    width, height = window.GetSize() if window else DEFAULT_SIZE if last is None else last.shape[1::-1]
+    return int(width), int(height)
 
 
 def _of_vtk(camera: Any, width: int, height: int) -> Camera:

@@ -11,7 +11,6 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkVersion
-from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.bricks.source import Level
 from svv.core.colour.shading import Shading
@@ -22,12 +21,14 @@ from svv.dvr.draw.casters import CpuMapper, GpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.classify import classified
 from svv.dvr.draw.fitting import fitted_to
 from svv.dvr.draw.frame import Stage, set_stage
-from svv.dvr.draw.given import given_volume
+from svv.dvr.draw.given import GivenFunction, GivenVolume, given_function, given_volume
 from svv.dvr.draw.large import BrickMapper, LargeVolume
+from svv.dvr.draw.plotted import shows_voxels
 from svv.dvr.draw.record import grid_of, told_of
 from svv.dvr.draw.rig import FOV, FRAMING, rig_of
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.grids import assumed_of
+from svv.dvr.read.grids import Triple, assumed_of
+from svv.dvr.read.meshes import is_mesh
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.memory import memory_there
 from svv.io.views.drawn_views import DrawnViews
@@ -75,7 +76,7 @@ ORBIT = 181
 
 
 def render_views(
-    image: vtkDataObject | LargeVolume,
+    image: GivenVolume,
     tf: TransferFunction,
     cameras: Sequence[Camera],
     mapper: str = "auto",
@@ -111,10 +112,12 @@ def render_views(
 
 
 def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views are drawn
-    volume: vtkDataObject | LargeVolume | str | Path,
-    tf: TransferFunction | str | Path | None = None,
+    volume: GivenVolume,
+    tf: GivenFunction | None = None,
     options: ViewOptions = ViewOptions(test=0),
     *,
+    spacing: Triple | None = None,
+    origin: Triple | None = None,
     shading: Shading | None = None,
     rescale: bool | None = None,
     nearest: bool = False,
@@ -126,11 +129,16 @@ def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views ar
     """Render the views of a volume that a scene is trained on and those that it is tested on.
 
     Args:
-        volume: A file (see ``open_volume``), a large volume, or an image or grid of VTK or PyVista; a grid that is no
-            image is resampled.
-        tf: A transfer function, or its file (see ``TransferFunction.read``); by default two ranges of the histogram.
+        volume: A file (see ``open_volume``); an array of numbers indexed [z, y, x], as in .npy files; a large volume;
+            an image or grid of VTK or PyVista, or blocks of these, which are resampled unless they are one image; or
+            what shows one: a ``pyvista.Plotter``, or the actor that its ``add_volume`` returned.
+        tf: A transfer function, or its file (see ``TransferFunction.read``); a ``vtkVolumeProperty``, an actor or a
+            plotter, for its function, opacity unit distance, interpolation and shading; by default those of the actor
+            that shows the volume, otherwise two ranges of the histogram.
         options: Number, size and rendering of the views. Training views lie on a sphere around the volume (see
             ``geodesic_directions``), test views on the path of 181 (see ``orbit_cameras``), first and last included.
+        spacing: Distances between the voxels of an array (x, y, z), world units, > 0; 1 by default.
+        origin: Position of an array's first voxel (x, y, z), world units; 0 by default.
         shading: Shading of the volume; by default the function's, or a headlight with ParaView's coefficients.
         rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
         nearest: Whether to show each voxel's own value, without interpolation, as labels need; otherwise as the image
@@ -159,11 +167,12 @@ def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views ar
     began = time.monotonic()
     progress(0.0, "Reading the volume")
     named = Path(volume).name if isinstance(volume, (str, Path)) else "volume"
-    ready = given_volume(volume, nearest, asked, part(progress, 0.0, 0.3))
-    if isinstance(tf, (str, Path)):
-        tf = TransferFunction.read(tf)
+    function, of_vtk = given_function(tf, volume)
+    nearest = nearest or (tf is not None and shows_voxels(tf) and not is_mesh(volume))
+    ready = given_volume(volume, nearest, asked, part(progress, 0.0, 0.3), spacing, origin)
+    rescale = False if of_vtk and rescale is None else rescale  # whose points lie at values, whatever they are
     said = ready.source.assumed if isinstance(ready, LargeVolume) else assumed_of(ready)
-    fit = fitted_to(ready, tf, asked.mapper, asked.memory, rescale)
+    fit = fitted_to(ready, function, asked.mapper, asked.memory, rescale)
     opened, fitted = fit.opened, fit.tf
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import product
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ INSIDE = 1e-6
 """Part of each side by which the image is smaller, because points on the faces of a mesh may be found outside."""
 
 
-def is_mesh(data: object) -> bool:
+def is_mesh(data: object) -> TypeGuard[vtkDataObject]:
     """Return whether a data object is a grid, or blocks of grids, that must be resampled before it is drawn."""
     kinds = (vtkDataSet, vtkCompositeDataSet, vtkHyperTreeGrid)
     return isinstance(data, kinds) and not isinstance(data, vtkImageData)
@@ -95,6 +96,12 @@ def resampled(
     count = sum(part.GetNumberOfCells() for part in parts)
     put_own_unit_distance(image, float(np.linalg.norm(sides) / np.cbrt(count)))
     return image
+
+
+def resampled_said(data: vtkDataObject, image: vtkImageData) -> str:
+    """Return a sentence that says to how many points a mesh was resampled."""
+    size = " x ".join(map(str, image.GetDimensions()))
+    return f"The input, a {data.GetClassName()}, was resampled to {size} points."
 
 
 def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:

@@ -11,15 +11,8 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkRenderingCore import vtkVolume
 
 from svv.dvr.draw.appearance import Appearance, put, without_duplicates
-from svv.dvr.read.grids import (
-    ORTHOGONAL_TOLERANCE,
-    as_volume,
-    from_array,
-    index_to_world,
-    pick_scalars,
-    set_geometry,
-    to_array,
-)
+from svv.dvr.draw.plotted import moved, with_outer_halves
+from svv.dvr.read.grids import as_volume, index_to_world, pick_scalars
 from svv.errors import BadInput
 from svv.pv.panel_values import DisplayValues, Values, by_name, with_names
 
@@ -37,10 +30,9 @@ PLAIN: DisplayValues = {
 }
 """Properties of a display, which the panels have under the same names, with values at which they change nothing."""
 
-SHEARED = (
-    "The display scales a volume whose axes are turned differently along x, y and z, which shears it: give Scale three "
-    "equal numbers, or insert the filter Resample To Image before."
-)
+INSTEAD = "give Scale three equal numbers, or insert the filter Resample To Image before"
+"""What to do where a display shears its volume."""
+
 CROPS_INDICES = (vtkVersion.GetVTKMajorVersion(), vtkVersion.GetVTKMinorVersion()) >= (9, 3)
 """Whether ParaView scales the extent of a volume, in indices, where it crops it; until 5.11, it scaled its bounds."""
 
@@ -84,19 +76,9 @@ def volume_shown(data: vtkImageData, values: Values, name: str = "The input") ->
     given: DisplayValues = {**PLAIN, **chosen_of(values)}
     crop = _crop(data, image, given, on_cells) if given["UseCropping"] else None
     if on_cells:
-        image, crop = _with_outer_halves(image, crop)
-    place = index_to_world(image)
-    moved = matrix_of(given) @ place
-    longer = np.linalg.norm(moved[:3, :3], axis=0) / np.linalg.norm(place[:3, :3], axis=0)
-    if longer.min() <= 0:
-        raise BadInput("The display scales the volume to nothing: no number of Scale may be 0.")
-    axes = moved[:3, :3] / np.linalg.norm(moved[:3, :3], axis=0)
-    if np.abs(axes.T @ axes - np.eye(3)).max() > ORTHOGONAL_TOLERANCE:
-        raise BadInput(SHEARED)
-    set_geometry(image, moved[:3, :3], moved[:3, 3])
-    stretch = longer / np.cbrt(longer.prod())
-    nearest = given["InterpolationType"] == "Nearest"
-    put(image, replace(Appearance.of(image), crop=crop, nearest=nearest, stretch=stretch))
+        image, crop = with_outer_halves(image, crop)
+    image = moved(image, matrix_of(given), "The display", INSTEAD)
+    put(image, replace(Appearance.of(image), crop=crop, nearest=given["InterpolationType"] == "Nearest"))
     return image
 
 
@@ -114,21 +96,6 @@ def matrix_of(given: DisplayValues) -> Array:
     prop.SetOrigin(*given["Origin"])
     matrix = prop.GetMatrix()
     return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
-
-
-def _with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImageData, Array]:
-    """Return an image of cells with another layer around it, and a part (2, 3) that ends at its outermost cells' faces.
-
-    Voxels lie at the centres of cells. Beyond those of the outermost cells, ParaView shows their values.
-    """
-    shown, axes = Appearance.of(image), index_to_world(image)
-    wider = from_array(np.pad(to_array(image), 1, mode="edge"), name=image.GetPointData().GetScalars().GetName())
-    set_geometry(wider, axes[:3, :3], axes[:3, 3] - axes[:3, :3].sum(axis=1))
-    put(wider, Appearance(None if shown.blank is None else np.pad(shown.blank, 1, mode="edge")))
-    whole = np.array([np.full(3, 0.5), np.array(image.GetDimensions()) + 0.5])
-    if crop is None:
-        return wider, whole
-    return wider, np.array([np.maximum(whole[0], crop[0] + 1.0), np.minimum(whole[1], crop[1] + 1.0)])
 
 
 def _crop(data: vtkImageData, image: vtkImageData, given: DisplayValues, on_cells: bool) -> Array:

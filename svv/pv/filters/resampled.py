@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vtkImageData
 
-from svv.dvr.read.meshes import is_mesh, resampled
+from svv.dvr.read.meshes import is_mesh, resampled, resampled_said
 from svv.pv.panel_values import Values
 
 __all__ = ["image_of", "is_mesh", "told"]
@@ -31,8 +31,7 @@ def told(data: vtkDataObject | None, values: Values) -> str:
     """Return a sentence about the image that a mesh was resampled to; nothing for other data."""
     if data is None or not is_mesh(data) or data.IsA("vtkPolyData"):
         return ""
-    size = " x ".join(map(str, image_of(data, values).GetDimensions()))
-    return f" The input, a {data.GetClassName()}, was resampled to {size} points."
+    return f" {resampled_said(data, image_of(data, values))}"
 
 
 def _changed(data: vtkDataObject) -> int:

@@ -28,7 +28,10 @@ GUIDES = sorted([*(DOCS / "tutorials").glob("*.md"), *(DOCS / "how-to").glob("*.
 LONG = {"blender", "cinema", "figures", "images", "masks", "notebook", "python", "pyvista"}
 """Those of them that take longest."""
 
-NOT_RUN = {"needs ParaView": 12, "needs a GPU": 1, "takes minutes": 11}
+NOT_RUN = {
+    "needs ParaView": 12, "needs a GPU": 1, "takes minutes": 11, "installs": 3, "downloads": 1, "removes": 1,
+    "needs rattler-build": 1, "removes the kernels of this checkout": 1,
+}  # fmt: skip
 """Why blocks of these pages are only compiled or left alone, and how many there are."""
 
 SHORT = replace(

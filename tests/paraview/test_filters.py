@@ -201,7 +201,7 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
         "no scene": "is not a scene",
         "region": "no region 7",
         "no style": "at least one picture",
-        "table": "vtkTable, and StyleRF needs a volume: insert Table To Structured Grid",
+        "table": "a scene, and this filter needs a volume: connect the one that it was learned from",
         "network": "no network 'styled'",
         "camera": "angle of view",
         "no file": "no scene file",

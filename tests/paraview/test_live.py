@@ -364,8 +364,10 @@ while not iterator.IsAtEnd():
         assert help.endswith(".") and ". " not in help, (name, help)
         assert len(found.GetXMLLabel()) <= 24, name
     iterator.Next()
-assert sorted(shown) == ["FollowCamera", "Live", "Preset", "Shade", "StrokeSize", "StyleFiles"], shown
-assert sorted(buttons) == ["GoOn", "Pause", "StopHere", "TakeWhatIsShownNow"], buttons
+paints = {"FollowCamera", "Live", "Preset", "Shade", "StrokeSize", "StyleFiles"}
+edits = {"Region0Hide", "Region1Hide", "Region2Hide", "SaveFile", "Say", "Strength"}
+assert set(shown) == paints | edits and len(shown) == 12, shown
+assert sorted(buttons) == ["GoOn", "Pause", "SaveScene", "StopHere", "TakeWhatIsShownNow"], buttons
 label = filter.SMProxy.GetProperty("TakeWhatIsShownNow").GetXMLLabel()
 assert label == "Take What Is Shown Now" and filter.KeptAs == ""
 filter.TakeAsEdited(), filter.TakeWhatIsShownNow()  # scripts know the older name

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from svv.core.volumes.opacity_code import most_with, opacity_points
 from svv.pv.client.observers import Watched, python_proxy
-from svv.pv.filters.vtk_data import BAKED, OPACITY, UNIT_DISTANCE
+from svv.pv.filters.connected import BAKED, OPACITY, UNIT_DISTANCE
 from svv.pv.paraview_types import Display, Proxy, PVDataRepresentation, SMProxy, SMViewProxy
 
 SET = "StyleRF.look"

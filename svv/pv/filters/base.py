@@ -31,6 +31,7 @@ from svv.pv.filters.failed import (
     reason_of,
     sentence_on,
 )
+from svv.pv.filters.shown_scene import KEY, mark_scene
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
 from svv.pv.panel.properties import label_of
@@ -158,6 +159,9 @@ class Filter(VTKPythonAlgorithmBase):
             sentence = sentence_on(error)
             self._say_once(sentence, inputs)
             self._output_previous(outputs, reason_of(type(self).__name__, sentence))
+        for output in outputs:
+            if output.IsA("vtkTable") and not output.GetFieldData().HasArray(KEY):  # a scene, or there will be one
+                mark_scene(output)
         self.UpdateProgress(1.0)
         return 1
 

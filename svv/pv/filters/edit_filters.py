@@ -12,23 +12,11 @@ from typing import TYPE_CHECKING
 from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
-from svv.options.editing import PaintEdit
 from svv.pv.filters.picking import Click, Picking, point_seen
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
-from svv.pv.panel.first_screen import few_first, picked
-from svv.pv.panel.groups import (
-    REGIONS,
-    light_properties,
-    menu,
-    outline_properties,
-    part_properties,
-    region_properties,
-    stroke_properties,
-    takes_scene,
-    takes_scenes,
-)
-from svv.pv.panel.option_panel import properties_of
-from svv.pv.panel.properties import Property, button, file, integer, panel, status, switch, text
+from svv.pv.panel.first_screen import few_first
+from svv.pv.panel.groups import edit_properties, menu, part_properties, save_properties, takes_scene, takes_scenes
+from svv.pv.panel.properties import button, integer, panel, status, switch, text
 from svv.pv.results.cached import Keeping
 from svv.pv.vtk_types import Data, OutInfo, Request
 
@@ -36,14 +24,6 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
 
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
-
-
-def save_properties() -> list[Property]:
-    """Return the button Save Scene and the property with its file."""
-    return [
-        file("SaveFile", "svv", "Scenes", "File to which Save Scene writes the scene.", save=True),
-        button("SaveScene", "Write the filter's scene to the file above."),
-    ]
 
 
 class SceneOutput(Keeping):
@@ -83,18 +63,8 @@ class SceneOutput(Keeping):
         button("RedoEdit", "Redo the last change that was undone."),
         button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
         *part_properties(),
-        *light_properties(),
-        *(p for region in range(REGIONS) for p in region_properties(region)),
-        text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
+        *edit_properties(),
         switch("ShowHidden", False, "Show regions that were hidden before this filter."),
-        *picked(properties_of(PaintEdit()), "Strength"),
-        *stroke_properties(),
-        *outline_properties(),
-        text(
-            "Say",
-            "Say in words what should change, after everything else: make the core pale jade, thinner, hide region 1, "
-            "light from the left; Status shows what was understood.",
-        ),
         text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
         integer(
             "Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50, True

@@ -25,6 +25,7 @@ from svv.options.making import DeviceOptions, RenderOptions, TrainOptions, ViewO
 from svv.pv.display.shown import CROPS_INDICES, DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
+from svv.pv.filters.connected import BAKED, OF_SCENE, is_baked, is_flat, what_is
 from svv.pv.filters.failed import check_there
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
@@ -51,18 +52,31 @@ def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
     """Return the input as an image; a grid of another kind is resampled to one.
 
     Raises:
-        BadInput: It is empty, or no grid.
+        BadInput: It is empty, flat, made of a scene, or no grid.
     """
     check_there(data)
+    what, crew = what_is(data), crew_of(data)
+    if isinstance(data, vtkImageData) and data.GetNumberOfPoints() == 0 and crew is None:
+        raise BadInput("The input is empty; apply the filter or reader before this one first.")
+    if key_of_views(data) is not None:
+        raise BadInput(f"The input is {what} already: connect StyleRF Train or Stylized View to it.")
+    if what in OF_SCENE and not _has_values(data, values):
+        raise BadInput(
+            f"The input is {what}, and this filter needs a volume: connect the one that it was learned from."
+        )
+    if data is not None and is_flat(data) and crew is None:
+        raise BadInput(f"The input is {what}, and StyleRF needs a volume: connect data with more than one slice.")
     if isinstance(data, vtkImageData):
-        if data.GetNumberOfPoints() == 0 and crew_of(data) is None:
-            raise BadInput("The input is empty; apply the filter or reader before this one first.")
         return data
     if data is not None and resampled.is_mesh(data):
         return resampled.image_of(data, values)
-    kind = "nothing" if data is None else f"a {data.GetClassName()}"
     grid = "Table To Structured Grid" if data is not None and data.IsA("vtkTable") else "a filter that makes a grid"
-    raise BadInput(f"The input is {kind}, and StyleRF needs a volume: insert {grid} before this filter.")
+    raise BadInput(f"The input is {what}, and StyleRF needs a volume: insert {grid} before this filter.")
+
+
+def _has_values(data: vtkDataObject | None, values: Values) -> bool:
+    """Return whether a baked volume has been given other values than its colours, and these are chosen."""
+    return data is not None and is_baked(data) and values.get("Scalars", "") not in ("", BAKED)
 
 
 def _is_volume(data: vtkDataObject | None) -> bool:

@@ -9,9 +9,9 @@ from paraview.util.vtkAlgorithm import smproxy
 from svv.errors import BadInput
 from svv.io.files.keyed_results import digest_of_file
 from svv.options.making import PREFIX, DeviceOptions, PaintOptions
-from svv.pv.filters.edit_filters import SceneOutput, save_properties
+from svv.pv.filters.edit_filters import SceneOutput
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene
-from svv.pv.panel.groups import device, menu, takes_scene
+from svv.pv.panel.groups import device, menu, save_properties, takes_scene
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import button, choice, file, panel, status, text
 from svv.pv.vtk_types import Data, OutInfo

@@ -21,7 +21,6 @@ from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
-from svv.pv.filters.edit_filters import save_properties
 from svv.pv.filters.picking import Pointing
 from svv.pv.filters.retuned import tuned_like
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
@@ -43,6 +42,7 @@ from svv.pv.panel.groups import (
     point_properties,
     pointing_properties,
     preview_file,
+    save_properties,
     style_properties,
     takes_scene,
 )

@@ -18,15 +18,18 @@ from svv.io.files.keyed_results import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
+from svv.pv.filters.edit_filters import SceneOutput
 from svv.pv.filters.parallel import DividedInput
 from svv.pv.filters.picking import Clickable
 from svv.pv.filters.resampled import told as told_of
 from svv.pv.filters.retuned import as_edited_since
+from svv.pv.filters.shown_scene import ShownScene, mark_scene, shown_in
 from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.filters.vtk_data import (
     drawn_in,
     key_of_scene,
     put_baked,
+    put_camera,
     put_drawn,
     put_mesh,
     put_no_views,
@@ -139,7 +142,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 @keep_input_visible
 @panel(
     *live(),
-    *training_properties("balanced"),
+    *training_properties("fast"),
     *take_buttons(),
     file("SceneFile", "svv", "Scenes",
          "File in which the scene is kept, and from which it is read if it was trained from the same input, so that "
@@ -229,6 +232,7 @@ class StyleRFRender(ImageOutput, Clickable):
         camera = camera_for(scene.rig, self.values)
         drawn = draw(scene, camera, self.values, self.progress)
         put_drawn(outputs[0], drawn, camera)
+        self.kept("shown", key_of_scene(inputs[0]), lambda: shown_in(inputs[0])).mark(outputs[0])
         return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}"
 
 
@@ -253,8 +257,10 @@ class StyleRFPlaceInView(Filter):
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.core.geometry.depth_mesh import depth_mesh
 
-        mesh = depth_mesh(*drawn_in(inputs[0]), self.values["Opaque"])
+        drawn = drawn_in(inputs[0])
+        mesh = depth_mesh(*drawn, self.values["Opaque"])
         put_mesh(mesh, outputs[0])
+        put_camera(drawn[2], outputs[0])
         return f"{len(mesh.points)} points."
 
 
@@ -307,19 +313,27 @@ class StyleRFVolume(VolumeOutput, Clickable):
     *stylized_view_properties(),
 )
 @takes_volume
-class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
+class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
-    is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
-    this step by step, with edits in between.
+    is shown, trains a scene, paints it and renders it; a new camera or an edit needs no new training. The other StyleRF
+    filters do this step by step, and take the image for the scene that it shows.
     """
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
         self._status = expected()
 
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+        said = super().work(inputs, outputs, out_info)
+        given: ShownScene | None = self.last("given")
+        mark_scene(outputs[0]) if given is None else given.mark(outputs[0])
+        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        return said
+
     def result(  # long: one step after the other
         self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
     ) -> str:
+        from svv.pv.filters.editing import edits_of, painted_as_edited
         from svv.pv.filters.engine import (
             camera_for,
             draw,
@@ -383,19 +397,38 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside):
             scene, moved = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
         scene, told = as_edited_since(self, scene, name, present, moved)
         assert not isinstance(scene, Stored)
+        edits, plain = edits_of(values), scene
+        key = id(plain), repr(edits)  # which the result holds
+        _, scene, edited = self.kept("edited", key, lambda: (plain, *painted_as_edited(plain, edits, self.progress)))
         drawn = draw(scene, camera, values, self.progress)
         put_drawn(outputs[0], drawn, camera)
-        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        self.kept("given", key, lambda: ShownScene(partial(put_scene, scene)))
         self.kept("glance", None, lambda: None)  # no longer needed
-        return said + told + emptiness_of(scene, drawn["Depth"])
+        return said + told + edited + emptiness_of(scene, drawn["Depth"])
 
     def _drawn(self, scene: Stored, name: str, present: Moment, put: tuple[Data, Data]) -> str:
         """Output an image of a scene that another process draws, for input and output; return what to say about it."""
+        from svv.pv.filters.editing import edits_of, put_edited
+
         shown, told = as_edited_since(self, scene, name, present)
         assert isinstance(shown, Stored)
-        drawn, sharp = self._learner.result(shown, self.values, self.values["Late"])
+        drawn, sharp, edited = self._learner.result(shown, self.values, self.values["Late"])
         self.drawn_beside(*put, drawn)
-        return told + ("" if sharp else SHARPENS)
+        edits = edits_of(self.values)
+        self.kept("given", (shown.path, repr(edits)), lambda: ShownScene(partial(put_edited, shown.path, edits)))
+        return told + edited + ("" if sharp else SHARPENS)
+
+    def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
+        from svv.pv.filters.editing import edits_of, put_edited
+
+        super().meanwhile(inputs, outputs, learner)
+        mark_unfinished(outputs[0])
+        state, edits = learner.state(), edits_of(self.values)
+        if state is None:
+            self.kept("given", None, lambda: None)
+            return
+        key = state, state.stat().st_mtime_ns, repr(edits)
+        self.kept("given", key, lambda: ShownScene(partial(put_edited, state, edits, sketch=True)))
 
     def release(self) -> None:
         super().release()

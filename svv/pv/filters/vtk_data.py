@@ -30,7 +30,9 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
 from svv.dvr.draw.appearance import named
 from svv.errors import BadInput
+from svv.pv.filters.connected import BAKED, CAMERA, SCENE, VIEWS, what_is
 from svv.pv.filters.failed import check_there
+from svv.pv.filters.shown_scene import table_of
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished
 from svv.pv.results.keys import digest_of_views
 
@@ -41,13 +43,7 @@ if TYPE_CHECKING:
     from svv.pv.results.stored import Stored
     from svv.render.baking.baked_volume import BakedVolume
 
-SCENE = "StyleRF Scene"
-VIEWS = "StyleRF Views"
-CAMERA = "StyleRF Camera"
-"""Field data of an image: its camera's matrix (16, row by row), horizontal angle of view in radians, and width in world
-units if it is orthographic, otherwise 0."""
-BAKED, OPACITY, UNIT_DISTANCE = "RGBA", "StyleRF Opacity", "StyleRF Unit Distance"
-"""Names of a baked volume's array and field data, the same as in files (:mod:`svv.render.baking.baked`)."""
+SCENE_INSTEAD = "connect StyleRF Train, Edit, Stylize or Stylized View, or open a .svv file."
 
 KEPT = 3
 """Maximum number of unpacked scenes in memory."""
@@ -112,13 +108,14 @@ def finished_scene_of(data: vtkDataObject | None) -> Scene:
 
 
 def scene_of(data: vtkDataObject | None) -> Scene:
-    """Return the scene that a table carries.
+    """Return the scene that a table carries, or that an image shows.
 
     Raises:
         NotYetThere: There will be one.
         FailedBefore: There is none, because a filter before has failed.
         BadInput: There is none, or it is damaged.
     """
+    data = table_of(data)
     if is_unfinished(data) and data is not None and not data.GetFieldData().HasArray(SCENE):
         raise NotYetThere("The scene is being learned: this filter follows as soon as there is something to show.")
     check_there(data)
@@ -126,7 +123,7 @@ def scene_of(data: vtkDataObject | None) -> Scene:
 
     array = None if data is None else data.GetFieldData().GetArray(SCENE)
     if array is None:
-        raise BadInput("The input is not a scene: connect StyleRF Train, Edit or Stylize, or open a .svv file.")
+        raise BadInput(f"The input is not a scene but {what_is(data)}: {SCENE_INSTEAD}")
     key = digest_of(array)
     if key not in _scenes:
         _keep(key, Scene.from_bytes(vtk_to_numpy(array).tobytes(), "The scene in the input"))
@@ -135,13 +132,19 @@ def scene_of(data: vtkDataObject | None) -> Scene:
 
 
 def content_of(data: vtkDataObject) -> bytes:
-    """Return the content of the scene file that a table carries."""
-    return vtk_to_numpy(data.GetFieldData().GetArray(SCENE)).tobytes()
+    """Return the content of the scene file that a table carries, or of the scene that an image shows."""
+    return vtk_to_numpy(_table(data).GetFieldData().GetArray(SCENE)).tobytes()
 
 
 def key_of_scene(data: vtkDataObject) -> str:
-    """Return a hash of the scene that a table carries, with its edits."""
-    return digest_of(data.GetFieldData().GetArray(SCENE))
+    """Return a hash of the scene that a table carries or an image shows, with its edits."""
+    return digest_of(_table(data).GetFieldData().GetArray(SCENE))
+
+
+def _table(data: vtkDataObject) -> vtkDataObject:
+    table = table_of(data)
+    assert table is not None
+    return table
 
 
 def time_of(data: vtkDataObject | None) -> float | None:
@@ -202,8 +205,13 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[np.number]]) -> Non
 def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[np.number]], camera: Camera) -> None:
     """Fill an image as :func:`put_image` does, and record its camera."""
     put_image(image, arrays)
+    put_camera(camera, image)
+
+
+def put_camera(camera: Camera, data: vtkDataObject) -> None:
+    """Record the camera of an image, or of what was made of it."""
     numbers = [*camera.camera_to_world.ravel(), camera.fov_x, camera.span_x or 0.0]
-    image.GetFieldData().AddArray(named(CAMERA, np.array(numbers)))
+    data.GetFieldData().AddArray(named(CAMERA, np.array(numbers)))
 
 
 def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.float32], Camera]:
@@ -215,7 +223,9 @@ def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.
     check_there(data)
     fields = None if data is None else data.GetFieldData().GetArray(CAMERA)
     if data is None or fields is None or not data.IsA("vtkImageData"):
-        raise BadInput("The input is not an image of a scene: connect StyleRF Render or StyleRF Stylized View.")
+        raise BadInput(
+            f"The input is not an image of a scene but {what_is(data)}: connect StyleRF Render or Stylized View."
+        )
     image = vtkImageData.SafeDownCast(data)
     numbers = vtk_to_numpy(fields).astype(np.float64)
     width, height, _ = image.GetDimensions()

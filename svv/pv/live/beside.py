@@ -276,7 +276,6 @@ class DrawnBeside(Beside):
             self.kept("glance", None, lambda: None)  # no longer needed
         camera = camera.resized(*size_of(self.values))
         put_drawn(image, enlarged(arrays, camera), camera)
-        self.kept("image", None, lambda: image.NewInstance()).ShallowCopy(image)
 
 
 def _stopper(learner: Ordered) -> Callable[[object, str], None]:

@@ -23,6 +23,7 @@ from svv.pv.filters.failed import sentence_on
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.glimpse import Arrays, drawn_small
 from svv.pv.live.messages import DrawnOf, DrawOrder
+from svv.pv.panel.groups import EDITS
 from svv.pv.panel_values import Values, with_names
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ IDLE = 900.0
 
 NAMES = (
     "Camera", "ParallelScale", "Frame", "ImageSize", "Moving", "Show", "SeenWith", "Background", "BackgroundColour",
-    "Network", "Device", "Variant",
+    "Network", "Device", "Variant", *EDITS,
 )  # fmt: skip
 """Properties on which an image depends."""
 
@@ -162,6 +163,11 @@ class Drawer:
         return f"{said.get('number', 0)}{'' if self._is_sharp(said) else '~'}{'' if self.alive else ' ended'}"
 
     @property
+    def edited(self) -> str:
+        """What to say of the edits in the newest image, after a space."""
+        return self._said().get("edited", "")
+
+    @property
     def pending(self) -> bool:
         """Whether an image is being drawn that is better than the newest one."""
         said = self._said()
@@ -214,6 +220,7 @@ class Drawing:
         self._scene: Scene | None = None
         self._is: object = None
         self._drawn: tuple[int, bool] | None = None
+        self._edited: tuple[object, Scene | None, str] = (None, None, "")
 
     def run(self) -> None:
         """Obey orders until none has come for a while."""
@@ -272,11 +279,29 @@ class Drawing:
         from svv.pv.filters.engine import camera_for, draw
 
         values, number, moving = order["values"], order["number"], bool(order["values"]["Moving"])
+        scene = self._as_edited(scene, order)
         if not moving or not order["finished"]:
             self._give(*drawn_small(scene, values, silent), number, sharp=moving)
         if not moving or order["finished"]:
             camera = camera_for(scene.rig, values)
             self._give(draw(scene, camera, values, self._unless_ordered), camera, number, sharp=True)
+
+    def _as_edited(self, scene: Scene, order: DrawOrder) -> Scene:
+        """Return a scene with the edits of the panel; a sketch that cannot have them stays as it is."""
+        from svv.pv.filters.editing import edits_of, painted_as_edited
+
+        edits = edits_of(order["values"])
+        this = self._is, repr(edits)
+        if self._edited[0] != this:
+            try:
+                self._edited = this, *painted_as_edited(scene, edits)
+            except BadInput:
+                if order["finished"]:
+                    raise
+                self._edited = this, scene, ""
+        edited = self._edited[1]
+        assert edited is not None
+        return edited
 
     def _unless_ordered(self, fraction: float, label: str) -> None:
         if not self._orders.empty:
@@ -293,4 +318,4 @@ class Drawing:
         self._say(number)
 
     def _say(self, number: int, **more: bool | str) -> None:
-        say(self._folder, {"number": number, "drawn": self._drawn, **more})
+        say(self._folder, {"number": number, "drawn": self._drawn, "edited": self._edited[2], **more})

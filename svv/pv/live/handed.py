@@ -12,7 +12,8 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 from svv.dvr.draw.appearance import GHOSTS
 from svv.io.files.atomic import cannot_write
 from svv.io.files.cache import Cache
-from svv.pv.filters.vtk_data import VIEWS, content_of, put_scene, time_of
+from svv.pv.filters.connected import VIEWS
+from svv.pv.filters.vtk_data import content_of, put_scene, time_of
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import name_of
 

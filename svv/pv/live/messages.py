@@ -75,6 +75,8 @@ class DrawnOf(TypedDict, total=False):
     """Number of the order."""
     drawn: list[int | bool] | None
     """Order of the newest image, and whether that is the sharp one."""
+    edited: str
+    """What to say of the panel's edits of the scene, after a space."""
     gone: bool
     """Whether the scene's file is no longer there."""
     error: str

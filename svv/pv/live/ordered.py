@@ -111,8 +111,8 @@ class Ordered:
         there = self._worker is not None and self._answer().get("state", 0)
         return self._worker.folder / STATE if there and self._worker is not None else None
 
-    def result(self, stored: Stored, values: Values, late: bool) -> tuple[Drawn | None, bool]:
-        """Return the newest image of a result, and whether it is the one that was asked for.
+    def result(self, stored: Stored, values: Values, late: bool) -> tuple[Drawn | None, bool, str]:
+        """Return the newest image of a result, whether it is the one that was asked for, and what to say of its edits.
 
         Args:
             stored: The result.
@@ -131,7 +131,7 @@ class Ordered:
         else:
             patience = self._patience(values) if asked and not new else 0.0
         drawn = self._drawer.image(patience)
-        return drawn, not self._drawer.pending
+        return drawn, not self._drawer.pending, self._drawer.edited
 
     def _patience(self, values: Values) -> float:
         return MOVING_PATIENCE if values["Moving"] else PATIENCE

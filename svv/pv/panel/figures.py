@@ -21,6 +21,7 @@ from svv.errors import BadInput, Progress
 from svv.io.files.atomic import write_json
 from svv.options.figures import FigureOptions
 from svv.pv.client.linked_camera import camera_numbers, parallel_scale_of, upstream
+from svv.pv.filters.shown_scene import KEY
 from svv.pv.filters.vtk_data import camera_of
 from svv.pv.launch.programs import PYTHON
 from svv.pv.panel.option_panel import options_in
@@ -128,11 +129,18 @@ def _file_of(source: Proxy) -> str:
     return str(file if isinstance(file, str) else next(iter(file), ""))
 
 
+def _is_scene(source: Proxy) -> bool:
+    """Return whether a source's output is a scene, or an image of one."""
+    told = source.GetDataInformation()
+    of_scene = told.GetFieldDataInformation().GetArrayInformation(KEY) is not None
+    return told.GetDataClassName() == "vtkTable" or of_scene
+
+
 def add_figure(source: Proxy | None = None, view: View | None = None) -> Proxy:
     """Add StyleRF Figure to a scene, seen as the active view sees it; return its proxy, which is not applied yet.
 
     Args:
-        source: A filter or reader whose output is a scene; by default the active one.
+        source: A filter or reader whose output is a scene, or an image of one; by default the active one.
         view: The view; by default the active one.
 
     Raises:
@@ -141,8 +149,10 @@ def add_figure(source: Proxy | None = None, view: View | None = None) -> Proxy:
     from paraview import simple
 
     source = source or simple.GetActiveSource()
-    if source is None or source.GetDataInformation().GetDataClassName() != "vtkTable":
-        raise BadInput("Select a scene in the Pipeline Browser first: StyleRF Scene, Train, Edit, Palette or Stylize.")
+    if source is None or not _is_scene(source):
+        raise BadInput(
+            "Select a scene in the Pipeline Browser first: StyleRF Scene, Train, Edit, Stylize or Stylized View."
+        )
     figure = simple.StyleRFFigure(Input=source)
     figure.VolumeFile = next(filter(None, map(_file_of, upstream(source))), "")
     view = view or simple.GetActiveView()

@@ -10,8 +10,10 @@ from xml.sax.saxutils import quoteattr
 from svv.options.making import PaintOptions, ViewOptions
 from svv.pv.panel.groups import (
     PICTURES,
+    edit_properties,
     image_properties,
     preview_file,
+    save_properties,
     take_buttons,
     training_properties,
     volume_properties,
@@ -33,6 +35,7 @@ def stylized_view_properties() -> list[Property]:
     """Return the properties of StyleRF Stylized View: first the few that choose how the painting looks."""
     training = training_properties("fast", skip=("ignore_fixed",))  # nothing stands still in views that it draws
     image, volume = image_properties(400), volume_properties(ViewOptions(test=0))
+    edits = ("Say", "Strength", *(f"Region{k}Hide" for k in range(3)), "SaveFile")
     return [
         files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
         *map(with_meanings, picked(training, "Preset")),
@@ -41,6 +44,7 @@ def stylized_view_properties() -> list[Property]:
         *picked(image, "FollowCamera"),
         *live(),
         *take_buttons(),
+        *few_first(edits, *edit_properties(), *save_properties()),
         status(),
         *titled("Training", [*without(training, "Preset"), preview_file()]),
         *titled("Image", without(image, "FollowCamera")),

@@ -59,6 +59,8 @@ OFFERED = (*GALLERY, *(DRAWN + kind for kind in INKS))
 AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
 """Places where StyleRF Edit can put the light."""
 COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
+OF_SCENE = '<InputArrayDomain name="of_scene" attribute_type="field" number_of_components="16"/>'
+"""Domain of data that are of a scene (:data:`svv.pv.filters.shown_scene.KEY`)."""
 ADDED = 3
 """Number of colours that the panel of StyleRF Palette can add at once."""
 
@@ -82,22 +84,21 @@ def takes_volume(cls: Class) -> Class:
 
 
 def takes_image(cls: Class) -> Class:
-    """Give the filter an image of colours as its input; volumes, which have one component, cannot be chosen."""
-    arrays = '<InputArrayDomain name="input_array" attribute_type="point" number_of_components="4"/>'
+    """Give the filter an image of a scene as its input; other data cannot be chosen."""
     cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
+    return smproperty.input(name="Input", port_index=0)(smdomain.xml(OF_SCENE)(cls))
 
 
 def takes_scene(cls: Class) -> Class:
-    """Give the filter a scene's table as its input."""
-    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0)(cls)
+    """Give the filter a scene as its input: its table, or an image of it; other data cannot be chosen."""
+    cls = smdomain.datatype(dataTypes=["vtkTable", "vtkImageData"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(smdomain.xml(OF_SCENE)(cls))
 
 
 def takes_scenes(cls: Class) -> Class:
-    """Give the filter the tables of several scenes as its input."""
-    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0, multiple_input=True)(cls)
+    """Give the filter several scenes as its input, as :func:`takes_scene` does one."""
+    cls = smdomain.datatype(dataTypes=["vtkTable", "vtkImageData"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0, multiple_input=True)(smdomain.xml(OF_SCENE)(cls))
 
 
 def volume_properties(views: ViewOptions) -> list[Property]:
@@ -310,6 +311,35 @@ def outline_properties() -> Sequence[Property]:
         *properties_of(OutlineEdit()),
         text("OutlineRegions", "Numbers of the regions to outline, such as 0, 2. Empty: all regions.", "", True),
     ])  # fmt: skip
+
+
+def edit_properties() -> Sequence[Property]:
+    """Return the properties for editing a scene: its light, regions, paint and outlines, and edits in words."""
+    return [
+        *light_properties(),
+        *(p for region in range(REGIONS) for p in region_properties(region)),
+        text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
+        *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),
+        *stroke_properties(),
+        *outline_properties(),
+        text(
+            "Say",
+            "Say in words what should change, after everything else: make the core pale jade, thinner, hide region 1, "
+            "light from the left; Status shows what was understood.",
+        ),
+    ]
+
+
+EDITS = {made.name: made.default for made in edit_properties() if made.setters}
+"""The properties by which a panel edits a scene, with their defaults."""
+
+
+def save_properties() -> list[Property]:
+    """Return the button Save Scene and the property with its file."""
+    return [
+        file("SaveFile", "svv", "Scenes", "File to which Save Scene writes the scene.", save=True),
+        button("SaveScene", "Write the filter's scene to the file above."),
+    ]
 
 
 def correction_properties(region: int) -> Sequence[Property]:

@@ -112,9 +112,12 @@ view.UpdatePipeline()
 edit = StyleRFEdit(Input=view)
 edit.UpdatePipeline()
 assert "as soon as there is something" in status(edit), status(edit)
+view.SaveFile = f"{{folder}}/sketch.svv"
+until(view, sketched)
 press(view, "SaveScene")
-assert "nothing to save" in status(view), status(view)
+assert not os.path.exists(f"{{folder}}/sketch.svv"), "half a scene has been saved"
 Delete(edit)
+del edit
 until(view, sharp)
 assert loaded() == []
 give(view, Region0Hide=1)

@@ -20,16 +20,11 @@ from svv.options.editing import (
     VisibilityEdit,
 )
 from svv.options.making import DeviceOptions, PaletteOptions
-from svv.pv.filters.unfinished import mark_unfinished
-from svv.pv.filters.vtk_data import put_scene, put_stored
-from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, EDITS, IN_WORLD, PALETTE, REGIONS
+from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 from svv.pv.panel.option_panel import options_in
-from svv.pv.panel_values import Values, by_name, colour_row, region_row, with_names
-from svv.pv.results.stored import Stored
+from svv.pv.panel_values import Values, colour_row, region_row
 
 if TYPE_CHECKING:
-    from vtkmodules.vtkCommonDataModel import vtkTable
-
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
 
@@ -70,59 +65,6 @@ def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tupl
 
     spoken = say(scene, values["Say"], progress, paints=False)
     return spoken.scene.as_one_step(before), spoken.understood
-
-
-def edits_of(values: Values) -> Values:
-    """Return the values of the panel of StyleRF Stylized View that edit what it has painted; empty if none does."""
-    held = by_name(values)
-    chosen = {name: _plain(held[name]) for name in EDITS}
-    if chosen == EDITS and not values["Variant"]:
-        return {}
-    return with_names({**chosen, "Variant": values["Variant"]})
-
-
-def _plain(value: object) -> object:
-    """Return a value as the panel holds it, though it came as JSON."""
-    return tuple(value) if isinstance(value, list) else value
-
-
-def painted_as_edited(scene: Scene, edits: Values, progress: Progress = silent) -> tuple[Scene, str]:
-    """Return a scene with edits of :func:`edits_of`, and what to say about them, after a space.
-
-    Raises:
-        BadInput: As :func:`as_edited`.
-    """
-    if not edits:
-        return scene, ""
-    edited, understood = as_edited(scene, edits, progress)
-    steps = edited.history.past[len(scene.history.past) :]
-    told = [*(f"Understood: {line}." for line in understood), *(f"Edited: {step.what}." for step in steps)]
-    return edited, "".join(f" {line}" for line in told)
-
-
-def put_edited(file: Path, edits: Values, table: vtkTable, sketch: bool = False) -> None:
-    """Fill a table with the scene in a file, edited; without edits, only the file's header is read.
-
-    Args:
-        file: The scene file.
-        edits: As for :func:`painted_as_edited`.
-        table: Table to fill.
-        sketch: Whether the scene is still being learned: it stays as it is if it cannot have the edits.
-    """
-    if not edits:
-        put_stored(*Stored.and_content(file), table)
-    else:
-        from svv.fields.scene.scene import Scene
-
-        scene = Scene.load(file)
-        try:
-            scene, _ = painted_as_edited(scene, edits)
-        except BadInput:
-            if not sketch:
-                raise
-        put_scene(scene, table)
-    if sketch:
-        mark_unfinished(table)
 
 
 def edit_in(values: Values) -> SceneEdit:

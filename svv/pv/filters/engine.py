@@ -76,7 +76,10 @@ def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
 
 def _has_values(data: vtkDataObject | None, values: Values) -> bool:
     """Return whether a baked volume has been given other values than its colours, and these are chosen."""
-    return data is not None and is_baked(data) and values.get("Scalars", "") not in ("", BAKED)
+    name = values.get("Scalars", "")
+    if not isinstance(data, vtkImageData) or not is_baked(data) or name == BAKED:
+        return False
+    return bool(data.GetPointData().HasArray(name) or data.GetCellData().HasArray(name))
 
 
 def _is_volume(data: vtkDataObject | None) -> bool:

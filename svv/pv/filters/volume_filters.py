@@ -19,6 +19,7 @@ from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.filters.edit_filters import SceneOutput
+from svv.pv.filters.own_edits import edits_of, painted_as_edited, put_edited
 from svv.pv.filters.parallel import DividedInput
 from svv.pv.filters.picking import Clickable
 from svv.pv.filters.resampled import told as told_of
@@ -333,7 +334,6 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
     def result(  # long: one step after the other
         self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
     ) -> str:
-        from svv.pv.filters.editing import edits_of, painted_as_edited
         from svv.pv.filters.engine import (
             camera_for,
             draw,
@@ -408,8 +408,6 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
 
     def _drawn(self, scene: Stored, name: str, present: Moment, put: tuple[Data, Data]) -> str:
         """Output an image of a scene that another process draws, for input and output; return what to say about it."""
-        from svv.pv.filters.editing import edits_of, put_edited
-
         shown, told = as_edited_since(self, scene, name, present)
         assert isinstance(shown, Stored)
         drawn, sharp, edited = self._learner.result(shown, self.values, self.values["Late"])
@@ -419,8 +417,6 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         return told + edited + ("" if sharp else SHARPENS)
 
     def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
-        from svv.pv.filters.editing import edits_of, put_edited
-
         super().meanwhile(inputs, outputs, learner)
         mark_unfinished(outputs[0])
         state, edits = learner.state(), edits_of(self.values)

@@ -20,6 +20,7 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled, silent
 from svv.io.files.worker import Orders, Worker, be_worker, say
 from svv.pv.filters.failed import sentence_on
+from svv.pv.filters.own_edits import edits_of, painted_as_edited
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.glimpse import Arrays, drawn_small
 from svv.pv.live.messages import DrawnOf, DrawOrder
@@ -288,8 +289,6 @@ class Drawing:
 
     def _as_edited(self, scene: Scene, order: DrawOrder) -> Scene:
         """Return a scene with the edits of the panel; a sketch that cannot have them stays as it is."""
-        from svv.pv.filters.editing import edits_of, painted_as_edited
-
         edits = edits_of(order["values"])
         this = self._is, repr(edits)
         if self._edited[0] != this:

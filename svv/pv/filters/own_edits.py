@@ -1,0 +1,76 @@
+"""Edits in the panel of StyleRF Stylized View, of what the filter itself has painted.
+
+Without an edit, nothing is loaded that draws: with Live, ParaView's own process does not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from svv.errors import BadInput, Progress, silent
+from svv.pv.filters.unfinished import mark_unfinished
+from svv.pv.filters.vtk_data import put_scene, put_stored
+from svv.pv.panel.groups import EDITS
+from svv.pv.panel_values import Values, by_name, with_names
+from svv.pv.results.stored import Stored
+
+if TYPE_CHECKING:
+    from vtkmodules.vtkCommonDataModel import vtkTable
+
+    from svv.fields.scene.scene import Scene
+
+
+def edits_of(values: Values) -> Values:
+    """Return the values of the panel of StyleRF Stylized View that edit what it has painted; empty if none does."""
+    held = by_name(values)
+    chosen = {name: _plain(held[name]) for name in EDITS}
+    if chosen == EDITS and not values["Variant"]:
+        return {}
+    return with_names({**chosen, "Variant": values["Variant"]})
+
+
+def _plain(value: object) -> object:
+    """Return a value as the panel holds it, though it came as JSON."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def painted_as_edited(scene: Scene, edits: Values, progress: Progress = silent) -> tuple[Scene, str]:
+    """Return a scene with edits of :func:`edits_of`, and what to say about them, after a space.
+
+    Raises:
+        BadInput: As :func:`svv.pv.filters.editing.as_edited`.
+    """
+    if not edits:
+        return scene, ""
+    from svv.pv.filters.editing import as_edited
+
+    edited, understood = as_edited(scene, edits, progress)
+    steps = edited.history.past[len(scene.history.past) :]
+    told = [*(f"Understood: {line}." for line in understood), *(f"Edited: {step.what}." for step in steps)]
+    return edited, "".join(f" {line}" for line in told)
+
+
+def put_edited(file: Path, edits: Values, table: vtkTable, sketch: bool = False) -> None:
+    """Fill a table with the scene in a file, edited; without edits, only the file's header is read.
+
+    Args:
+        file: The scene file.
+        edits: As for :func:`painted_as_edited`.
+        table: Table to fill.
+        sketch: Whether the scene is still being learned: it stays as it is if it cannot have the edits.
+    """
+    if not edits:
+        put_stored(*Stored.and_content(file), table)
+    else:
+        from svv.fields.scene.scene import Scene
+
+        scene = Scene.load(file)
+        try:
+            scene, _ = painted_as_edited(scene, edits)
+        except BadInput:
+            if not sketch:
+                raise
+        put_scene(scene, table)
+    if sketch:
+        mark_unfinished(table)

@@ -84,8 +84,8 @@ def volume_panel(
 
     Args:
         scene: A scene.
-        volume: The volume's file, or the array, grid, actor or plotter that :func:`svv.make_views` was given; by default
-            a file of its name in the current folder or beside that.
+        volume: The volume's file, or the array, grid, actor or plotter that :func:`svv.make_views` was given; by
+            default a file of its name in the current folder or beside that.
         camera: As for a panel.
         title: As for a panel; by default ``volume rendering``, or ``palette network``.
 

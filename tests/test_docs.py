@@ -11,11 +11,13 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
+import svv
 from svv.train.config import PRESETS, ReconstructSettings, StylizeSettings
 from tests.doc_blocks import blocks, commands, fill, run
 
@@ -137,6 +139,7 @@ def folder(tmp_path: Path, filled: Path, broad_strokes: None, monkeypatch: pytes
     monkeypatch.setenv("SVV_CACHE", str(tmp_path / "cache"))
     monkeypatch.setitem(PRESETS, "draft", SHORT)
     monkeypatch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
+    monkeypatch.setattr(svv, "paint", partial(svv.paint, preset="draft", n=16, size=56, tell=lambda _: None))
     return tmp_path
 
 

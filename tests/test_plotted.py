@@ -61,6 +61,8 @@ class Case(NamedTuple):
     after: Callable[[Any, Any], object] = lambda plotter, actor: None
     overlap: float = 0.98
     levels: float = 1.5
+    shift: float = 0.3
+    """Pixels. VTK's ray caster for unstructured grids draws half a pixel further up and to the right."""
 
 
 TURN = np.array(pyvista.transformations.axis_angle_rotation((1, 2, 3), 40)) @ np.diag((2.0, 2.0, 2.0, 1.0))
@@ -79,8 +81,8 @@ SHOWN = {
     "unit distance": Case(told={"opacity_unit_distance": 10.0}),
     "parallel rays": Case(after=lambda plotter, actor: plotter.enable_parallel_projection()),
     "shaded": Case(told={"shade": True, "specular": 0.4, "ambient": 0.2}, levels=5.0),  # highlights are wider on a CPU
-    "structured": Case(sheared, overlap=0.96, levels=4.0),
-    "tetrahedra": Case(lambda: image().cast_to_unstructured_grid().triangulate(), overlap=0.96, levels=4.0),
+    "structured": Case(sheared, overlap=0.96, levels=4.0, shift=1.0),
+    "tetrahedra": Case(lambda: image().cast_to_unstructured_grid().triangulate(), overlap=0.96, levels=4.0, shift=1.0),
 }
 
 
@@ -125,7 +127,7 @@ def test_what_a_plotter_shows_is_drawn_where_and_as_pyvista_draws_it(plotter: An
     one, two = theirs.min(-1) < 245, ours.min(-1) < 245
     assert 1000 < one.sum() < 0.7 * one.size
     assert (one & two).sum() > asked.overlap * (one | two).sum()
-    assert np.linalg.norm(middle(theirs) - middle(ours)) < 0.3  # pixels
+    assert np.linalg.norm(middle(theirs) - middle(ours)) < asked.shift  # pixels
     assert np.abs(theirs - ours)[one | two].mean() < asked.levels
 
 
@@ -178,13 +180,12 @@ def test_levels_of_grey_are_colours() -> None:
 
 def test_what_is_not_painted_is_said(plotter: Any) -> None:
     plotter.enable_lightkit()
-    actor = add(plotter, shade=True)
+    add(plotter, shade=True)
     plotter.add_mesh(pyvista.Sphere())
-    actor.prop.SetInterpolationType(2)
     said = assumed_of(given_volume(plotter))  # type: ignore[arg-type]
     assert said is not None
     assert "lit from the camera alone, not by the plotter's 5 lights." in said
-    assert "not the 1 other things" in said and "asks for cubic interpolation" in said
+    assert "not the 1 other things" in said
 
 
 def gradient(plotter: Any, actor: Any) -> None:
@@ -309,7 +310,7 @@ def test_a_property_without_points_is_refused() -> None:
 
 
 def test_the_volume_of_an_array_is_known_again() -> None:
-    views, _ = make_views(values(), spacing=(1.0, 0.8, 1.3), n=12, size=32, mapper="cpu")
-    scene, _ = svv.train_scene(views, "draft", time_limit=2.0)
+    views, _ = make_views(values(), spacing=(1.0, 0.8, 1.3), n=16, size=64, mapper="cpu")
+    scene, _ = svv.train_scene(views, "draft")
     assert svv.volume_panel(scene, values()).shows == "volume rendering"
     assert svv.volume_panel(scene, values()[::-1]).shows == "palette network"

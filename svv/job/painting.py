@@ -101,8 +101,9 @@ def paint(  # noqa: PLR0913 - what shows the volume, and how it is painted
             raise BadInput("Give either a transfer function (tf), or a colour map and opacity (cmap, opacity, clim).")
         reading = part(progress, 0.0, 0.3 * VIEWS)
         ready = given_volume(volume, nearest, drawing, reading, spacing, origin)
-        tf = _function(cmap, "linear" if opacity is None else opacity, clim, _unit(volume, ready))
+        clim = _range_of(volume) if clim is None else clim
         rescale = clim is None and not hasattr(cmap, "scalar_range")  # a table has a range of its own
+        tf = _function(cmap, "linear" if opacity is None else opacity, clim, _unit(volume, ready))
     views, _ = make_views(
         volume, tf, drawing, spacing=spacing, origin=origin, shading=shading, rescale=rescale, nearest=nearest,
         progress=part(progress, 0.0, VIEWS),
@@ -153,6 +154,19 @@ def _function(cmap: Any, opacity: Any, clim: Any, unit: float | None) -> Transfe
     function = function_of(colour_map(cmap, opacity, span.tolist()))
     assert function is not None
     return replace(function, unit_distance=unit)
+
+
+def _range_of(volume: object) -> tuple[float, float] | None:
+    """Return the range of a mesh's values, which the image that it is resampled to may not reach; otherwise None."""
+    from vtkmodules.vtkCommonDataModel import vtkDataSet
+
+    from svv.dvr.read.grids import pick_scalars
+    from svv.dvr.read.meshes import is_mesh
+
+    if not (isinstance(volume, vtkDataSet) and is_mesh(volume)):
+        return None
+    low, high = pick_scalars(volume, None, "The volume")[0].GetRange()
+    return low, high
 
 
 def _unit(volume: object, ready: vtkImageData | LargeVolume) -> float | None:

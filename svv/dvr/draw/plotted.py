@@ -51,7 +51,6 @@ NOTHING = "{who} scales the volume to nothing: no number of its scale may be 0."
 LIGHTS = "The volume is lit from the camera alone, not by the plotter's {count} lights."
 BESIDE = "Only the volume is painted, not the {count} other things that the plotter shows."
 BETWEEN = "Values are interpolated, because a {kind} was resampled; the actor shows each without interpolation."
-CUBIC = "Values are interpolated linearly; the actor asks for cubic interpolation."
 
 COMPOSITE, HEADLIGHT = 0, 1
 """VTK's numbers of the blend mode, and of the kind of light, that are reproduced."""
@@ -114,19 +113,17 @@ def image_shown(given: object) -> vtkImageData | None:
     _refuse(mapper, shown)
     array, cells = _array_of(mapper, data), mapper.GetScalarMode() in CELLS
     notes = []
-    kind, nearest = shown.GetInterpolationType(), False
+    voxels, nearest = shown.GetInterpolationType() == 0, False
     if is_mesh(data):
         image = as_volume(resampled(data, array, cells, name="The volume"))
         notes += [resampled_said(data, image)]
-        if kind == 0 and not isinstance(data, vtkUnstructuredGrid):  # those are always interpolated
+        if voxels and not isinstance(data, vtkUnstructuredGrid):  # those are always interpolated
             notes.append(BETWEEN.format(kind=data.GetClassName()))
     else:
-        image, nearest = as_volume(data, array, "The volume", cells), kind == 0
+        image, nearest = as_volume(data, array, "The volume", cells), voxels
         if _on_cells(data, image):
             image, crop = with_outer_halves(image, None)
             put(image, replace(Appearance.of(image), crop=crop))
-    if kind > 1:
-        notes.append(CUBIC)
     image = moved(image, _matrix(actor), "The actor", "give it three equal numbers, or resample the grid")
     put(image, replace(Appearance.of(image), nearest=nearest))
     renderers = _renderers(given) or []

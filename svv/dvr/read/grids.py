@@ -204,7 +204,7 @@ def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray
 
 
 def pick_scalars(
-    image: vtkImageData, array: str | None, name: str, cells_first: bool = False
+    image: vtkDataSet, array: str | None, name: str, cells_first: bool = False
 ) -> tuple[vtkDataArray, bool]:
     """Return the scalar array to show, and whether it belongs to the cells; see :func:`as_volume`."""
     points, cells = image.GetPointData(), image.GetCellData()

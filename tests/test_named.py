@@ -44,7 +44,7 @@ WORDS = {
 
 SUBJECT = {
     "again", "alone", "are", "command", "did", "does", "has", "here", "is", "needs", "reads", "row", "runs", "that",
-    "there", "to", "turns", "with", "wrote",
+    "there", "to", "turns", "with", "writes", "wrote",
 }  # fmt: skip
 """Words that follow 'svv' where it is the subject of a sentence, and no command."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from importlib.util import find_spec
+import sys
 
 from vtkmodules.vtkCommonCore import vtkVersion
 
@@ -46,8 +46,4 @@ def _system() -> str:
 
 def _paraview() -> str:
     """Return ParaView's version if this is its Python."""
-    if find_spec("paraview") is None:
-        return ""
-    import paraview
-
-    return str(getattr(paraview, "__version__", ""))  # a folder of that name has none
+    return str(getattr(sys.modules.get("paraview"), "__version__", ""))

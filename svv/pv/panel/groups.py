@@ -328,7 +328,7 @@ def edit_properties() -> Sequence[Property]:
         text(
             "Cuts",
             "Cut the scene open, with semicolons between several: x>50%; 0=y>50% & z<12.5 for region 0 alone; "
-            "plane:X,Y,Z:NX,NY,NZ; box:X,Y,Z:X,Y,Z; sphere:X,Y,Z:R; cylinder:X,Y,Z:DX,DY,DZ:R; outside sphere:X,Y,Z:R "
+            "plane:x,y,z:nx,ny,nz; box:x,y,z:x,y,z; sphere:x,y,z:r; cylinder:x,y,z:dx,dy,dz:r; outside sphere:x,y,z:r "
             "for all but the ball.",
         ),
         *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),

@@ -131,8 +131,8 @@ def _folders(views: Path) -> list[Path]:
 class Scoring:
     """Views, network and device with which a scene is scored."""
 
-    split: str = "test"
-    """Split of the views in the folder: train, test or val."""
+    split: str | None = None
+    """Split of the views in the folder: train, test or val; by default test, or train if a folder has no other."""
     network: NetworkName | None = None
     """Network to score, base or pcn; by default pcn."""
     device: DeviceName = "auto"
@@ -143,7 +143,8 @@ class Scoring:
 def evaluate(
     scene: SceneFile,
     views: Annotated[
-        Path, typer.Option("--views", metavar="VIEWS", help="Folder with views that were not trained on.")
+        Path,
+        typer.Option("--views", metavar="VIEWS", help="Folder with views, best with some that were not trained on."),
     ],
     scoring: Scoring = Scoring(),
     json: Json = None,
@@ -157,6 +158,7 @@ def evaluate(
     """
     from svv.io.cinema.views import read_views
     from svv.io.files.atomic import write_json
+    from svv.io.views.transforms import only_trains
     from svv.io.views.viewset import read_classified
     from svv.styles.weights import NO_LPIPS
     from svv.train.evaluate import check_views
@@ -165,8 +167,16 @@ def evaluate(
 
     check_targets(json)
     loaded = load(scene, scoring.device)
+    split = scoring.split or "test"
+    if scoring.split is None and only_trains(views):
+        split = "train"
+        print(
+            f"{views} has no views of the split test: the scores are those of its training views. Views listed in "
+            "transforms_test.json instead are not trained on, and tell what a scene shows from elsewhere.",
+            file=sys.stderr,
+        )
     with shown("Reading") as progress:
-        view_set = read_views(views, scoring.split, progress)
+        view_set = read_views(views, split, progress)
     volume = read_classified(views)  # before minutes of work, in case it is damaged
     for said in check_views(loaded, view_set):
         print(said, file=sys.stderr)

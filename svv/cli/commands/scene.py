@@ -126,12 +126,28 @@ def _folders(views: Path) -> list[Path]:
     return inside if len(inside) > 1 else [views]
 
 
+SEEN = (
+    "{views} has no test views, so these are scores on the training views, which are better than on views that were not "
+    "trained on: move every eighth frame of transforms_train.json to transforms_test.json, and train again."
+)
+
+
+def _has_test(views: Path) -> bool:
+    """Return whether a folder of views, or a Cinema database, may have views for measuring."""
+    from svv.io.cinema.views import is_database
+    from svv.io.views.transforms import transforms_file
+
+    folder = is_database(views) or transforms_file(views, "train") is None  # without any, reading says what is missing
+    return folder or transforms_file(views, "test") is not None
+
+
 @dataclass(frozen=True)
 class Scoring:
     """Views, network and device with which a scene is scored."""
 
-    split: str = "test"
-    """Split of the views in the folder: train, test or val."""
+    split: str | None = None
+    """Split of the views in the folder: train, test or val; by default test, or train if the folder has no test views,
+    which is said."""
     network: NetworkName | None = None
     """Network to score, base or pcn; by default pcn."""
     device: DeviceName = "auto"
@@ -165,7 +181,10 @@ def evaluate(
     check_targets(json)
     loaded = load(scene, scoring.device)
     with shown("Reading") as progress:
-        view_set = read_views(views, scoring.split, progress)
+        split = scoring.split or ("test" if _has_test(views) else "train")
+        view_set = read_views(views, split, progress)
+    if scoring.split is None and split == "train":
+        print(SEEN.format(views=views), file=sys.stderr)
     volume = read_classified(views)  # before minutes of work, in case it is damaged
     for said in check_views(loaded, view_set):
         print(said, file=sys.stderr)

@@ -41,8 +41,10 @@ def write_pictures(folder: Path, kind: str, background: str) -> np.ndarray:
         made.camera_position = [65 * direction, (0, 0, 0), (0.1, 0.2, 1.0)]
         made.camera.view_angle = 30
         made.set_background("black")
+        made.render()
         truth.append(made.screenshot(return_img=True, transparent_background=True)[..., :3])
         made.set_background(background)
+        made.render()
         picture = made.screenshot(return_img=True, transparent_background=True)
         Image.fromarray(picture).save(folder / f"{number:03}.png")
         pose = np.linalg.inv(pyvista.array_from_vtkmatrix(made.camera.GetViewTransformMatrix()))
@@ -59,8 +61,9 @@ def test_what_is_mixed_with_a_background_is_taken_out_and_said(tmp_path: Path, b
     read = ViewSet.read(tmp_path / "views")
     said = read.meta.assumed
     assert said is not None and f"mixed with the background {pyvista.Color(background).hex_rgb}" in said
-    over_black = read.images[..., :3] * (read.images[..., 3:] / 255.0)
-    assert np.abs(over_black - truth).max() < 4  # of 255 levels
+    seen = read.images[..., 3] > 0
+    off = np.abs(read.images[..., :3] * (read.images[..., 3:] / 255.0) - truth)[seen]  # of 255 levels, over black
+    assert off.mean() < 0.6 and np.quantile(off, 0.999) < 3.0  # 10 and 50 over white if it is not taken out
 
 
 def test_straight_pictures_stay_whatever_their_transparent_pixels_have() -> None:

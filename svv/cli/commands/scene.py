@@ -127,8 +127,8 @@ def _folders(views: Path) -> list[Path]:
 
 
 SEEN = (
-    "{views} has no test views, so these are scores on the training views, which are better than on views that were not "
-    "trained on: move every eighth frame of transforms_train.json to transforms_test.json, and train again."
+    "{views} has no test views, so these are scores on the training views, which are better than on views that were "
+    "not trained on: move every eighth frame of transforms_train.json to transforms_test.json, and train again."
 )
 
 

@@ -134,7 +134,7 @@ SEEN = (
 
 def _has_test(views: Path) -> bool:
     """Return whether a folder of views, or a Cinema database, may have views for measuring."""
-    from svv.io.cinema.views import is_database
+    from svv.io.cinema.table import is_database
     from svv.io.views.transforms import transforms_file
 
     folder = is_database(views) or transforms_file(views, "train") is None  # without any, reading says what is missing

@@ -128,19 +128,3 @@ def test_without_weights_it_is_said_how_to_get_them_beside_the_figures(
     _, said, scores = evaluated()
     assert scores.lpips is not None and "LPIPS" not in said
     assert weights.NO_LPIPS not in _scores({"pcn": scores}).text
-
-
-def test_training_views_alone_are_scored_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cube_scene().save(tmp_path / "cube.svv")
-    views = shown_by(sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.5, 24))
-    views.write(tmp_path / "views", "train")
-    command = ["evaluate", str(tmp_path / "cube.svv"), "--views", str(tmp_path / "views")]
-    app(command, standalone_mode=False)
-    told = capsys.readouterr()
-    assert "has no views of the split test: the scores are those of its training views" in told.err
-    assert "psnr" in told.out
-    views.write(tmp_path / "views", "test")
-    app(command, standalone_mode=False)
-    assert "split test" not in capsys.readouterr().err
-    with pytest.raises(BadInput, match="transforms_val"):
-        app([*command, "--split", "val"], standalone_mode=False)

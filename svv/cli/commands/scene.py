@@ -127,12 +127,28 @@ def _folders(views: Path) -> list[Path]:
     return inside if len(inside) > 1 else [views]
 
 
+SEEN = (
+    "{views} has no test views, so these are scores on the training views, which are better than on views that were "
+    "not trained on: move every eighth frame of transforms_train.json to transforms_test.json, and train again."
+)
+
+
+def _has_test(views: Path) -> bool:
+    """Return whether a folder of views, or a Cinema database, may have views for measuring."""
+    from svv.io.cinema.table import is_database
+    from svv.io.views.transforms import transforms_file
+
+    folder = is_database(views) or transforms_file(views, "train") is None  # without any, reading says what is missing
+    return folder or transforms_file(views, "test") is not None
+
+
 @dataclass(frozen=True)
 class Scoring:
     """Views, network and device with which a scene is scored."""
 
     split: str | None = None
-    """Split of the views in the folder: train, test or val; by default test, or train if a folder has no other."""
+    """Split of the views in the folder: train, test or val; by default test, or train if the folder has no test views,
+    which is said."""
     network: NetworkName | None = None
     """Network to score, base or pcn; by default pcn."""
     device: DeviceName = "auto"
@@ -144,7 +160,7 @@ def evaluate(
     scene: SceneFile,
     views: Annotated[
         Path,
-        typer.Option("--views", metavar="VIEWS", help="Folder with views, best with some that were not trained on."),
+        typer.Option("--views", metavar="VIEWS", help="Folder with views that were not trained on."),
     ],
     scoring: Scoring = Scoring(),
     json: Json = None,
@@ -158,7 +174,6 @@ def evaluate(
     """
     from svv.io.cinema.views import read_views
     from svv.io.files.atomic import write_json
-    from svv.io.views.transforms import only_trains
     from svv.io.views.viewset import read_classified
     from svv.styles.weights import NO_LPIPS
     from svv.train.evaluate import check_views
@@ -167,16 +182,11 @@ def evaluate(
 
     check_targets(json)
     loaded = load(scene, scoring.device)
-    split = scoring.split or "test"
-    if scoring.split is None and only_trains(views):
-        split = "train"
-        print(
-            f"{views} has no views of the split test: the scores are those of its training views. Views listed in "
-            "transforms_test.json instead are not trained on, and tell what a scene shows from elsewhere.",
-            file=sys.stderr,
-        )
     with shown("Reading") as progress:
+        split = scoring.split or ("test" if _has_test(views) else "train")
         view_set = read_views(views, split, progress)
+    if scoring.split is None and split == "train":
+        print(SEEN.format(views=views), file=sys.stderr)
     volume = read_classified(views)  # before minutes of work, in case it is damaged
     for said in check_views(loaded, view_set):
         print(said, file=sys.stderr)

@@ -47,7 +47,7 @@ SEVERAL = (
     "several scenes together with svv join."
 )
 SHEARED = "{who} scales a volume whose axes are turned differently along x, y and z, which shears it: {instead}."
-NOTHING = "{who} scales the volume to nothing: no number of its scale may be 0."
+NOTHING = "{who} scales the volume to nothing: no number of Scale may be 0."
 LIGHTS = "The volume is lit from the camera alone, not by the plotter's {count} lights."
 BESIDE = "Only the volume is painted, not the {count} other things that the plotter shows."
 BETWEEN = "Values are interpolated, because a {kind} was resampled; the actor shows each without interpolation."

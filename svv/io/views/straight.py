@@ -29,6 +29,10 @@ KEPT = (
     "No translucent pixel is brighter than its alpha, but colours do not grow with alpha, so they were taken for dark "
     "and straight; if they are multiplied by alpha, {how}."
 )
+MIXED = (
+    "Colours of translucent pixels are mixed with the background {colour}, which transparent pixels have and which was "
+    "taken out of them; if they are straight, {how}."
+)
 BESIDE_FRAMES = 'write "alpha": "{alpha}" beside "frames"'
 """How a file of views says what alpha is."""
 
@@ -48,23 +52,59 @@ def straightened(
         encoded: Level of sRGB of each level in the file. (256,)
     """
     said = None
+    if given is None and (behind := _background(images)) is not None:
+        mixed = np.sum([_counted(image, _distances(stored, stored[behind])) for image in images], axis=0)
+        if _found(mixed)[0] == "premultiplied":  # colours grow with alpha from that of the background
+            colour = "#" + "".join(f"{level:02x}" for level in behind.tolist())
+            said = MIXED.format(colour=colour, how=how.format(alpha="straight"))
+            return _divided(images, stored, encoded, stored[behind]), said
     if given is None:
         given, said = _found(np.sum([_counted(image, stored) for image in images], axis=0))
         other = "straight" if given == "premultiplied" else "premultiplied"
         said = None if said is None else said.format(how=how.format(alpha=other))
     if given == "premultiplied":
-        alpha = np.maximum(np.arange(256), 1)[:, None]
-        divided = encoded[np.minimum((255 * np.arange(256) + alpha // 2) // alpha, 255)]  # (alpha, level)
-        images = [image if image.flags.writeable else image.copy() for image in images]
-        for image in images:
-            for channel in range(3):
-                image[..., channel] = divided[image[..., 3], stored[image[..., channel]]]
+        images = _divided(images, stored, encoded, np.zeros(3, np.uint8))
     return list(images), said
 
 
+def _divided(
+    images: Sequence[Images], stored: NDArray[np.uint8], encoded: NDArray[np.uint8], behind: NDArray[np.uint8]
+) -> list[Images]:
+    """Return images without the background, of these levels in the file, that was mixed into them as alpha says."""
+    alpha = np.maximum(np.arange(256), 1)[:, None]
+    images = [image if image.flags.writeable else image.copy() for image in images]
+    for channel, level in enumerate(behind.astype(int).tolist()):
+        unmixed = level + (255 * (np.arange(256) - level) + alpha // 2) // alpha
+        table = encoded[np.clip(unmixed, 0, 255)]  # (alpha, level)
+        for image in images:
+            image[..., channel] = table[image[..., 3], stored[image[..., channel]]]
+    return images
+
+
+def _background(images: Sequence[Images]) -> NDArray[np.uint8] | None:
+    """Return the colour that all transparent pixels have; None if they differ, are black, or are none. (3,)"""
+    clear = [image[image[..., 3] == 0][:, :3] for image in images]
+    clear = [colours for colours in clear if len(colours)]
+    if not clear:
+        return None
+    behind = np.median(clear[0], axis=0).astype(np.uint8)
+    alike = sum(int((colours == behind).all(axis=1).sum()) for colours in clear)
+    return behind if behind.any() and alike >= (1.0 - EXCEPTIONS) * sum(map(len, clear)) else None
+
+
+def _distances(stored: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return how far each level of each channel is from a background, 255 for as far as it can be. (3, 256)"""
+    away = stored.astype(float) - behind[:, None]
+    return np.rint(
+        255.0 * np.where(away < 0, -away / np.maximum(behind[:, None], 1), away / np.maximum(255 - behind[:, None], 1))
+    ).astype(np.uint8)
+
+
 def _counted(image: Images, stored: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return how many pixels have each alpha and brightest channel. (256, 256)"""
-    code = 256 * image[..., 3].astype(np.int32) + stored[image[..., :3].max(axis=-1)]
+    """Return how many pixels have each alpha and brightest channel, by tables (256,) or (3, 256). (256, 256)"""
+    tables = np.broadcast_to(stored, (3, 256))
+    brightest = np.maximum.reduce([tables[channel][image[..., channel]] for channel in range(3)])
+    code = 256 * image[..., 3].astype(np.int32) + brightest
     return np.bincount(code.ravel(), minlength=65536).reshape(256, 256)
 
 

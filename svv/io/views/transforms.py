@@ -75,11 +75,6 @@ def transforms_file(folder: str | Path, split: str) -> Path | None:
     return whole if listed else None
 
 
-def only_trains(folder: str | Path) -> bool:
-    """Return whether a folder lists views of the split ``train``, and none of ``test``."""
-    return transforms_file(folder, "train") is not None and transforms_file(folder, "test") is None
-
-
 def _lists_frames(path: Path) -> bool:
     """Return whether a JSON file lists frames; one that cannot be read does, so that reading it says what is wrong."""
     try:

@@ -385,7 +385,7 @@ def test_coarser_levels_of_large_labels_are_labels(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize(
-    "kind", ["rectilinear", "structured", "unstructured", "blocks", "image", "sheared", "nan", "word"]
+    "kind", ["rectilinear", "structured", "unstructured", "blocks", "image", "sheared", "nan", "array", "zeros", "word"]
 )
 def test_grids_of_every_kind_are_drawn_or_refused_in_a_sentence(kind: str) -> None:
     pyvista = pytest.importorskip("pyvista")
@@ -393,7 +393,7 @@ def test_grids_of_every_kind_are_drawn_or_refused_in_a_sentence(kind: str) -> No
     given: Any = {
         "rectilinear": image.cast_to_rectilinear_grid(), "structured": image.cast_to_structured_grid(),
         "unstructured": image.cast_to_unstructured_grid(), "blocks": pyvista.MultiBlock([image]), "image": image,
-        "word": 7,
+        "array": image["RTData"].reshape(image.dimensions[::-1]), "zeros": np.zeros((4, 4, 4)), "word": 7,
     }.get(kind, image.copy())  # fmt: skip
     if kind == "sheared":
         given.direction_matrix = np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -405,7 +405,7 @@ def test_grids_of_every_kind_are_drawn_or_refused_in_a_sentence(kind: str) -> No
         lambda: make_views(given, tf, n=3, size=24, rescale=False)[0].images,
         lambda: render_views(given, tf, make_views(image, tf, n=3, size=24)[0].cameras, "bricks"),
     )
-    words = {"sheared": "perpendicular", "nan": "NaN", "word": "of the type int"}
+    words = {"sheared": "perpendicular", "nan": "NaN", "zeros": "the data runs from 0 to 0", "word": "of the type int"}
     for one in draw:
         if kind in words:
             with pytest.raises(BadInput, match=words[kind]):

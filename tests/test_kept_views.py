@@ -19,8 +19,9 @@ import svv.fields.scene.images as of_images
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput
 from svv.fields.radiance import kept_views
+from svv.fields.radiance.cutting import march_uncut
 from svv.fields.radiance.kept_views import KEPT, KeptViews, Look, View, bytes_of, nothing_kept
-from svv.fields.radiance.rendering import Rays, march
+from svv.fields.radiance.rendering import Rays
 from svv.fields.scene.scene import Rendering, Scene
 from svv.kernels.types import Samples
 from svv.render.frames import write_frames, write_frames_of
@@ -75,7 +76,7 @@ def marched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     def counted(first: Rays, *rest: Any, **named: Any) -> Samples:
         rays.append(len(first))
-        return march(first, *rest, **named)
+        return march_uncut(first, *rest, **named)
 
     monkeypatch.setattr(of_images, "march_uncut", counted)
     return rays

@@ -16,6 +16,7 @@ from hypothesis.extra import numpy as hnp
 from safetensors.numpy import save, save_file
 
 from svv.core.colour.light import Lamp
+from svv.core.geometry.cuts import Cut
 from svv.errors import BadInput, Cancelled
 from svv.fields.radiance.networks import FieldSettings
 from svv.fields.radiance.rendering import Marching
@@ -122,11 +123,10 @@ def test_header_holds_numpy_numbers_and_nan_as_null(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("kind", [FieldSettings, Lamp, Marching, Region])
+@pytest.mark.parametrize("kind", [Cut, FieldSettings, Lamp, Marching, Region])
 def test_every_field_in_a_header_is_read_by_its_annotation(kind: type) -> None:
     """One that nothing reads would make good files damaged ones."""
-    fields = {name: told for name, told in kind.__annotations__.items() if (kind, name) != (Marching, "cuts")}
-    plain = {name: str(annotation).partition(" | ")[0] for name, annotation in fields.items()}  # cuts: the scene's own
+    plain = {name: str(annotation).partition(" | ")[0] for name, annotation in kind.__annotations__.items()}
     assert not {name: annotation for name, annotation in plain.items() if annotation not in _KINDS}
 
 

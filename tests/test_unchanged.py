@@ -31,7 +31,7 @@ def test_what_is_imported_inside_functions_and_by_name_is_needed() -> None:
     assert "svv/cli/commands/scene.py" in {
         path.relative_to(ROOT).as_posix() for path in needed(ROOT / "svv/cli/app.py")
     }
-    assert not {f"svv/pv/filters/{name}.py" for name in ("base", "engine", "volume_filters")} & files
+    assert not any(file.startswith("svv/pv/filters") for file in files)
 
 
 @pytest.fixture

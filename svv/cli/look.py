@@ -57,6 +57,8 @@ class Side:
     """Keep this side as the look's camera: degrees to the right of the front of the volume, and above it."""
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
     """Keep this camera, as in `svv render`."""
+    frame_number: Annotated[int | None, Setting("--view-number", metavar="N", least=0)] = None
+    """Number of the view, if the camera's file has several."""
 
 
 @spread
@@ -97,8 +99,10 @@ def _camera(scene: Scene, side: Side) -> Camera | None:
 
     if side.view is not None and side.camera is not None:
         raise BadInput("Give --view or --camera, not both.")
+    if side.frame_number is not None and side.camera is None:
+        raise BadInput("--view-number needs --camera, a file of cameras.")
     if side.camera is not None:
-        return read_camera(side.camera)
+        return read_camera(side.camera, None, side.frame_number)
     return None if side.view is None else seen_from(scene, *parse_angles(side.view, "--view"), 800, 800)
 
 

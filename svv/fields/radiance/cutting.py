@@ -6,10 +6,12 @@ lies right behind the cut, and nothing that was cut off ends it; the samples of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
-from svv.core.geometry.cuts import kept_spans
+from svv.core.geometry.cuts import Cut, kept_spans
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, Rays, march
@@ -17,15 +19,26 @@ from svv.kernels.types import Samples
 
 
 @torch.no_grad()
-def march_uncut(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching) -> Samples:
-    """Sample the parts of rays that no cut of all regions takes away; see :func:`march`, and ``how.cuts``.
+def march_uncut(
+    rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, cuts: Sequence[Cut]
+) -> Samples:
+    """Sample the parts of rays that no cut of all regions takes away.
 
-    Cuts of some regions only are left to those who know the samples' regions: all samples are there for them.
+    Args:
+        rays: R rays.
+        occupancy: As for :func:`march`, like the two that follow.
+        density: The lattice of extinction, or None.
+        how: Sample distance and thresholds.
+        cuts: Cuts in world units. Those of some regions only are left to who knows the regions of the samples: all
+            samples are there for them.
+
+    Returns:
+        The samples of all rays, as :func:`march` returns them.
     """
-    cuts = [cut for cut in how.cuts if not cut.regions]
-    if not cuts:
+    whole = [cut.in_box(occupancy.box) for cut in cuts if not cut.regions]
+    if not whole:
         return march(rays, occupancy, density, how)
-    begins, ends = kept_spans(cuts, rays.origins, rays.directions)
+    begins, ends = kept_spans(whole, rays.origins, rays.directions)
     depth = torch.zeros_like(begins[:, 0])
     tail, pieces, numbers = torch.zeros_like(depth), [], []
     for begin, end in zip(begins.unbind(1), ends.unbind(1), strict=True):

@@ -203,8 +203,8 @@ def bytes_of(looks: Looks) -> int:
 def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
     """Return what the samples and the networks' outputs of a view depend on; None if they must not be kept.
 
-    That is the networks' tensors with their versions, the occupied cells, the camera, and how rays are marched. It is
-    not the edits. Nothing of a network that is being trained is kept.
+    That is the networks' tensors with their versions, the occupied cells, the camera, how rays are marched, and what is
+    cut off of all regions. It is not the other edits. Nothing of a network that is being trained is kept.
     """
     parts = (scene.base, scene.palette_network)
     tensors = [t for part in parts if part is not None for t in part.parameters()]
@@ -212,7 +212,8 @@ def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
         return None
     holders, versions = (scene.occupancy, *tensors), tuple(t._version for t in tensors)
     place = camera.camera_to_world.tobytes(), camera.fov_x, camera.width, camera.height, camera.span_x, camera.centre
-    return tuple(map(_number_of, holders)), versions, place, how, scene.settings.headlight
+    whole = tuple(cut for cut in scene.cuts if not cut.regions)
+    return tuple(map(_number_of, holders)), versions, place, how, scene.settings.headlight, whole
 
 
 def key_of_paint(scene: Model, network: str) -> Hashable | None:

@@ -16,7 +16,6 @@ from torch import Tensor
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
-from svv.core.geometry.cuts import Cut
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
 from svv.core.strokes.strokes import Floats
 from svv.fields.radiance.encodings import SparseLattice
@@ -115,8 +114,6 @@ class Marching:
     """Smallest factor by which extinctions will be scaled afterwards; rays continue correspondingly deeper."""
     merge: bool = False
     """Whether samples of low weight are joined to the next (for images) or left out (for training)."""
-    cuts: tuple[Cut, ...] = ()
-    """What is cut off, in box coordinates; only images know cuts (:mod:`svv.fields.radiance.cutting`)."""
 
 
 def march(

@@ -221,17 +221,16 @@ Seen = tuple[Samples, Tensor, Tensor, Tensor]
 
 def marching_as_edited(scene: Model, network: str) -> Marching:
     """Return how rays are sampled; they go deeper where edits make regions more transparent."""
-    cuts = tuple(cut.in_box(scene.occupancy.box) for cut in scene.cuts)
     # What a cut of some regions takes away must not end a ray.
-    fade = 0.0 if any(cut.regions for cut in cuts) else fade_of(scene, network)
-    return replace(scene.marching_for_images, fade=fade, cuts=cuts)
+    fade = 0.0 if any(cut.regions for cut in scene.cuts) else fade_of(scene, network)
+    return replace(scene.marching_for_images, fade=fade)
 
 
 @torch.no_grad()
 def visible_samples(scene: Model, rays: Rays, network: str) -> Samples:
     """Return the samples of rays for an image."""
     how = marching_as_edited(scene, network)
-    samples = march_uncut(rays, scene.occupancy, scene.base.density, how)
+    samples = march_uncut(rays, scene.occupancy, scene.base.density, how, scene.cuts)
     if scene.base.density is None:
         samples, _ = not_hidden(samples, scene.base.extinction(samples), how)
         return samples

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from svv.errors import BadInput
-from svv.io.files.locks import create_held, hidden, hold_folder
+from svv.io.files.locks import create_held, hidden, hold_folder, removed_after
 
 _REASONS = {
     errno.ENOSPC: "the disk is full; free some space or choose another place",
@@ -98,12 +98,8 @@ def partial_folder(path: Path) -> Iterator[Path]:
         held = hold_folder(folder)
     except OSError as error:
         raise cannot_write(path, error) from error
-    try:
+    with removed_after(folder, held):
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if held is not None:
-            os.close(held)
 
 
 def sync(path: Path) -> None:

@@ -7,6 +7,7 @@ at all, and two commands with one output overwrite each other's results.
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import sys
 from collections.abc import Iterator
@@ -116,6 +117,17 @@ def hold_folder(path: Path) -> int | None:
         os.close(file)
         return None
     return file
+
+
+@contextmanager
+def removed_after(folder: Path, held: int | None) -> Iterator[Path]:
+    """Yield a folder, which is removed after the work, and let go of by whom :func:`hold_folder` made hold it."""
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if held is not None:
+            os.close(held)
 
 
 def _remove_left_behind(path: Path) -> None:

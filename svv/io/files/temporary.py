@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from svv.io.files.cache import LEFT_BEHIND
-from svv.io.files.locks import hold_folder
+from svv.io.files.locks import hold_folder, removed_after
 from svv.io.files.worker import PREFIX
 
 WORK, VIEW = "svv-work-", "svv-view-"
@@ -34,13 +34,8 @@ def work_folder() -> Iterator[Path]:
         ...     _ = (folder / "a.txt").write_text("work in progress")
     """
     folder = Path(tempfile.mkdtemp(prefix=WORK))
-    held = hold_folder(folder)
-    try:
+    with removed_after(folder, hold_folder(folder)):
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if held is not None:
-            os.close(held)
 
 
 def view_folder() -> Path:

@@ -16,7 +16,7 @@ from types import FunctionType, ModuleType, TracebackType
 from typing import Any
 
 from svv.errors import BadInput, Cancelled
-from svv.pv.filters.failed import (
+from svv.pv.failed import (
     FAILED_STRICT,
     NUMBER,
     end_now,

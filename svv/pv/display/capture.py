@@ -20,8 +20,8 @@ from svv.pv.client.strict import failure_of
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
 from svv.pv.display.volume_display import as_volume, set_looks
+from svv.pv.failed import in_window
 from svv.pv.filters.default_function import colours_of
-from svv.pv.filters.failed import in_window
 from svv.pv.live.sharpening import BESIDE, watch_learning
 from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch

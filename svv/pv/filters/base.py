@@ -21,7 +21,7 @@ from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.measure import give_memory_back
 from svv.progress import shown
 from svv.pv.client.connection import client_gone
-from svv.pv.filters.failed import (
+from svv.pv.failed import (
     EARLIER,
     FailedBefore,
     in_script,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
-from svv.pv.filters.failed import in_script, pressing
+from svv.pv.failed import in_script, pressing
 from svv.pv.filters.parallel import crew_of
 from svv.pv.panel_values import Values
 

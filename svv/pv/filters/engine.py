@@ -23,10 +23,10 @@ from svv.options.described import chosen
 from svv.options.figures import VISIONS, VisionName
 from svv.options.making import DeviceOptions, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.display.shown import CROPS_INDICES, DIVIDED, chosen_of, scale_of, volume_shown
+from svv.pv.failed import check_there, pressing
 from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
 from svv.pv.filters.connected import BAKED, OF_SCENE, is_baked, is_flat, what_is
-from svv.pv.filters.failed import check_there, pressing
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
 from svv.pv.panel.groups import COLOURS, IN_COLOUR

@@ -19,8 +19,8 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkTable
 from svv.dvr.draw.appearance import named
 from svv.errors import BadInput
 from svv.io.files.atomic import atomic_path
+from svv.pv.failed import check_there
 from svv.pv.filters.connected import SCENE
-from svv.pv.filters.failed import check_there
 from svv.pv.filters.unfinished import is_unfinished
 
 KEY, LENGTH = "StyleRF Scene Key", 16

@@ -30,8 +30,8 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
 from svv.dvr.draw.appearance import named
 from svv.errors import BadInput
+from svv.pv.failed import check_there
 from svv.pv.filters.connected import BAKED, CAMERA, SCENE, VIEWS, what_is
-from svv.pv.filters.failed import check_there
 from svv.pv.filters.shown_scene import table_of
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished
 from svv.pv.results.keys import digest_of_views

@@ -19,7 +19,7 @@ import numpy as np
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled, silent
 from svv.io.files.worker import Orders, Worker, be_worker, say
-from svv.pv.filters.failed import sentence_on
+from svv.pv.failed import sentence_on
 from svv.pv.filters.own_edits import edits_of, painted_as_edited
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.glimpse import Arrays, drawn_small

@@ -25,8 +25,8 @@ from svv.errors import BadInput, Cancelled, Progress, part
 from svv.io.files.cache import Cache
 from svv.io.files.worker import Orders, be_worker, say
 from svv.options.making import TrainOptions
+from svv.pv.failed import sentence_on
 from svv.pv.filters import scene_filters, volume_filters
-from svv.pv.filters.failed import sentence_on
 from svv.pv.filters.vtk_data import scene_of
 from svv.pv.live.handed import STATE, WARM, taken
 from svv.pv.live.messages import Order, Progressed

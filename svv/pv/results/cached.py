@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.cache import Cache
+from svv.pv.failed import pressing
 from svv.pv.filters.base import Filter
-from svv.pv.filters.failed import pressing
 from svv.pv.results.keys import key_in, name_of, settings_in, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps

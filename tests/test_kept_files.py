@@ -65,9 +65,10 @@ with work_folder() as folder:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the package, whose kernels may be removed."""
+    """A copy of the packages, whose kernels may be removed."""
     folder = tmp_path_factory.mktemp("site")
-    shutil.copytree(ROOT / "svv", folder / "svv", ignore=shutil.ignore_patterns("__pycache__"))
+    for package in (ROOT / "svv", ROOT / "bench" / "svv_bench"):
+        shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
 

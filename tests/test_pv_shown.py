@@ -83,5 +83,5 @@ def test_what_cannot_be_placed_is_said() -> None:
     assert volume_shown(turned, given(Scale=[2, 2, 2])).GetNumberOfPoints() == 120
     with pytest.raises(BadInput, match="turn Use Cropping off"):
         volume_shown(turned, given(UseCropping=True))
-    with pytest.raises(BadInput, match="no number of its scale may be 0"):
+    with pytest.raises(BadInput, match="no number of Scale may be 0"):
         volume_shown(from_array(field()), given(Scale=[1, 0, 1]))

@@ -2,126 +2,96 @@
 
 from __future__ import annotations
 
-import json
 import sys
-import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
-from svv.io.files.atomic import to_json
-from svv.io.files.worker import Orders, be_worker, say
+from svv.io.files.worker import Orders, be_worker
 from svv.io.views.viewset import ViewSet
+from svv.job.learner import Learner
+from svv.job.orders import Order
+from svv.job.request import Request
 from svv.options.making import TrainOptions
 from svv.render.web.page import write_html
-from svv.train.pipeline import LEAST_VIEWS, train_scene
-from svv.train.run.learning import PAGE, RESULT, STATE, VIEWS
-from svv.train.value_sketch import sketches_of
+from svv.train.run.learning import PAGE, RESULT, VIEWS
 
-TELL_EVERY = 0.2
-"""Seconds between two reports."""
-
-SKETCHED = 0.15
-"""Fraction of the work that sketches are counted as."""
+IDLE = 3600.0
+"""Seconds without an order after which the process ends."""
 
 UNEXPECTED = "This should not have failed ({error}): please report it, with the views and this line."
 
 
 def main() -> None:
-    """Obey one order."""
-    orders = be_worker()
-    LearningProcess(orders, Path(sys.argv[-1])).run()
+    """Train as the script or the notebook orders that has started this process."""
+    orders, folder = be_worker(), Path(sys.argv[-1])
+    InBackground(orders, folder).run(IDLE)
 
 
-class LearningProcess:
-    """Trains as an order says, and reports to a folder.
+class Script:
+    """The script: it orders one training, whose views are in a folder, and so will be the scene."""
 
-    Args:
-        orders: Where the order, and pauses, come from.
-        folder: Where the views are, and where results and reports go.
-    """
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._checkpoint = folder, ""
 
-    def __init__(self, orders: Orders, folder: Path) -> None:
-        self._orders, self._folder = orders, folder
-        self._said: dict[str, Any] = {"state": 0}
-        self._begun = self._told = 0.0
-        self._page: dict[str, Any] | None = None
-        self._scene: Scene | None = None
+    def request(self, order: Order) -> Request:
+        """Return the training that an order asks for."""
+        told, self._checkpoint = order["asked"]["options"], order["asked"]["checkpoint"] or ""
+        values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in told.items()}
+        return Request(ViewSet.read(self._folder / VIEWS), train=TrainOptions(**values))
 
-    def run(self) -> None:
-        """Wait for the order and train; say the result, or one sentence on why there is none."""
-        order = None
-        while order is None or "options" not in order:
-            order = self._orders.next(3600.0)
-            if order is not None and "page" in order:
-                self._page = order["page"]
-        self._begun = time.monotonic()
-        try:
-            report = self._train(_options(order["options"]), order["checkpoint"])
-            say(self._folder, {**self._said, "fraction": 1.0, "label": "done", "report": report})
-        except BadInput as error:
-            self._fail(str(error))
-        except Exception as error:
-            self._fail(UNEXPECTED.format(error=f"{type(error).__name__}: {error}"))
+    def sketches(self, order: Order) -> bool:
+        """Return whether sketches are shown: not of a training that resumes."""
+        file = self.checkpoint("")
+        return file is None or not file.exists()
 
-    def _train(self, options: TrainOptions, checkpoint: str | None) -> dict[str, object]:
-        views = ViewSet.read(self._folder / VIEWS)
-        resumes = checkpoint is not None and Path(checkpoint).exists()
-        if len(views) >= LEAST_VIEWS and not resumes:
-            self._sketch(views, options, part(self._heard, 0.0, SKETCHED))
-        file = None if checkpoint is None else Path(checkpoint)
-        scene, report = train_scene(views, options, part(self._heard, SKETCHED, 1.0), file)
-        self._give(scene, RESULT)
+    def found(self, name: str) -> Scene | None:
+        """Return None: the script has no such scene yet."""
+        return None
+
+    def keep(self, name: str, scene: Scene) -> Scene:
+        """Write the scene to the folder."""
+        scene.save(self._folder / RESULT)
+        return scene
+
+    def checkpoint(self, name: str) -> Path | None:
+        """Return the script's own checkpoint, if it wants one."""
+        return Path(self._checkpoint) if self._checkpoint else None
+
+    def learned(self, name: str) -> None:
+        """Remove the checkpoint."""
+        file = self.checkpoint(name)
         if file is not None:
             file.unlink(missing_ok=True)
-        return dict(json.loads(to_json(report)))
 
-    def _sketch(self, views: ViewSet, options: TrainOptions, progress: Progress) -> None:
-        """Train the sketches. If one cannot be trained, the training itself will say why."""
-        try:
-            for scene in sketches_of(views, options, progress):
-                self._give(scene, STATE)
-        except BadInput:
-            return
+    def said(self, error: Exception) -> str:
+        """Return one sentence on an error."""
+        if isinstance(error, BadInput):
+            return str(error)
+        return UNEXPECTED.format(error=f"{type(error).__name__}: {error}")
 
-    def _give(self, scene: Scene, name: str) -> None:
-        """Give a scene away, and its page if that is wanted."""
-        scene.save(self._folder / name)
-        self._scene = scene
-        self._said["state"] += 1
+
+class InBackground(Learner):
+    """Trains, and writes the pages of its scenes for browsers as soon as they are wanted."""
+
+    def __init__(self, orders: Orders, folder: Path) -> None:
+        super().__init__(orders, folder, Script(folder))
+        self._page: dict[str, Any] | None = None
+        self._shown: Scene | None = None
+
+    def take(self, order: Mapping[str, Any]) -> None:
+        """Take the title and the background that pages are to have."""
+        self._page = order["page"]
+        self._write_page()
+
+    def gives(self, scene: Scene) -> None:
+        """Write the page of a scene that is given away."""
+        self._shown = scene
         self._write_page()
 
     def _write_page(self) -> None:
-        if self._page is not None and self._scene is not None:
-            write_html(self._folder / PAGE, self._scene, **self._page)
+        if self._page is not None and self._shown is not None:
+            write_html(self.folder / PAGE, self._shown, **self._page)
             self._said["page"] = self._said["state"]
-
-    def _heard(self, fraction: float, label: str) -> None:
-        """Tell the progress, and wait while the training is paused."""
-        paused = False
-        while (order := self._orders.next(0.5 if paused else 0.0)) is not None or paused:
-            if order is not None and "page" in order:
-                self._page = order["page"]
-                self._write_page()
-            elif order is not None:
-                paused = bool(order["pause"])
-            self._tell(fraction, "paused" if paused else label)
-        if time.monotonic() - self._told > TELL_EVERY:
-            self._tell(fraction, label)
-
-    def _tell(self, fraction: float, label: str) -> None:
-        self._told = time.monotonic()
-        spent = self._told - self._begun
-        left = spent * (1.0 - fraction) / fraction if fraction > 0.05 else None
-        self._said |= {"fraction": fraction, "label": label, "left": left}
-        say(self._folder, self._said)
-
-    def _fail(self, sentence: str) -> None:
-        say(self._folder, {**self._said, "error": sentence})
-
-
-def _options(told: dict[str, object]) -> TrainOptions:
-    """Return options from their JSON, which has lists for tuples."""
-    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in told.items()}
-    return TrainOptions(**values)

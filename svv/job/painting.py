@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.scene import Scene
+from svv.io.views.viewset import ViewSet
+from svv.job.request import Paint, Request, run
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
 from svv.render.colour_maps import colour_map
 from svv.train.config import settings_of
 from svv.train.paint.ink import Ink, StyleInput, style_named
-from svv.train.pipeline import stylize_scene, train_scene
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkImageData
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from svv.dvr.functions.transfer_functions import TransferFunction
     from svv.dvr.read.grids import Triple
 
-VIEWS, TRAINED = 0.2, 0.8
-"""Parts of the work after which the views are drawn, and the scene is trained."""
+READING = 0.05
+"""Fraction of the work as which it is shown to read a volume before its colour map is known."""
 
 
 def paint(  # noqa: PLR0913 - what shows the volume, and how it is painted
@@ -99,20 +100,23 @@ def paint(  # noqa: PLR0913 - what shows the volume, and how it is painted
     if any(one is not None for one in (cmap, opacity, clim)):
         if tf is not None:
             raise BadInput("Give either a transfer function (tf), or a colour map and opacity (cmap, opacity, clim).")
-        reading = part(progress, 0.0, 0.3 * VIEWS)
+        reading = part(progress, 0.0, READING)
         ready = given_volume(volume, nearest, drawing, reading, spacing, origin)
         clim = _range_of(volume) if clim is None else clim
         rescale = clim is None and not hasattr(cmap, "scalar_range")  # a table has a range of its own
         tf = _function(cmap, "linear" if opacity is None else opacity, clim, _unit(volume, ready))
-    views, _ = make_views(
-        volume, tf, drawing, spacing=spacing, origin=origin, shading=shading, rescale=rescale, nearest=nearest,
-        progress=part(progress, 0.0, VIEWS),
-    )  # fmt: skip
-    scene, trained = train_scene(views, training, part(progress, VIEWS, TRAINED))
-    painted, laid = stylize_scene(scene, given, painting, part(progress, TRAINED, 1.0))
-    for said in dict.fromkeys([*filter(None, [views.meta.assumed]), *trained["warnings"], *laid["notes"]]):
+
+    def draw(asked: ViewOptions, told: Progress) -> ViewSet:
+        return make_views(
+            volume, tf, asked, spacing=spacing, origin=origin, shading=shading, rescale=rescale, nearest=nearest,
+            progress=told,
+        )[0]  # fmt: skip
+
+    request = Request(draw, drawing, training, paint=Paint.of(given, painting), device=training.device)
+    result = run(request, progress if rescale is None else part(progress, READING, 1.0))
+    for said in result.notes:
         tell(said)
-    return painted
+    return result.scene
 
 
 def _options(changes: Mapping[str, Any]) -> tuple[ViewOptions, TrainOptions, PaintOptions]:

@@ -118,7 +118,7 @@ class Job:
 
     def train(self) -> None:
         """Train the scene."""
-        from svv.train.pipeline import train_scene
+        from svv.job.request import Request, learn
 
         options, checkpoint = self.settings.train, checkpoint_of(self.scene)
 
@@ -127,7 +127,7 @@ class Job:
                 unseen = ViewSet.read(self.views, "test")
                 check_agreement(unseen.cameras, unseen.images, unseen.names, "the split test")
             views = ViewSet.read(self.views, "train", part(progress, 0.0, 0.01))
-            scene, report = train_scene(views, options, part(progress, 0.01, 1.0), checkpoint)
+            scene, report = learn(Request(views, train=options), part(progress, 0.01, 1.0), checkpoint)
             scene.save(self.scene)
             write_json(self.out / "train.json", {**report, "scene_bytes": self.scene.stat().st_size})
             checkpoint.unlink(missing_ok=True)
@@ -195,8 +195,8 @@ class Job:
 
     def stylize(self) -> None:
         """Paint the regions in the manner of the styles."""
+        from svv.job.request import Paint, Request, paint
         from svv.train.paint.ink import StyleInput
-        from svv.train.pipeline import stylize_scene
 
         options, path = self.settings.paint, self.out / "styled.svv"
         checkpoint, size = checkpoint_of(path), self.settings.path.orbit_size
@@ -204,7 +204,9 @@ class Job:
 
         def work(progress: Progress) -> None:
             styles = [StyleInput(read_style(style), style.stem) for style in self.styles]
-            scene, report = stylize_scene(self.scene_at(self.scene), styles, options, progress, checkpoint)
+            base = self.scene_at(self.scene)
+            request = Request(base, paint=Paint.of(styles, options), device=self.settings.train.device)
+            scene, report = paint(request, base, progress, checkpoint)
             scene.save(path)
             shown = [fitted(read_style(style), size) for style in self.styles]
             write_png(self.out / "styles.png", sheet([shown], [style.stem for style in self.styles]))

@@ -96,10 +96,11 @@ class Workshop:
     def train(self, views: str, out: str, preset: PresetName = "fast", progress: Progress = silent) -> str:
         """Train a scene on a folder of views: draft takes seconds, fast and balanced minutes, best longer."""
         from svv.io.views.viewset import ViewSet
-        from svv.train.pipeline import train_scene
+        from svv.job.request import Request, run
 
         path = self._new_scene(out)
-        scene, _ = train_scene(ViewSet.read(self.place(views), "train"), TrainOptions(preset=preset), progress)
+        request = Request(ViewSet.read(self.place(views), "train"), train=TrainOptions(preset=preset))
+        scene = run(request, progress).scene
         scene.save(path)
         return f"{self.shown(path)}: {len(scene.regions)} regions"
 
@@ -169,16 +170,17 @@ class Workshop:
         what other parts there are. parts chooses them by name, such as {"0": "sky"}; divide="no" gives every region the
         whole picture.
         """
+        from svv.job.request import Paint, Request, paint
         from svv.train.paint.dividing import swatches
         from svv.train.paint.ink import StyleInput, style_named
-        from svv.train.pipeline import stylize_scene
 
         path = self._new_scene(out)
         opened = [style_named(self.source(style)) for style in styles]
         given = [StyleInput(style, label) for label, style in opened]
         named: dict[int, int | str] = {_number(region): part for region, part in (parts or {}).items()}
         options = PaintOptions(mapping=named or None, divide=divide, preset=preset)
-        painted, report = stylize_scene(self._scene(scene), given, options, progress)
+        base = self._scene(scene)
+        painted, report = paint(Request(base, paint=Paint.of(given, options)), base, progress)
         painted.save(path)
         shown = [f"{label} ({', '.join(colours)})" for colours, label in swatches(report["divided"], painted.regions)]
         return [*report["notes"], *shown, self.shown(path)]

@@ -97,7 +97,7 @@ paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png", "blue.png"], Pres
 said["first"] = [status(paint), style()]
 from pathlib import Path
 from svv.fields.scene.scene import Scene
-from svv.pv.filters.styling import told_of
+from svv.job.request import told_of
 said["labels"] = []
 show, progress = told_of(Path("again.png"), lambda fraction, label: said["labels"].append(label))
 progress(0.1, "before")

@@ -67,9 +67,9 @@ def train(
     from svv.io.scene_file import checkpoint_of, sketch_of
     from svv.io.views.empty_views import check_shown, empty_views
     from svv.io.views.equal_views import equal_views
+    from svv.job.request import Request, learn
     from svv.kernels.dispatch import device_named
     from svv.train.config import settings_of
-    from svv.train.pipeline import train_scene
     from svv.train.run import ranks
 
     def read(folder: Path) -> ViewSet:
@@ -93,7 +93,7 @@ def train(
             with shown("Training", quiet=not ranks.is_first()) as progress:
                 if sketch and len(files) == 1 and ranks.is_first() and not checkpoint_of(file).exists():
                     _sketch(view_set, options, file, progress)
-                made.append(train_scene(view_set, options, progress, checkpoint_of(file)))
+                made.append(learn(Request(view_set, train=options), progress, checkpoint_of(file)))
             if ranks.is_first():
                 for said in set(made[-1][1]["warnings"]) - {equal_views(view_set), empty_views(view_set)}:
                     print(said, file=sys.stderr)

@@ -57,10 +57,10 @@ def stylize(
     After Ctrl-C, the same command resumes.
     """
     from svv.io.scene_file import checkpoint_of
+    from svv.job.request import Paint, Request, paint
     from svv.kernels.dispatch import device_named
     from svv.render.frames import previews_in
     from svv.train.config import settings_of
-    from svv.train.pipeline import stylize_scene
 
     check_targets(out, json)
     show = None if preview is None else previews_in(preview)
@@ -69,7 +69,9 @@ def stylize(
     styles = read_styles(style, style_mask or [])
     checkpoint = checkpoint_of(out)
     with shown("Stylizing") as progress:
-        styled, report = stylize_scene(load(scene, where.device), styles, options, progress, checkpoint, show)
+        base = load(scene, where.device)
+        request = Request(base, paint=Paint.of(styles, options), device=where.device)
+        styled, report = paint(request, base, progress, checkpoint, show)
     for note in report["notes"]:
         print(note, file=sys.stderr)
     print_swatches(report["divided"], styled.regions)

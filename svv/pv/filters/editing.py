@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from svv.core.colour.correction import Correction, Point
@@ -20,14 +18,12 @@ from svv.options.editing import (
     SceneEdit,
     VisibilityEdit,
 )
-from svv.options.making import DeviceOptions, PaletteOptions
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values, colour_row, region_row
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
-    from svv.io.views.viewset import ViewSet
 
 
 def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tuple[Scene, tuple[str, ...]]:
@@ -202,27 +198,3 @@ def check_pointed(scene: Scene, text: str) -> None:
 
     scene.check_alone("Palette correction")
     check_places(scene, *pointed_in(text))
-
-
-def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress, checkpoint: Path | None = None) -> Scene:
-    """Return the scene with its palette corrected as the panel asks.
-
-    Args:
-        scene: Scene with a palette network.
-        views: The views that it was trained on.
-        values: The panel's values.
-        progress: Called several times a second.
-        checkpoint: File to save to, and to resume from if it exists.
-
-    Raises:
-        BadInput: The reasons of :func:`svv.train.correct.correct_palette`.
-        Cancelled: ``progress`` raised it.
-    """
-    from svv.kernels.dispatch import device_named
-    from svv.pv.results.keys import digest_of_scene
-    from svv.train.correct import correct_palette
-
-    device = device_named(options_in(DeviceOptions, values).device)
-    options = options_in(PaletteOptions, values)
-    result, _ = correct_palette(scene.on(device), views, correction_in(values), options, progress, checkpoint)
-    return replace(result, made={**result.made, "of": digest_of_scene(scene)}).on(scene.device)

@@ -17,7 +17,7 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.dvr.draw.appearance import GHOSTS
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput, Progress
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.figures import VISIONS, VisionName
@@ -28,7 +28,7 @@ from svv.pv.filters import resampled
 from svv.pv.filters.base import ORBIT
 from svv.pv.filters.connected import BAKED, OF_SCENE, is_baked, is_flat, what_is
 from svv.pv.filters.parallel import crew_of
-from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of, views_of
+from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of
 from svv.pv.panel.groups import COLOURS, IN_COLOUR
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
@@ -175,8 +175,10 @@ def shading_of(values: Values) -> Shading:
     )
 
 
-def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
-    """Draw the training and test views that the panel asks for.
+def draw_views(
+    image: vtkImageData, values: Values, options: ViewOptions, progress: Progress
+) -> tuple[ViewSet, ViewSet | None]:
+    """Draw training and test views of a volume as the panel shows it.
 
     Raises:
         BadInput: The reasons of :func:`svv.dvr.draw.views.make_views`.
@@ -188,12 +190,11 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
     if crew is not None:
         if chosen_of(values):
             raise BadInput(DIVIDED)
-        tf, options = transfer_function_of(values), options_in(ViewOptions, values)
-        return make_crew_views(crew, tf, options, shading_of(values), name, progress)
+        return make_crew_views(crew, transfer_function_of(values), options, shading_of(values), name, progress)
     return make_views(
         volume_shown(image, values),
         transfer_function_of(values),
-        options_in(ViewOptions, values),
+        options,
         shading=shading_of(values),
         rescale=False,  # in ParaView the user has already placed the function
         name=name,
@@ -279,42 +280,6 @@ def regions_said(scene: Scene | Stored) -> str:
     """Say how many regions a scene has and what it was learned from, which scenes of older versions do not tell."""
     origin = f", learned from {scene.made['learned_from']}" if "learned_from" in scene.made else ""
     return f"{len(scene.regions)} regions{origin}"
-
-
-def train(data: vtkDataObject | None, values: Values, progress: Progress, checkpoint: Path | None = None) -> Scene:
-    """Train a scene on a volume, or on the views that the input belongs to.
-
-    If the panel names a scene file, the scene is written to it, and training that was stopped resumes; it also does
-    from a ``checkpoint``.
-
-    Raises:
-        BadInput: The reasons of the engine.
-        Cancelled: ``progress`` raised it.
-    """
-    from svv.io.files.atomic import check_writable
-    from svv.io.scene_file import checkpoint_of
-    from svv.kernels.dispatch import device_named
-    from svv.train.config import settings_of
-    from svv.train.pipeline import train_scene
-
-    options, views, now = options_in(TrainOptions, values), views_of(data), training_moment(data, values, None)
-    settings_of(options)  # report errors before views are drawn
-    device_named(options.device)
-    file = Path(values["SceneFile"]) if values.get("SceneFile") else None
-    if file is not None:
-        check_writable(file)
-    learn = progress
-    if views is None:
-        views, _ = draw_views(volume_of(data, values), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
-        learn = part(progress, 0.15, 1.0)
-    checkpoint = checkpoint if file is None else checkpoint_of(file)
-    scene, _ = train_scene(views, options, learn, checkpoint)
-    made = {"key": key_of(now), "look": now.look, "data": now.data, "time": time_of(data)}
-    scene = replace(scene, made={**scene.made, **made})
-    if file is not None and checkpoint is not None:
-        scene.save(file)
-        checkpoint.unlink(missing_ok=True)
-    return scene
 
 
 def as_cut(volume: BakedVolume, values: Values) -> BakedVolume:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput, Progress
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
@@ -64,7 +64,7 @@ from svv.pv.panel.properties import (
 )
 from svv.pv.panel_values import Values
 from svv.pv.results.cached import FILE, FOUND, LOST
-from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, settings_in
+from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, name_of, settings_in, source_of
 from svv.pv.results.time_steps import Moment
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 
@@ -74,12 +74,6 @@ if TYPE_CHECKING:
 
 PAINTING = "painting "
 """Prefix of the slots in which StyleRF Stylize keeps paintings; the painting's name follows."""
-
-SKETCHED_IN = 2.0
-"""Time limit of a palette's sketch, seconds."""
-
-READ = 0.03
-"""Fraction of the training of a palette as which reading its views is shown."""
 
 NO_VIEWS = (
     "Training the regions again takes the views that the scene was trained on: connect StyleRF Views as the second "
@@ -139,8 +133,6 @@ class StyleRFPalette(SceneBeside, Pointing):
         self.forget("corrected")
         self.make_anew()
 
-    anew = TrainAgain
-
     def ResetPalette(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
 
@@ -151,7 +143,9 @@ class StyleRFPalette(SceneBeside, Pointing):
         return super().work(inputs, outputs, out_info)
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.editing import correct, correction_in
+        from svv.job.request import learn
+        from svv.pv.filters.editing import correction_in
+        from svv.pv.filters.requests import correcting
 
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
         self.kept("before", object(), lambda: scene)
@@ -165,15 +159,19 @@ class StyleRFPalette(SceneBeside, Pointing):
         settings = digest(vars(correction), chosen(options_in(PaletteOptions, self.values)))
         key = (base, source, settings)
 
+        def read(progress: Progress) -> ViewSet:
+            return views_of(inputs[1]) or self._views_in_file(progress)
+
         def make() -> Scene:
             with self.training() as progress:
-                views = views_of(inputs[1]) or self._views_in_file()
-                return correct(scene, views, self.values, progress, self.checkpoint)
+                return learn(correcting(scene, read, self.values), progress)[0]
 
         def get() -> Scene:
             given = digest(base, digest_of_edits(scene))
-            self.wants(Moment(digest(), source, given), settings)
-            found, name = self.found_or_made("corrected", "palette", Moment(settings, source, given), make)
+            now = Moment(settings, source, given)
+            # An order with another correction has the same input.
+            self.wants(name_of("scene", source_of(now), digest()), name_of("palette", source_of(now), settings))
+            found, name = self.found_or_made("corrected", "palette", now, make)
             self.gives(corrected=name)
             return found
 
@@ -188,15 +186,6 @@ class StyleRFPalette(SceneBeside, Pointing):
         self.give(result, outputs[0])
         report = result.made["corrected"][-1]
         return f"{'; '.join(report['notes'][:-1])}; trained in {report['seconds']['total']:.0f} s.{self.note}"
-
-    def sketch(self, scene: Scene, progress: Progress) -> tuple[Scene, str]:
-        """Return the scene with regions trained in seconds, on few small views."""
-        from svv.pv.filters.editing import correct
-        from svv.train.run.sketches import SKETCHES
-
-        few = SKETCHES[-1].few(self._views_in_file())
-        values: Values = {**self.values, "Preset": "draft", "TimeLimit": SKETCHED_IN}
-        return correct(scene, few, values, progress), "The new regions are shown as a sketch."
 
     def handed(self, values: Values) -> tuple[Values, Callable[[Path], None]]:
         """Return the values for the process that trains, with the file of the views, and what writes the scene."""
@@ -213,14 +202,13 @@ class StyleRFPalette(SceneBeside, Pointing):
         changed = file.stat().st_mtime_ns if file.is_file() else 0
         return self.kept("key of the file", (file, changed), lambda: digest_of_listed(file))
 
-    def _views_in_file(self) -> ViewSet:
+    def _views_in_file(self, progress: Progress) -> ViewSet:
         """Return the views that the panel names; they are read again only if the file has changed."""
         from svv.io.views.transforms import split_of
         from svv.io.views.viewset import ViewSet
 
         file, key = self._file(), self._file_key()
-        told = part(self.progress, 0.0, READ)
-        return self.kept("views in the file", key, lambda: ViewSet.read(file.parent, split_of(file), told))
+        return self.kept("views in the file", key, lambda: ViewSet.read(file.parent, split_of(file), progress))
 
     def _file(self) -> Path:
         if not self.values["ViewsFile"]:
@@ -299,17 +287,17 @@ class StyleRFStylize(SceneBeside):
         self._reset, self._round = False, self._round + 1
         self.make_anew()
 
-    anew = PaintAgain
-
     def ResetStyle(self) -> None:
         """Return to the scene before painting."""
         self._reset = True
         self.Modified()
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+        from svv.job.request import paint as painted
+        from svv.pv.filters.requests import painting as request_of
         from svv.pv.filters.style_files import files_of, lost_file, style_key
         from svv.pv.filters.style_masks import write_masks
-        from svv.pv.filters.styling import Painting, goes_on, painted, paintings_on
+        from svv.pv.filters.styling import Painting, goes_on, paintings_on, starts_from
 
         scene, values = finished_scene_of(inputs[0]), self.values
         base = digest_of_scene(scene)  # edits before this filter do not change what is painted, only how it is shown
@@ -333,20 +321,20 @@ class StyleRFStylize(SceneBeside):
             def paint() -> Scene:
                 if self.lost:
                     raise BadInput(self.lost)
+                start, go_on = starts_from(scene, before, values)
                 with self.training() as progress:
-                    return painted(scene, before, values, progress)
+                    return painted(request_of(start, values, go_on), start, progress)[0]
 
             def make() -> Painting:
-                self.wants(Moment(digest(), "", given), digest(style, name))
                 now = Moment(style, digest(*goes_on(scene, before, values)), given)
+                of = name_of("scene", source_of(Moment(digest(), "", given)), digest())
+                self.wants(of, name_of("painting", source_of(now), style), name)
                 result, kept = self.found_or_made(slot, "painting", now, paint)
                 return Painting(base, result.on(scene.device), kept)
 
             painting = self.kept(slot, (base, style, self._round), make)
             self.gives(**{slot: painting.name, **{f"{FILE}{file}": key for file, key in files_of(values).items()}})
             said = painting.told() + (LOST.format(lost=self.lost) if self.lost else self.note)
-        if not self.shows:
-            return said
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
         if any(layer.styled is not None for layer in result.every_layer):

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput, Progress
 from svv.io.pictures.mask_file import Mask
-from svv.options.making import DeviceOptions, PaintOptions
 from svv.pv.filters.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 from svv.pv.panel.groups import REGIONS
-from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values, region_row
 from svv.pv.results.keys import digest_of_scene
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
+    from svv.job.request import Styles
     from svv.train.paint.ink import Style, StyleInput
 
 
@@ -54,21 +52,16 @@ def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, 
     return bool(values["Continue"]) and scene.styled is not None, ""
 
 
-def painted(scene: Scene, last: Painting | None, values: Values, progress: Progress) -> Scene:
-    """Paint a scene as the panel asks.
+def starts_from(scene: Scene, last: Painting | None, values: Values) -> tuple[Scene, bool]:
+    """Return the scene to paint on, and whether its painting is continued.
 
     Args:
         scene: Scene with a palette network.
         last: Last painting of this name, from which to continue if the panel's Continue is on.
         values: The panel's values.
-        progress: Called several times a second.
-
-    Raises:
-        BadInput, Cancelled: As for :func:`stylize`.
     """
     go_on, name = goes_on(scene, last, values)
-    start = last.scene if last is not None and name else scene
-    return stylize(start, values, progress, go_on)
+    return (last.scene if last is not None and name else scene), go_on
 
 
 def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, name: str) -> Scene:
@@ -122,8 +115,8 @@ def _layers_painted(scene: Scene, painting: Scene) -> Scene:
 
 
 @dataclass
-class Styles:
-    """Pictures in the form that :func:`svv.train.pipeline.stylize_scene` takes, and the style of each region."""
+class _Chosen:
+    """The pictures that are chosen so far, and the style of each region."""
 
     given: list[StyleInput] = field(default_factory=list)
     """Pictures or inks, with their masks."""
@@ -131,8 +124,6 @@ class Styles:
     """Region -> index into ``given``, with the name of a part behind a colon if one is asked for."""
     opened: dict[str, tuple[str, Style]] = field(default_factory=dict)
     """Source -> name and style; each is read once."""
-    notes: list[str] = field(default_factory=list)
-    """Sentences for the user."""
     _numbers: dict[tuple[str, int | None], int] = field(default_factory=dict)
 
     def add(self, source: str, mask: Mask | None, region: int, share: str, progress: Progress) -> None:
@@ -162,10 +153,11 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
         BadInput: There is no picture, a picture cannot be used, the scene lacks the region of a row, or a mask is
             invalid (:func:`mask_for`).
     """
+    from svv.job.request import Styles
     from svv.train.paint.ink import picture_of
     from svv.train.paint.style_choice import pairs_by_colour
 
-    count, common, styles = len(scene.regions), sources_of(values), Styles()
+    count, common, styles = len(scene.regions), sources_of(values), _Chosen()
     rows = {region: source_of(values, region) for region in range(REGIONS)}
     for region, source in rows.items():
         if region >= count and (source is not None or asks_for_part(values, region)):
@@ -192,52 +184,6 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
             styles.add(source, mask, region, region_row(values, region).get("Share", "").strip(), progress)
     if not styles.mapping:
         raise BadInput("No region is left to paint, because all stay as they are: choose a picture for at least one.")
-    for source in dict.fromkeys(common):
-        if source not in rows.values():
-            styles.notes.append(f"{source} is not used, because there are more pictures than regions.")
-    return styles
-
-
-def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = False) -> Scene:
-    """Return the scene with its regions painted as the panel asks; it shows the painting as a variant.
-
-    Args:
-        scene: Scene with a palette network.
-        values: The panel's values; missing ones have their defaults.
-        progress: Called several times a second.
-        go_on: Whether to continue the painting that the scene shows.
-
-    Raises:
-        BadInput: The reasons of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
-        Cancelled: ``progress`` raised it.
-    """
-    from svv.kernels.dispatch import device_named
-    from svv.train.pipeline import stylize_scene
-
-    device = device_named(options_in(DeviceOptions, values).device)
-    file = values.get("PreviewFile")
-    preview, progress = (None, progress) if not file else told_of(Path(file), progress)
-    styles = styles_of(scene, values, part(progress, 0.0, 0.02))
-    variant = None if go_on else values.get("Variant") or None
-    options = options_in(PaintOptions, values, mapping=styles.mapping, go_on=go_on, variant=variant)
-    painting = part(progress, 0.02, 1.0)
-    styled, report = stylize_scene(scene.on(device), styles.given, options, painting, preview=preview)
-    notes = {**styled.made["stylized"], "notes": [*styles.notes, *report["notes"]]}
-    return replace(styled, made={**styled.made, "stylized": notes})
-
-
-def told_of(file: Path, progress: Progress) -> tuple[Callable[[Scene], None], Progress]:
-    """Return a preview callback that writes a picture of the painting to a file, and a progress that mentions the file.
-
-    Raises:
-        BadInput: The file is not a .png, or cannot be written.
-    """
-    from svv.render.frames import previews_in
-
-    write, there = previews_in(file), []
-
-    def show(scene: Scene) -> None:
-        write(scene)
-        there.append(scene.variant)
-
-    return show, lambda fraction, label: progress(fraction, f"{label}; see {file}" if there else label)
+    unused = [source for source in dict.fromkeys(common) if source not in rows.values()]
+    notes = [f"{source} is not used, because there are more pictures than regions." for source in unused]
+    return Styles(styles.given, styles.mapping, notes)

@@ -15,6 +15,7 @@ from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
 from svv.errors import BadInput, part
 from svv.io.files.keyed_results import digest
+from svv.job.orders import LEARNED
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
 from svv.pv.filters import default_function
@@ -62,7 +63,7 @@ from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
 from svv.pv.results.cached import FILE, LOST, Keeping, Views, views_in, write_views
 from svv.pv.results.expected import expected
-from svv.pv.results.keys import key_in, key_of
+from svv.pv.results.keys import key_in, key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
@@ -110,7 +111,8 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 
         def make() -> Views:
             with self.training() as progress:
-                train, test = draw_views(volume_of(inputs[0], self.values), self.values, part(progress, 0.0, 0.9))
+                image, options = volume_of(inputs[0], self.values), options_in(ViewOptions, self.values)
+                train, test = draw_views(image, self.values, options, part(progress, 0.0, 0.9))
             known = {"key": key_of(now), "look": now.look, "data": now.data, "time": now.time}
             return replace(train, meta=replace(train.meta, other={**train.meta.other, **known})), test
 
@@ -167,15 +169,18 @@ class StyleRFTrain(DividedInput, Beside):
         super().__init__(1, 1, "vtkTable")
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import followed, follows, regions_said, train, training_moment
+        from svv.pv.filters.engine import followed, follows, regions_said, training_moment
+        from svv.pv.filters.requests import learning
 
         present, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
         now = self.settled(present)
-        self.wants(now, file)
+        self.wants(name_of("scene", source_of(now), now.settings), more=file)
 
         def make() -> Scene:
+            from svv.job.request import learn  # imports torch, which would delay the window
+
             with self.training() as progress:
-                return train(inputs[0], self.values, progress, self.checkpoint)
+                return learn(learning(inputs[0], self.values), progress)[0]
 
         def own() -> Scene | Stored | None:
             return self.found_in(Path(file), now) if file else None
@@ -189,8 +194,6 @@ class StyleRFTrain(DividedInput, Beside):
         self.begin_with("scene", "scene", now)
         scene, name = self.steps.get(now, get, self.values["TrainEachTimeStep"])
         self.gives(scene=name)
-        if not self.shows:
-            return regions_said(scene)
         whole, moved = scene, ""
         if not isinstance(whole, Stored) and follows(whole, inputs[0], self.steps.made, present):
             moved, key = f" Followed to time {present.time:g}.", (name, present.data)
@@ -350,44 +353,53 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
             follows,
             moving_from,
             regions_said,
-            train,
             training_moment,
         )
+        from svv.pv.filters.requests import learning
         from svv.pv.filters.style_files import files_of, lost_file, style_key
-        from svv.pv.filters.styling import parts_said, stylize
+        from svv.pv.filters.styling import parts_said
 
         values = self.values
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
         now = self.settled(present)
         styles = style_key(values, self.known_files()) if values["StyleFiles"] else ""
         self.lost = lost_file(values)
-        todo = 0.7 if styles else 0.98
+        todo = LEARNED if styles else 0.98
 
         def learn() -> Scene:
+            from svv.job import request  # imports torch, which would delay the window
+
             with self.training() as progress:
-                return train(inputs[0], values, part(progress, 0.0, todo), self.checkpoint)
+                return request.learn(learning(inputs[0], values), part(progress, 0.0, todo))[0]
 
         def paint() -> Scene:
+            from svv.job import request
+
             if self.lost:
                 raise BadInput(self.lost)
             with self.training() as progress:
-                return stylize(scene, values, part(progress, todo, 0.98))
+                return request.paint(learning(inputs[0], values), scene, part(progress, todo, 0.98))[0]
+
+        def ours(scene: str) -> Moment:
+            return Moment(look, "", key_in(scene))
+
+        def wants(scene: str) -> None:
+            self.wants(scene, name_of("painting", source_of(ours(scene)), look) if styles else "")
 
         paintings: Steps[tuple[Scene | Stored, str]] = self.kept("paintings", None, Steps)
         look = digest(styles, now.settings)
-        self.wants(now, look)
+        wants(name_of("scene", source_of(now), now.settings))
         if styles:
             self.begin_with_painting(now, look, paintings)
         self.begin_with("scene", "scene", now)
         scene, name = self.steps.get(now, lambda: self.found_or_made("scene", "scene", now, learn), each)
         self.gives(scene=name)
+        wants(name)
         if styles:
-            ours = Moment(look, "", key_in(name))
-            painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
+            on = ours(name)
+            painted, name = paintings.get(on, lambda: self.found_or_made("painted", "painting", on, paint), each)
             self.gives(painted=name, **{f"{FILE}{file}": key for file, key in files_of(values).items()})
             scene = painted
-        if not self.shows:
-            return regions_said(scene)
         parts = "" if isinstance(scene, Stored) else parts_said(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         note = LOST.format(lost=self.lost) if self.lost else self.note

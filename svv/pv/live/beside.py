@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.dvr.parallel.ranks import ranks_here
-from svv.errors import BadInput, Progress
+from svv.errors import BadInput
 from svv.io.files.cache import Cache
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.filters.vtk_data import key_of_views, put_drawn, put_stored, time_of
 from svv.pv.live.drawer import Drawn, Gone
-from svv.pv.live.ordered import Ordered
+from svv.pv.live.ordered import Ordered, Wanted
 from svv.pv.panel_values import Values, with_names
 from svv.pv.results.cached import FOUND, Keeping
 from svv.pv.results.keys import key_of, name_of, source_of
@@ -50,12 +50,6 @@ class NotYet(Exception):
 class Beside(Keeping):
     """A filter that learns in a process of its own if it may; the one in ParaView's window otherwise."""
 
-    checkpoint: Path | None = None
-    """File from which training resumes, in the process of its own."""
-
-    shows = True
-    """Whether the results are to be shown, which they are not in that process."""
-
     draws = False
     """Whether another process draws what there is."""
 
@@ -68,7 +62,7 @@ class Beside(Keeping):
     def __init__(self, inputs: int, outputs: int, kind: str) -> None:
         super().__init__(inputs, outputs, kind)
         self._learner = Ordered(type(self).__name__, self.draws)
-        self._wanted: tuple[str, str] = ("", "")
+        self._wanted: Wanted = ("", "", "")
         self.data: vtkDataObject | None = None
         self._moment: Moment | None = None
         self._take = False
@@ -86,20 +80,15 @@ class Beside(Keeping):
         """Fill the outputs with the best there is, while there is no result yet."""
         raise NotImplementedError
 
-    def sketch(self, scene: Scene, progress: Progress) -> tuple[Scene, str] | None:
-        """Return a scene that soon shows what will become of the input's, and what the user is told; None if none does.
+    def wants(self, scene: str, result: str = "", more: str = "") -> None:
+        """Say what is wanted.
 
-        Called in the process of its own.
+        Args:
+            scene: Name of the scene that is learned, or of the one that is the input.
+            result: Name of the painted or corrected scene; '' if the scene itself is wanted.
+            more: What else a new order is to be made for.
         """
-        return None
-
-    def anew(self) -> None:
-        """Make the result again, even if there is one: what the panel's button for that does."""
-        self.make_anew()
-
-    def wants(self, now: Moment, painting: str) -> None:
-        """Say what the result depends on: the scene's training, or the scene itself, and how it is painted."""
-        self._wanted = name_of("scene", source_of(now), now.settings), painting
+        self._wanted = scene, result, more
 
     def settled(self, now: Moment) -> Moment:
         """Return what is being learned from: it stays the same while the time or the transfer function changes."""
@@ -161,7 +150,7 @@ class Beside(Keeping):
 
     def kept_as(self, name: str, kind: str) -> Scene | Stored | None:
         """Return the result that is kept under a name, or None; only its header, if another process draws it."""
-        if not (self.shows and self.headers and self._lives()):
+        if not (self.headers and self._lives()):
             return super().kept_as(name, kind)
         found = Cache.of_user().read(name, Stored.read)
         return super().kept_as(name, kind) if found is not None and self._follows(found) else found
@@ -170,7 +159,7 @@ class Beside(Keeping):
         """Return the scene in the user's file, as :meth:`kept_as` does; None if it is something else."""
         from svv.pv.filters.engine import scene_in
 
-        if self.shows and self.headers and self._lives():
+        if self.headers and self._lives():
             found = Stored.read(file) if file.exists() else None
             if found is None or found.made.get("key") != key_of(now):
                 return None
@@ -214,7 +203,7 @@ class Beside(Keeping):
     def _order(self) -> NoReturn:
         if self._again or not self._learner.asks_for(self._wanted):
             values = with_names({k: v for k, v in self.values.items() if k not in ONLY_SHOWN})
-            self._learner.order(self._wanted, *self.handed(values), self._again)
+            self._learner.order(self._wanted, *self.handed(values))
             self._again = False
         raise NotYet
 

@@ -17,11 +17,8 @@ from svv.pv.filters.vtk_data import content_of, put_scene, time_of
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import name_of
 
-STATE = "state.svv"
-"""File in a learner's folder with the newest scene to be shown meanwhile."""
-
 WARM = "warm.svv"
-"""File there with a small scene, drawing which loads all that it takes."""
+"""File in a learner's folder with a small scene, drawing which loads all that it takes."""
 
 SCENE_FILE = "scene.svv"
 """File with the scene, if that is the input."""

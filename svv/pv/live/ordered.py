@@ -7,17 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from typing import TypeAlias, cast
 
 from svv.errors import BadInput
 from svv.io.files.worker import Worker
+from svv.job.orders import STATE, Order, Progressed
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.drawer import MOVING_PATIENCE, PATIENCE, Drawer, Drawn, Shown
-from svv.pv.live.handed import STATE, WARM
-from svv.pv.live.messages import Order, Progressed
+from svv.pv.live.handed import WARM
 from svv.pv.panel_values import Values
 from svv.pv.results.expected import duration
 from svv.pv.results.stored import Stored
+
+Wanted: TypeAlias = tuple[str, str, str]
+"""Names of the scene and of the result, and what else a new order is made for (:meth:`Beside.wants`)."""
 
 ENDED = "The process that learned beside ParaView has ended ({why}): press Go On, and it resumes."
 NOT_KEPT = (
@@ -39,7 +42,7 @@ class Ordered:
     def __init__(self, kind: str, draws: bool) -> None:
         self._kind, self._draws = kind, draws
         self._worker: Worker | None = None
-        self._wanted: tuple[str, str] | None = None
+        self._wanted: Wanted | None = None
         self._number = 0
         self._stopped = self._paused = False
         self._drawer = Drawer()
@@ -58,7 +61,7 @@ class Ordered:
         if self._draws:
             self._drawer.load(self._worker.folder / WARM)
 
-    def asks_for(self, wanted: tuple[str, str]) -> bool:
+    def asks_for(self, wanted: Wanted) -> bool:
         """Return whether this is being made, or has been stopped by the user.
 
         Raises:
@@ -77,19 +80,20 @@ class Ordered:
             raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
         return True
 
-    def order(self, wanted: tuple[str, str], values: Values, hand: Callable[[Path], None], anew: bool = False) -> None:
+    def order(self, wanted: Wanted, values: Values, hand: Callable[[Path], None]) -> None:
         """Order a result, instead of the last one.
 
         Args:
-            wanted: What it depends on: its input with the training, and the rest.
+            wanted: What is wanted.
             values: The panel's values.
             hand: Writes the input to a new folder, for a process that does not have it.
-            anew: Whether it is to be made even if it is there.
         """
         self.start()
         assert self._worker is not None
         self._number += 1
-        order: Order = {"number": self._number, "kind": self._kind, "scene": wanted[0], "values": values, "anew": anew}
+        scene, result, _ = wanted
+        asked = {"kind": self._kind, "values": values}
+        order: Order = {"number": self._number, "scene": scene, "result": result, "asked": asked}
         if self._sent != wanted[0]:
             folder = self._worker.folder / f"input-{self._number}"
             hand(folder)
@@ -175,7 +179,7 @@ class Ordered:
         left = "" if said["left"] is None else f", {duration(said['left'])} left"
         return f"Learning, {said['fraction']:.0%}{left}: {said['label']}. {shown}"
 
-    def made(self, wanted: tuple[str, str]) -> bool:
+    def made(self, wanted: Wanted) -> bool:
         """Return whether the process has made this."""
         return self._wanted == wanted
 

@@ -61,7 +61,9 @@ class Learning:
         self._result: tuple[Scene, Report] | None = None
         self._page: tuple[int, str] | None = None
         self._looking = threading.RLock()
-        order = {"options": asdict(options), "checkpoint": None if checkpoint is None else str(checkpoint.absolute())}
+        file = None if checkpoint is None else str(checkpoint.absolute())
+        asked = {"options": asdict(options), "checkpoint": file}
+        order = {"number": 1, "scene": "", "result": "", "asked": asked}
         self._sending = threading.Thread(target=self._send, args=(views, order), daemon=True)
         self._sending.start()
 
@@ -78,7 +80,7 @@ class Learning:
         if self._result is not None:
             return 1.0, "done"
         said = self._worker.said()
-        return float(said.get("fraction", 0.0)), str(said.get("label", "starting"))
+        return float(said.get("fraction", 0.0)), "paused" if said.get("paused") else str(said.get("label", "starting"))
 
     @property
     def left(self) -> float | None:

@@ -1,0 +1,103 @@
+"""What the panels ask for, as requests (:class:`svv.job.request.Request`).
+
+They are the same for a filter that works itself and for one whose work is done beside ParaView's window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+
+from svv.errors import Progress
+from svv.options.making import DeviceOptions, PaintOptions, PaletteOptions, TrainOptions, ViewOptions
+from svv.pv.filters.editing import correction_in
+from svv.pv.filters.engine import draw_views, training_moment, volume_of
+from svv.pv.filters.style_masks import sources_of
+from svv.pv.filters.styling import styles_of
+from svv.pv.filters.vtk_data import time_of, views_of
+from svv.pv.panel.option_panel import options_in
+from svv.pv.panel_values import Values
+from svv.pv.results.keys import digest_of_scene, key_of
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.io.views.viewset import ViewSet
+    from svv.job.request import Paint, Request, Styles
+
+
+def learning(data: vtkDataObject | None, values: Values) -> Request:
+    """Return the request to learn a scene of a volume, or of the views that the input belongs to.
+
+    It is painted if the panel has pictures for that.
+
+    Raises:
+        BadInput: The input is not a volume, or the options or the scene file cannot be used.
+    """
+    from svv.io.files.atomic import check_writable
+    from svv.job.request import Request
+    from svv.kernels.dispatch import device_named
+    from svv.train.config import settings_of
+
+    options, now = options_in(TrainOptions, values), training_moment(data, values, None)
+    settings_of(options)  # report errors before views are drawn
+    device_named(options.device)
+    file = Path(values["SceneFile"]) if values.get("SceneFile") else None
+    if file is not None:
+        check_writable(file)
+    views = views_of(data)
+    asked = replace(options_in(ViewOptions, values), test=0)
+    noted = {"key": key_of(now), "look": now.look, "data": now.data, "time": time_of(data)}
+    if views is not None:
+        return Request(views, asked, options, file=file, noted=noted)
+    image = volume_of(data, values)
+
+    def draw(asked: ViewOptions, progress: Progress) -> ViewSet:
+        return draw_views(image, values, asked, progress)[0]
+
+    paint = _paint(values) if values.get("StyleFiles") else None
+    return Request(draw, asked, options, paint=paint, device=options.device, file=file, noted=noted)
+
+
+def painting(scene: Scene, values: Values, go_on: bool = False) -> Request:
+    """Return the request to paint a scene as the panel asks.
+
+    Args:
+        scene: Scene with a palette network.
+        values: The panel's values; missing ones have their defaults.
+        go_on: Whether to continue the painting that the scene shows.
+    """
+    from svv.job.request import Request
+
+    return Request(scene, paint=_paint(values, go_on), device=options_in(DeviceOptions, values).device)
+
+
+def correcting(scene: Scene, views: Callable[[Progress], ViewSet], values: Values) -> Request:
+    """Return the request to correct the palette of a scene as the panel asks.
+
+    Args:
+        scene: Scene with a palette network.
+        views: Reads the views that it was trained on.
+        values: The panel's values.
+    """
+    from svv.job.request import Correct, Request
+
+    correct = Correct(correction_in(values), views, options_in(PaletteOptions, values))
+    device = options_in(DeviceOptions, values).device
+    return Request(scene, correct=correct, device=device, noted={"of": digest_of_scene(scene)})
+
+
+def _paint(values: Values, go_on: bool = False) -> Paint:
+    from svv.job.request import Paint
+
+    variant = None if go_on else values.get("Variant") or None
+
+    def styles(scene: Scene, progress: Progress) -> Styles:
+        return styles_of(scene, values, progress)
+
+    options = options_in(PaintOptions, values, go_on=go_on, variant=variant)
+    preview = values.get("PreviewFile")
+    return Paint(styles, options, tuple(sources_of(values)), Path(preview) if preview else None)

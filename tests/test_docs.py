@@ -31,7 +31,7 @@ LONG = {"blender", "cinema", "figures", "images", "masks", "notebook", "python",
 """Those of them that take longest."""
 
 NOT_RUN = {
-    "needs ParaView": 12, "needs a GPU": 1, "takes minutes": 11, "installs": 3, "downloads": 1, "removes": 1,
+    "needs ParaView": 11, "needs a GPU": 1, "takes minutes": 9, "installs": 3, "downloads": 1, "removes": 1,
     "needs rattler-build": 1, "removes the kernels of this checkout": 1,
 }  # fmt: skip
 """Why blocks of these pages are only compiled or left alone, and how many there are."""

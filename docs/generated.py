@@ -44,7 +44,7 @@ FIRST = {
     "What happens on *Apply*?": "pv/filters/volume_filters.py pv/filters/engine.py",
     "How is a scene file read?": "io/scene_file.py fields/scene/scene_arrays.py",
     "How is a scene trained, stage by stage?": "train/training.py train/base/reconstruct.py train/palette/recolour.py",
-    "Which settings are there?": "options/making.py train/config.py",
+    "Which settings are there?": "options/making.py train/run/config.py",
 }
 """What newcomers look for, and the modules to open first."""
 
@@ -75,8 +75,8 @@ def layers() -> Iterator[str]:
 
 def commands() -> Iterator[str]:
     """Yield every command with its arguments, options and examples."""
+    from svv.cli import paraview
     from svv.cli.app import COMMANDS, GROUPS, command_of
-    from svv.cli.commands import paraview
 
     yield "# Commands\n"
     yield OPEN
@@ -225,7 +225,7 @@ def presets() -> Iterator[str]:
     """Yield every setting of every stage with its value in each preset."""
     from svv.fields.radiance import networks
     from svv.options.described import described
-    from svv.train import config
+    from svv.train.run import config
 
     yield "# Presets and settings\n"
     yield OPEN

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from svv.moved import MOVED
 
 import svv
-from svv.moved import MOVED
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {"svv": ROOT, "svv_bench": ROOT / "bench"}

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import torch
 
+from svv.fields.devices.tomography_checks import tomography_checks
 from svv.fields.radiance import occupancy
 from svv.fields.radiance.occupancy import carve
-from svv.fields.radiance.tomography_checks import tomography_checks
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.base import tomography

@@ -15,9 +15,9 @@ from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.scene import Scene
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
 from svv.render.colour_maps import colour_map
-from svv.train.config import settings_of
 from svv.train.paint.ink import Ink, StyleInput, style_named
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.run.config import settings_of
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkImageData

@@ -89,7 +89,7 @@ class ImageKernels(Protocol):
         """Blend paint (S, 3) into the surface's colour in place, and return the extinction that follows its strokes.
 
         ``share`` (regions,): weight of each region's paint in [0, 1]; ``strokes`` (regions, 4): how its extinction
-        depends on paleness (:func:`svv.fields.strokes.stroke_opacity.strokes_of`); ``sigma`` (S,): extinction before.
+        depends on paleness (:func:`svv.fields.scene.stroke_opacity.strokes_of`); ``sigma`` (S,): extinction before.
         """
 
     def light(self, surface: Surface, raw: Tensor, lights: Tensor) -> None:

@@ -13,7 +13,7 @@ import pytest
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import write_png
 from svv.render.pictures import read_png
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from tests.paraview.filter_script import LITTLE
 from tests.paraview.stirred_files import write_stirred
 

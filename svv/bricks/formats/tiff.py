@@ -22,6 +22,7 @@ from svv.bricks.formats.axes import Choice, Pick, picked
 from svv.bricks.formats.chunked import CHUNK_CACHE, PACKED, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
 from svv.bricks.formats.places import no_size
+from svv.bricks.formats.source import ArraySource, Box, Level, Source, level_of
 from svv.bricks.formats.stored import Scaled, damaged
 from svv.bricks.formats.tiff_files import (
     axes_of_names,
@@ -33,7 +34,6 @@ from svv.bricks.formats.tiff_files import (
     voxel_size,
 )
 from svv.bricks.formats.tiff_packings import by_pillow, decodes_pages, no_unpacker, with_libtiff
-from svv.bricks.source import ArraySource, Box, Level, Source, level_of
 from svv.errors import BadInput
 
 if TYPE_CHECKING:

@@ -13,16 +13,16 @@ from numpy.typing import DTypeLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bricks.formats.axes import Choice
+from svv.bricks.formats.source import ArraySource, Level, Source, check_finite
 from svv.bricks.opened import open_bricks
-from svv.bricks.source import ArraySource, Level, Source, check_finite
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
-from svv.dvr.draw.appearance import Appearance, without_interpolation
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import STEP, Stage
 from svv.dvr.draw.table_size import ENTRIES, entries_for
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.read.appearance import Appearance, without_interpolation
 from svv.dvr.read.grids import from_array, level_of_image, own_unit_distance, set_geometry, to_array
 from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput, Progress, silent

@@ -62,7 +62,7 @@ def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tupl
     scene = with_edit(scene, edit_in(values))
     if not values["Say"].strip():
         return scene.as_one_step(before), ()
-    from svv.render.words.say import say
+    from svv.job.words.say import say
 
     spoken = say(scene, values["Say"], progress, paints=False)
     return spoken.scene.as_one_step(before), spoken.understood
@@ -218,7 +218,7 @@ def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress, ch
         BadInput: The reasons of :func:`svv.train.correct.correct_palette`.
         Cancelled: ``progress`` raised it.
     """
-    from svv.kernels.dispatch import device_named
+    from svv.fields.devices.gpu import device_named
     from svv.pv.results.keys import digest_of_scene
     from svv.train.correct import correct_palette
 

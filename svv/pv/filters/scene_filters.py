@@ -21,10 +21,12 @@ from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
+from svv.pv.filters.cached import FILE, FOUND, LOST
 from svv.pv.filters.picking import Pointing
 from svv.pv.filters.retuned import tuned_like
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
+from svv.pv.panel.live_properties import live
 from svv.pv.live.scene_beside import SceneBeside
 from svv.pv.panel.first_screen import few_first, picked, titled, without
 from svv.pv.panel.groups import (
@@ -46,7 +48,6 @@ from svv.pv.panel.groups import (
     style_properties,
     takes_scene,
 )
-from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
     Property,
@@ -63,7 +64,6 @@ from svv.pv.panel.properties import (
     text,
 )
 from svv.pv.panel_values import Values
-from svv.pv.results.cached import FILE, FOUND, LOST
 from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, settings_in
 from svv.pv.results.time_steps import Moment
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request

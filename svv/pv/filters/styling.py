@@ -83,7 +83,7 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
     Raises:
         BadInput: There is no variant ``shown``.
     """
-    from svv.fields.values.followed_scene import on_cells_of
+    from svv.fields.following.followed_scene import on_cells_of
 
     base, own = digest_of_scene(scene), {}
     if scene.layers:
@@ -211,7 +211,7 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
         BadInput: The reasons of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
         Cancelled: ``progress`` raised it.
     """
-    from svv.kernels.dispatch import device_named
+    from svv.fields.devices.gpu import device_named
     from svv.train.pipeline import stylize_scene
 
     device = device_named(options_in(DeviceOptions, values).device)

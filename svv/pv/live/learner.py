@@ -63,8 +63,8 @@ def main() -> None:
 def warm(orders: Orders, file: Path) -> None:
     """Load all that a job takes, by doing a whole small one; stop as soon as there is an order. Save its result."""
     from svv.job.compile_ahead import ball_views
-    from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
+    from svv.train.run.config import preset
 
     def hurry(fraction: float, label: str) -> None:
         if not orders.empty:
@@ -300,8 +300,8 @@ class Learner:
 
     def _trained_before(self) -> Scene | None:
         """Return the trained scene if there is one: the filter's input, or what is in the cache."""
+        from svv.fields.devices.gpu import device_named
         from svv.fields.scene.scene import Scene
-        from svv.kernels.dispatch import device_named
 
         if isinstance(self._filter.given, vtkTable):
             found: Scene | None = scene_of(self._filter.given)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from svv.errors import BadInput, Cancelled, Progress, silent
-from svv.kernels.gpu import may_record
+from svv.fields.devices.gpu import may_record
 from svv.kernels.recorded import RecordedSteps
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint

@@ -19,8 +19,7 @@ from svv.fields.radiance.occupancy import carve
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.base import tomography
-from svv.train.base.tomography import Tomography
-from svv.train.base.tomography_there import TomographyThere
+from svv.train.base.tomography import Tomography, TomographyThere
 from tests.interpreted import GPU, triton_kernels, triton_tomography
 from tests.test_tomography import blobs, orbit, views_of
 

@@ -53,7 +53,7 @@ def by_window() -> bool:
     """Return whether this is called by the window itself, and not by a script."""
     frame: Any = sys._getframe()
     while frame is not None:
-        if not str(frame.f_globals.get("__package__")).startswith("svv.pv"):
+        if not str(frame.f_globals.get("__package__")).startswith(str(__package__)):
             return False
         frame = frame.f_back
     return True

@@ -323,7 +323,7 @@ class UnrestrictedField(nn.Module):
         self.edited: dict[Hashable, UnrestrictedField] = {}
         """The paint with edits of its strokes (:mod:`svv.fields.scene.stroke_edits`)."""
         self.painted_in: Callable[[], Any] | None = None
-        """Returns the scene that was painted, if this is its paint at another time step (:mod:`svv.fields.following`)."""
+        """The scene that was painted, if this is its paint at another time step (:mod:`svv.fields.following`)."""
         self._unbaked: Callable[[Floats, float], Floats] | None = None
         self._occupancy = occupancy
         encoding: Encoding

@@ -26,7 +26,6 @@ from svv.pv.filters.picking import Pointing
 from svv.pv.filters.retuned import tuned_like
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
-from svv.pv.panel.live_properties import live
 from svv.pv.live.scene_beside import SceneBeside
 from svv.pv.panel.first_screen import few_first, picked, titled, without
 from svv.pv.panel.groups import (
@@ -48,6 +47,7 @@ from svv.pv.panel.groups import (
     style_properties,
     takes_scene,
 )
+from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
     Property,

@@ -42,7 +42,6 @@ from svv.pv.filters.vtk_data import (
     scene_of,
 )
 from svv.pv.live.beside import Beside, DrawnBeside
-from svv.pv.panel.live_properties import live
 from svv.pv.live.ordered import SHARPENS, Ordered
 from svv.pv.panel.first_screen import stylized_view_properties
 from svv.pv.panel.groups import (
@@ -59,6 +58,7 @@ from svv.pv.panel.groups import (
     training_properties,
     volume_properties,
 )
+from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
 from svv.pv.results.expected import expected

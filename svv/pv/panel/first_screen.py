@@ -8,7 +8,6 @@ from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
 from svv.options.making import PaintOptions, ViewOptions
-from svv.pv.panel.live_properties import live
 from svv.pv.panel.groups import (
     PICTURES,
     edit_properties,
@@ -19,6 +18,7 @@ from svv.pv.panel.groups import (
     training_properties,
     volume_properties,
 )
+from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, files, group, kept_as, status
 

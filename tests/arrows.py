@@ -6,6 +6,7 @@ import ast
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,14 +43,16 @@ def folder_of(path: Path) -> str:
     return f"{name} (facade)" if name in FACADES else ".".join(path.parts[:-1])
 
 
-def imported(path: Path, source: str, text: bool = True) -> set[str]:
+@cache
+def imported(path: Path, source: str, text: bool = True) -> frozenset[str]:
     """Return dotted names that a module imports, relative ones made absolute, lazy ones and names as ``text`` included.
 
     'from svv.core.colour import light' is both 'svv.core.colour' and 'svv.core.colour.light': what it names may be a
-    module. Of a name that is put together, such as f"svv.kernels.{name}", what is certain is returned.
+    module. Of a name that is put together, such as f"svv.kernels.{name}", the certain part is returned: "svv.kernels.".
     """
     package = [*path.with_suffix("").parts[:-1]]
-    names, tree = set(), ast.parse(source)
+    names: set[str] = set()
+    tree = ast.parse(source)
     told = {id(text) for node in ast.walk(tree) for text in _docstrings(node)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -59,9 +62,9 @@ def imported(path: Path, source: str, text: bool = True) -> set[str]:
             module = ".".join([*base, *([node.module] if node.module else [])])
             names |= {f"{module}.{alias.name}" for alias in node.names}
         elif text and isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told:
-            names |= {node.value.rstrip(".")} if re.fullmatch(NAME + r"\.?", node.value) else set()
+            names |= {node.value} if re.fullmatch(NAME + r"\.?", node.value) else set()
             names |= set(IN_TEXT.findall(node.value))
-    return names
+    return frozenset(names)
 
 
 def _docstrings(node: ast.AST) -> Iterator[ast.expr]:
@@ -82,7 +85,9 @@ def arrows(modules: Sources) -> dict[str, dict[str, list[str]]]:
         own = folder_of(path)
         if own == "svv (facade)":
             source = without_interface(source)
-        for name in sorted(imported(path, source)):
+        names = imported(path, source)
+        parts = tuple(name for name in names if name.endswith("."))  # any module there may be meant
+        for name in sorted({*names, *(place for place in places if place.startswith(parts))}):
             while name and name not in places:
                 name = name.rpartition(".")[0]
             if name and places[name] != own:

@@ -17,7 +17,7 @@ from typing import Any
 from paraview import servermanager, simple
 from paraview_gauge import Gauge  # type: ignore[import-not-found]
 
-from svv.pv.client import linked_camera
+from svv.pv.display import linked_camera
 
 ROUND = ("apply", "edit", "stylize", "undo", "delete")
 """Operations on a pipeline; those between the first and the last come in any order."""

@@ -20,11 +20,11 @@ from svv.errors import BadInput
 from svv.fields.radiance.encodings import LatticeAdam
 from svv.fields.radiance.networks import BaseField, FieldSettings
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.of_values import SLOPES, TABLES, VALUES
 from svv.fields.radiance.rendering import Marching
+from svv.fields.radiance.time_steps import TimeSteps, packed_codes, packed_moves
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
-from svv.fields.values.of_values import SLOPES, TABLES, VALUES
-from svv.fields.values.time_steps import TimeSteps, packed_codes, packed_moves
 from svv.io.scene_file import parse_scene, scene_bytes
 from svv.train.run.checkpoint import Checkpoint
 from tests.cube import cube_paint, cube_scene, lit_cube_scene

@@ -88,7 +88,7 @@ def in_one_thread(module: str) -> None:
 
 def be_small() -> None:
     """Give the preset *draft* few steps, so that commands take a second; the commands have no flag for all of it."""
-    from svv.train import config
+    from svv.train.run import config
 
     draft = config.PRESETS["draft"]
     config.PRESETS["draft"] = replace(

@@ -29,14 +29,11 @@ def write(folder: Path) -> None:
 
 # --- layers ---------------------------------------------------------------------------------------------------------
 
-LAYERS = (
-    "pv", "cli", "job", "render", "train", "styles", "fields", "kernels", "core", "options", "dvr", "bricks",
-    "io",
-)  # fmt: skip
-"""The layers from top to bottom; the last three stand beside the column."""
+LAYERS = "cli pv job render train styles fields kernels dvr bricks io core options".split()
+"""The layers from top to bottom."""
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "bench"))  # these pages can also be made where what measures svv is not installed
+sys.path += [str(ROOT), str(ROOT / "bench")]  # so these pages can be made where svv-bench is not installed
 
 FIRST = {
     "Where does a ray march, and what is composited?": "core/rays/marching.py core/rays/compositing.py",
@@ -44,30 +41,53 @@ FIRST = {
     "What happens on *Apply*?": "pv/filters/volume_filters.py pv/filters/engine.py",
     "How is a scene file read?": "io/scene_file.py fields/scene/scene_arrays.py",
     "How is a scene trained, stage by stage?": "train/training.py train/base/reconstruct.py train/palette/recolour.py",
-    "Which settings are there?": "options/making.py train/config.py",
+    "Which settings are there?": "options/making.py train/run/config.py",
 }
 """What newcomers look for, and the modules to open first."""
 
 
 def layers() -> Iterator[str]:
-    """Yield every package with what lives there, and its modules."""
+    """Yield every folder with what lives there and the folders that it imports, so that arrows point down the page."""
+    from tests import arrows
+
+    modules = arrows.sources()
+    found = arrows.arrows(modules)
+    order = arrows.components(arrows.without({one: set(others) for one, others in found.items()}, arrows.LEFT))
+    down = [one for (one,) in reversed(order) if not one.endswith("(facade)")]
     yield "# The layers of the code\n"
     yield OPEN
-    yield "Modules import only from layers below their own, and never in a circle (`tests/test_layers.py`): from top to"
-    yield f"bottom {', '.join(f'`{layer}`' for layer in LAYERS[:-3])}; beside this column, `dvr` (VTK only), `bricks`"
-    yield "(neither VTK nor torch) and `io` (files). `plugin/` is ParaView's entry point. What measures all this is a"
-    yield "distribution of its own in `bench/`, above everything else; nothing in `svv` imports it.\n"
+    yield "**Imports point down only.** A folder imports from folders below it on this page, and nothing else: never"
+    yield "from one above, so never in a circle. Imports inside functions and modules that are named as text count"
+    yield "(`tests/arrows.py` measures; `tests/test_layers.py` tests, also which layer may use which library).\n"
+    left = ", ".join(f"`{_short(one)}` to `{_short(other)}`" for one, other in arrows.LEFT)
+    yield f"Arrows that still point up: {left}. The facades `svv` and `svv.pv` hand on what lies anywhere below."
+    yield "`plugin/` is ParaView's entry point. What measures all this is a distribution of its own in `bench/`;"
+    yield "nothing in `svv` imports it.\n"
     yield "| Where to start | |\n|---|---|"
     for question, names in FIRST.items():
         yield f"| {question} | {', '.join(f'`svv/{name}`' for name in names.split())} |"
-    for layer in (*(ROOT / "svv" / name for name in LAYERS), ROOT / "bench/svv_bench"):
-        yield f"\n## `{layer.relative_to(ROOT).as_posix()}/`\n"
-        for package in sorted({layer, *(path.parent for path in layer.rglob("__init__.py"))}):
-            text = " ".join((ast.get_docstring(ast.parse((package / "__init__.py").read_text("utf-8"))) or "").split())
-            text = re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", text).replace("``", "`")
-            names = ", ".join(f"`{path.stem}`" for path in sorted(package.glob("[!_]*.py")))
-            place = "" if package == layer else f"**`{package.relative_to(layer).as_posix()}/`** "
-            yield f"{place}{text}\n" + (f"\n{names}\n" if names else "")
+    for layer in ("svv_bench", *(f"svv.{name}" for name in LAYERS), "svv"):
+        own = [one for one in down if one == layer or (layer != "svv" and one.startswith(f"{layer}."))]
+        yield f"\n## `{_short(layer)}/`\n\n| folder | what lives there | imports |\n|---|---|---|"
+        for folder in own:
+            others = [other for other in down if other in found[folder] and (folder, other) not in arrows.LEFT]
+            near = [_short(other) for other in others if other in own]
+            far = list(dict.fromkeys(_short(other).split("/")[0] for other in others if other not in own))
+            text = _told_of(arrows.PACKAGES[folder.split(".")[0]] / folder.replace(".", "/"))
+            yield f"| `{_short(folder)}` | {text} | {', '.join(f'`{name}`' for name in (*near, *far))} |"
+
+
+def _short(folder: str) -> str:
+    """Return a folder's path in its package: 'train/run' for 'svv.train.run'."""
+    return folder.removeprefix("svv.").replace(".", "/")
+
+
+def _told_of(folder: Path) -> str:
+    """Return the first sentence of what a folder says of itself."""
+    if folder.name == "svv":
+        return "What everything uses: errors, the environment, progress, memory and time."
+    text = (ast.get_docstring(ast.parse((folder / "__init__.py").read_text("utf-8"))) or "").split("\n\n")[0]
+    return re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", " ".join(text.split())).replace("``", "`")
 
 
 # --- commands -------------------------------------------------------------------------------------------------------
@@ -75,8 +95,8 @@ def layers() -> Iterator[str]:
 
 def commands() -> Iterator[str]:
     """Yield every command with its arguments, options and examples."""
+    from svv.cli import paraview
     from svv.cli.app import COMMANDS, GROUPS, command_of
-    from svv.cli.commands import paraview
 
     yield "# Commands\n"
     yield OPEN
@@ -225,7 +245,7 @@ def presets() -> Iterator[str]:
     """Yield every setting of every stage with its value in each preset."""
     from svv.fields.radiance import networks
     from svv.options.described import described
-    from svv.train import config
+    from svv.train.run import config
 
     yield "# Presets and settings\n"
     yield OPEN

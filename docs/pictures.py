@@ -27,18 +27,18 @@ from svv.dvr.read.volumes import read_volume
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import to_bytes
 from svv.io.views.viewset import ViewSet
+from svv.job.looks.look import Look
+from svv.job.looks.offered import LOOKS
+from svv.job.words.say import say
 from svv.options.making import PaintOptions
 from svv.render.distinct import distinct
 from svv.render.figures.figure import Panel, figure
 from svv.render.figures.files import pixels_of
 from svv.render.frames import orbit
-from svv.render.looks.look import Look
-from svv.render.looks.offered import LOOKS
 from svv.render.pictures import sheet
 from svv.render.supersampled import supersampled
-from svv.render.words.say import say
 from svv.styles.gallery import gallery_picture
-from svv.styles.offered import GALLERY
+from svv.styles.gallery.offered import GALLERY
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
 from svv_bench.styles.exhibits import Exhibit, paint_figures

@@ -16,7 +16,7 @@ if importlib.util.find_spec("svv") is None:  # loaded by hand: the package is in
     sys.path += [str(folder) for folder in (_here, _here.parent) if (folder / "svv").is_dir()]
 
 try:
-    from svv.pv.display.capture import watch_new_filters
+    from svv.pv.client.capture import watch_new_filters
     from svv.pv.filters.edit_filters import *  # noqa: F403  (ParaView looks for the filters in this module)
     from svv.pv.filters.figure_filter import *  # noqa: F403
     from svv.pv.filters.internal_filters import *  # noqa: F403

@@ -7,12 +7,10 @@ Each name is imported on first use.
 from __future__ import annotations
 
 import os
-import sys
 from typing import TYPE_CHECKING, Any
 
 from svv._version import __version__ as __version__
 from svv.environment import share_cores, use_huge_pages
-from svv.moved import MovedModules
 from svv.own_symbols import TRITON, prefer_own_symbols
 
 if TYPE_CHECKING:
@@ -32,8 +30,10 @@ if TYPE_CHECKING:
     from svv.io.views.camera_file import read_camera as read_camera
     from svv.io.views.camera_file import read_cameras as read_cameras
     from svv.io.views.viewset import ViewSet as ViewSet
+    from svv.job.looks.look import Look as Look
     from svv.job.painting import paint as paint
     from svv.job.volume_panels import volume_panel as volume_panel
+    from svv.job.words.say import say as say
     from svv.options.figures import FigureOptions as FigureOptions
     from svv.options.making import PaintOptions as PaintOptions
     from svv.options.making import PaletteOptions as PaletteOptions
@@ -44,12 +44,10 @@ if TYPE_CHECKING:
     from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
     from svv.render.frames import write_movie as write_movie
-    from svv.render.looks.look import Look as Look
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
     from svv.render.web.page import write_html as write_html
-    from svv.render.words.say import say as say
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.paint.ink import Ink as Ink
     from svv.train.paint.ink import StyleInput as StyleInput
@@ -67,7 +65,7 @@ PUBLIC = {
     "FigureOptions": "svv.options.figures",
     "Ink": "svv.train.paint.ink",
     "Learning": "svv.train.run.learning",
-    "Look": "svv.render.looks.look",
+    "Look": "svv.job.looks.look",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",
     "Panel": "svv.render.figures.figure",
@@ -91,7 +89,7 @@ PUBLIC = {
     "read_camera": "svv.io.views.camera_file",
     "read_cameras": "svv.io.views.camera_file",
     "read_style": "svv.io.pictures.style_picture",
-    "say": "svv.render.words.say",
+    "say": "svv.job.words.say",
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",
@@ -104,7 +102,6 @@ PUBLIC = {
 """Public name -> the module that defines it, imported on first access (PEP 562)."""
 
 prefer_own_symbols(TRITON)
-sys.meta_path.append(MovedModules())
 share_cores(os.environ)
 use_huge_pages(os.environ)
 

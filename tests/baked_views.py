@@ -13,9 +13,9 @@ from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.core.volumes.opacity_code import opacity_points
 from svv.dvr.draw import casters
-from svv.dvr.draw.appearance import Appearance
 from svv.dvr.draw.frame import Stage
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance
 from svv.render.baking.baked_volume import BakedVolume
 
 

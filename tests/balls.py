@@ -9,8 +9,8 @@ import numpy as np
 from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.config import PRESETS, MatchSettings, StylizeSettings
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS, MatchSettings, StylizeSettings
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(

@@ -75,8 +75,8 @@ def broad_strokes() -> Iterator[None]:
     """
     from dataclasses import replace
 
-    from svv.train.config import PRESETS
     from svv.train.paint import stroke_painting
+    from svv.train.run.config import PRESETS
 
     draft = PRESETS["draft"]
     with pytest.MonkeyPatch.context() as patch:

@@ -21,7 +21,7 @@ from svv.cli.app import app
 from svv.core.geometry.cameras import look_at
 from svv.dvr.draw.views import make_views
 from svv.fields.scene.scene import Scene
-from svv.styles.offered import GALLERY
+from svv.styles.gallery.offered import GALLERY
 from svv_bench.stability.scenes import EASY
 from tests.cinema_database import write as write_database
 from tests.cinema_database import write_over
@@ -211,7 +211,7 @@ def _script(arguments: Sequence[str]) -> None:
     names = {node.value for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant)}
     shared = {
         node.value
-        for node in ast.walk(ast.parse((ROOT / "svv/pv/scripts.py").read_text()))
+        for node in ast.walk(ast.parse((ROOT / "svv/pv/scripts/__init__.py").read_text()))
         if isinstance(node, ast.Constant)
     }
     missing = {a for a in rest if a.startswith("--")} - names - shared - {"--help"}

@@ -31,12 +31,12 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.numba import bfloat16
 from svv.train.base.first_extinction import Beginning, largest_extinction, log_extinction
 from svv.train.base.reconstruct import Reconstruction
-from svv.train.config import Preset, RecolourSettings, ReconstructSettings, StylizeSettings
 from svv.train.palette.recolour import Recolouring
 from svv.train.palette.unmix import Unmixing
 from svv.train.pipeline import train_scene
 from svv.train.run import loop, ranks
 from svv.train.run.batches import RayPool
+from svv.train.run.config import Preset, RecolourSettings, ReconstructSettings, StylizeSettings
 
 CPU = torch.device("cpu")
 STEPS = {"base": (0, 15, 16, 29), "palette": (0, 11)}

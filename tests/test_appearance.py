@@ -17,11 +17,11 @@ from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
-from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.draw.classify import classified_as
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.views import make_views, render_views
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import as_volume, from_array, index_to_world, set_geometry, to_array
 from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput

@@ -17,9 +17,9 @@ from svv.fields.scene.model import JOINED_WEIGHT
 from svv.io.views.viewset import ViewSet
 from svv.options.making import PRESET_NAMES
 from svv.train.base.resolutions import affordable_field, fitted_field
-from svv.train.config import PRESETS
 from svv.train.palette import regions_from_views
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS
 from svv_bench.chart.figures import DASHES, MARKERS
 from svv_bench.chart.plan import SECONDS
 from tests.balls import SHORT, balls_views

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from svv.cli import app as cli
 from svv.errors import BadInput
 from svv.io.pictures.output import write_png
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from svv_bench.styles.blind import agreement, find_cases, open_key, read_choices, report, wilson, write_sheets
 
 NAMES = ("ball-brush-0", "ball-brush-1", "ball-dots-0", "ball-dots-1", "cube-dots-0")

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from svv.bricks.formats.source import Source
 from svv.bricks.opened import open_bricks
-from svv.bricks.source import Source
 from svv.errors import BadInput
 
 

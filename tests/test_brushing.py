@@ -25,7 +25,7 @@ from svv.train.paint.stroke_painting import stroke_width
 from svv.train.paint.toning import retoned
 from svv.train.paint.visible_surface import BENT, VisibleSurface, surface_of
 from svv.train.pipeline import stylize_scene
-from svv.train.report import Report
+from svv.train.run.report import Report
 from tests.balls import SHORT
 
 UP, WIDTH = np.array([0.0, 1.0, 0.0]), 0.03

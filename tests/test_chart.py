@@ -24,7 +24,7 @@ from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.options.making import LIGHTINGS, PRESET_NAMES
-from svv.train.config import PRESETS, preset
+from svv.train.run.config import PRESETS, preset
 from svv_bench.chart import job, process, result
 from svv_bench.chart.job import Chart
 from svv_bench.chart.plan import Grid, Measure, Training, trainings

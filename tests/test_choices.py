@@ -24,13 +24,13 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from svv.train.base.feature_levels import with_fewest_levels, without_finer
 from svv.train.base.first_extinction import first_occupancy
 from svv.train.base.resolutions import fitted_field, paint_pixel
-from svv.train.config import PRESETS
 from svv.train.paint.painting import paint_cells
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.run.config import PRESETS
 from svv.train.run.loop import Loop
 from svv_bench.stability.scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 

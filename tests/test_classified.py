@@ -31,10 +31,10 @@ from svv.io.views.viewset import CLASSIFIED, ViewSet, read_classified
 from svv.kernels.dispatch import CPU
 from svv.train.base.first_extinction import begin, first_occupancy
 from svv.train.base.reconstruct import Reconstruction
-from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from svv.train.run import loop
+from svv.train.run.config import PRESETS, ReconstructSettings
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 

@@ -177,9 +177,9 @@ def test_other_distributions_add_commands_which_never_hide_ours(tmp_path: Path) 
 
 
 def test_a_command_is_imported_when_it_is_called() -> None:
-    commands = {f"svv.cli.commands.{module}" for module, _ in cli.COMMANDS.values()}
+    commands = {f"svv.cli.{module}" for module, _ in cli.COMMANDS.values()}
     assert not commands & imported_for("--help")
-    assert commands & imported_for("train", "--help") == {"svv.cli.commands.scene"}
+    assert commands & imported_for("train", "--help") == {"svv.cli.scene"}
 
 
 def is_one_sentence(text: str) -> bool:
@@ -262,7 +262,7 @@ def test_what_goes_wrong_inside_a_command_ends_as_promised(
     def fail(path: Path) -> None:
         raise raised
 
-    monkeypatch.setattr("svv.cli.commands.scene.load", fail)
+    monkeypatch.setattr("svv.cli.scene.load", fail)
     ended, error = call("info", "x.svv", monkeypatch=monkeypatch, capsys=capsys)
     assert ended == code
     assert said is None or error == said
@@ -272,7 +272,7 @@ def test_a_defect_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(path: Path) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("svv.cli.commands.scene.load", fail)
+    monkeypatch.setattr("svv.cli.scene.load", fail)
     monkeypatch.setattr(sys, "argv", ["svv", "info", "x.svv"])
     with pytest.raises(ZeroDivisionError):
         cli.main()

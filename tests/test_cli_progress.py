@@ -59,7 +59,7 @@ def test_an_error_passes_through() -> None:
 WORK = """
 import sys, time
 from svv.cli import app
-from svv.cli.commands import scene
+from svv.cli import scene
 from svv.progress import shown
 def work(path):
     with shown("Working [1/2]") as progress:

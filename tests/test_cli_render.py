@@ -68,7 +68,7 @@ class Ball:
 def svv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Run `svv render` on the ball in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("svv.cli.commands.render.load", lambda path, device=None: Ball())
+    monkeypatch.setattr("svv.cli.render.load", lambda path, device=None: Ball())
 
     def run(*arguments: str) -> None:
         cli.app(["render", "ball.svv", *arguments], prog_name="svv", standalone_mode=False)

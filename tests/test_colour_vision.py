@@ -30,8 +30,8 @@ from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import Seen, seen_in
 from svv.io.pictures.output import write_png
-from svv.render.colour_check import report_on, seen_in_picture, simulation_sheet, told_of
 from svv.render.distinct import distinct
+from svv.render.figures.colour_check import report_on, seen_in_picture, simulation_sheet, told_of
 from tests.cube import cube_paint
 
 WHITE = np.ones((1, 3))

@@ -22,9 +22,9 @@ from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import to_bytes
 from svv.io.views.viewset import ViewSet
 from svv.styles.features import load_features
-from svv.train.config import PRESETS, MatchSettings, Preset, StylizeSettings
 from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS, MatchSettings, Preset, StylizeSettings
 from svv_bench.ablation import painting as ablation
 from svv_bench.styles import modes as style_modes
 from svv_bench.styles.consistency import consistency, draw_frames, means, measure_frames

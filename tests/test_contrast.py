@@ -15,11 +15,11 @@ from svv.errors import silent
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.train.base.resolutions import paint_pixel
-from svv.train.match.contrast import LEAST, MOST, contrasts, match_contrast, stroke_scales, surroundings
-from svv.train.match.stylize import visible_from
+from svv.train.paint.contrast import LEAST, MOST, contrasts, match_contrast, stroke_scales, surroundings
 from svv.train.paint.painting import painted_field
+from svv.train.paint.pieces import PieceSettings, PieceStyle, piece_style
+from svv.train.paint.styled_views import visible_from
 from svv.train.pipeline import stylize_scene
-from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_style
 from tests.balls import SHORT
 from tests.solid_ball import solid_ball
 

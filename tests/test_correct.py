@@ -15,10 +15,10 @@ from svv.errors import BadInput, Cancelled
 from svv.fields.scene.parts import no_parts
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.correct import correct_palette
 from svv.train.palette.ranges import region_overlaps
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS, ReconstructSettings
 from svv_bench.stability.measures import matched, overlaps
 from svv_bench.stability.scenes import BLUE, GREEN, ORANGE, RED, SCENES, KnownScene, Range, ring_and_balls, shells
 from tests.cube import cube_paint

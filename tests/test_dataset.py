@@ -13,7 +13,7 @@ pyvista = pytest.importorskip("pyvista", minversion="0.48")
 
 from svv.errors import BadInput  # noqa: E402
 from svv.fields.scene.scene import Scene  # noqa: E402
-from svv.render.dataset import dataset_of, read_dataset  # noqa: E402
+from svv.job.dataset import dataset_of, read_dataset  # noqa: E402
 from tests.balls import SHORT  # noqa: E402
 from tests.cube import cube_camera, cube_scene  # noqa: E402
 from tests.loose_balls import LEFT, RIGHT, in_world, loose_balls  # noqa: E402
@@ -43,8 +43,8 @@ def test_pyvista_reads_scenes(file: Path, cube: Scene) -> None:
 def test_the_entry_points_name_what_is_there() -> None:
     text = (ROOT / "pyproject.toml").read_text()
     for group, name, value in (
-        ("readers", '".svv"', "svv.render.dataset:read_dataset"),
-        ("accessors", "svv", "svv.render.dataset"),
+        ("readers", '".svv"', "svv.job.dataset:read_dataset"),
+        ("accessors", "svv", "svv.job.dataset"),
     ):
         assert f'[project.entry-points."pyvista.{group}"]\n{name} = "{value}"\n' in text
         module, _, what = value.partition(":")

@@ -27,7 +27,7 @@ from svv.job.steps import JobSettings
 from svv.measure import measured
 from svv.options.making import OrbitOptions, TrainOptions, ViewOptions
 from svv.render.pictures import cropped, error_picture, over_white, sheet, shrunk
-from svv.train.config import PRESETS, StylizeSettings
+from svv.train.run.config import PRESETS, StylizeSettings
 from tests.movies import frames_of
 
 

@@ -15,13 +15,15 @@ from svv.cli import app as cli
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput
+from svv.fields.devices import gpu
+from svv.fields.devices.gpu import device_named
 from svv.fields.radiance.networks import BaseField, FieldSettings
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.kernels import dispatch, gpu
-from svv.kernels.dispatch import CPU, device_named, device_report, kernels_of
+from svv.kernels import dispatch
+from svv.kernels.dispatch import CPU, device_report, kernels_of
 from svv.train.pipeline import evaluate_scene, train_scene
 from tests.interpreted import triton_kernels
 

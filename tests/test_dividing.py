@@ -21,9 +21,9 @@ from svv.cli.swatches import print_swatches
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import write_scene_file
+from svv.job.looks import file
+from svv.job.looks.look import Look
 from svv.options.making import PaintOptions
-from svv.render.looks import file
-from svv.render.looks.look import Look
 from svv.styles.families import areas_of, divisions, names_of
 from svv.styles.hand import measure_hand
 from svv.train.paint import dividing

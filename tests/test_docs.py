@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import pytest
 
 import svv
-from svv.train.config import PRESETS, ReconstructSettings, StylizeSettings
+from svv.train.run.config import PRESETS, ReconstructSettings, StylizeSettings
 from tests.doc_blocks import blocks, commands, fill, run
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

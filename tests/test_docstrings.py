@@ -12,7 +12,7 @@ import pytest
 
 import svv
 from svv.fields.scene.scene import Scene
-from svv.train.config import PRESETS
+from svv.train.run.config import PRESETS
 from tests.balls import SHORT, balls_views
 
 PACKAGE = Path(svv.__file__).parent

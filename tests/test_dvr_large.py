@@ -12,17 +12,17 @@ pytest.importorskip("vtkmodules")
 from scipy.ndimage import maximum_filter, minimum_filter
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
+from svv.bricks.formats.source import ArraySource, Box
 from svv.bricks.opened import open_bricks
 from svv.bricks.pyramid import halved
-from svv.bricks.source import ArraySource, Box
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig, sphere_cameras
 from svv.dvr.draw import casters, large
-from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.large import LargeVolume, memory_allowed, open_volume, straight
 from svv.dvr.draw.views import make_views, render_views
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import from_array, index_to_world, level_of_image, set_geometry, to_array
 from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput, silent

@@ -14,7 +14,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import write_png
-from svv.train.config import PRESETS, StylizeSettings
+from svv.train.run.config import PRESETS, StylizeSettings
 from svv_bench.styles.exhibits import Exhibit, paint_figures, paint_sheet
 
 HOW = Exhibit("draft", 48)

@@ -22,8 +22,8 @@ from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import Pair, seen_in, seen_of
 from svv.options.figures import JOURNALS, FigureOptions
-from svv.render.colour_check import alike_said, report_on, seen_in_picture
 from svv.render.figures.annotations import bar_of, length_said
+from svv.render.figures.colour_check import alike_said, report_on, seen_in_picture
 from svv.render.figures.figure import drawing_of
 from svv.render.figures.files import KINDS, pixels_of, write_figure
 from svv.render.figures.framing import (

@@ -13,10 +13,10 @@ from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.scene import Scene
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import measure_hand
-from svv.train.config import StylizeSettings
 from svv.train.paint.fog import sky_of
 from svv.train.pipeline import stylize_scene
-from svv.train.report import Report
+from svv.train.run.config import StylizeSettings
+from svv.train.run.report import Report
 from tests.balls import SHORT
 from tests.solid_ball import CELLS, RADIUS, solid_ball
 

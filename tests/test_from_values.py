@@ -19,25 +19,25 @@ from svv.core.geometry.box import Box
 from svv.core.rays.encodings import spherical_harmonics
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
 from svv.core.volumes.classified import ValueGrid
-from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.draw.classify import classified_as
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import from_array
 from svv.errors import BadInput, Cancelled
+from svv.fields.following.followed_scene import at_volume
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.of_values import Places, features_of
 from svv.fields.scene.scene import Scene
-from svv.fields.values.followed_scene import at_volume
-from svv.fields.values.of_values import Places, features_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train.base.extinction_table import ExtinctionTable
-from svv.train.config import PRESETS, Preset, ReconstructSettings, preset
 from svv.train.correct import correct_palette
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS, Preset, ReconstructSettings, preset
 from tests.test_ranges import BLUE, RED, ball, bumps, volume_of
 
 TWO = bumps((0.3, 0.2, 0.1, BLUE), (0.8, 0.3, 0.8, RED))

@@ -13,8 +13,8 @@ from svv.render.gallery import style_file, write_gallery
 from svv.styles import gallery
 from svv.styles.gallery import gallery_picture, open_style
 from svv.styles.gallery.drawings import discs, streamed
+from svv.styles.gallery.offered import GALLERY
 from svv.styles.gallery.subjects import flowers, hills, sea, still_life
-from svv.styles.offered import GALLERY
 
 SIZE = 96
 

@@ -10,8 +10,8 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from svv.fields.scene.scene import Scene
 from svv.styles.gallery import gallery_picture
-from svv.train.config import StylizeSettings
 from svv.train.pipeline import stylize_scene
+from svv.train.run.config import StylizeSettings
 from tests.balls import SHORT
 from tests.solid_ball import RADIUS, solid_ball
 

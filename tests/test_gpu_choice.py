@@ -13,9 +13,9 @@ import pytest
 import torch
 
 from svv.errors import BadInput
-from svv.kernels import gpu
-from svv.kernels.dispatch import CPU, device_named
-from svv.kernels.gpu import Verdict, gpu_errors, known_verdict, why_no_gpu
+from svv.fields.devices import gpu
+from svv.fields.devices.gpu import Verdict, device_named, gpu_errors, known_verdict, why_no_gpu
+from svv.kernels.dispatch import CPU
 
 GPU = torch.device("cuda", 0)
 
@@ -215,7 +215,7 @@ def test_a_training_that_loses_its_gpu_goes_on_from_its_checkpoint(
     """The failure comes out as one sentence, and what was saved resumes on another device to the same scene."""
     from svv.job.compile_ahead import ball_views
     from svv.train import pipeline
-    from svv.train.config import changed, preset
+    from svv.train.run.config import changed, preset
 
     few = changed(preset("draft"), ["reconstruct.iterations=30", "recolour.iterations=6", "reconstruct.cells=32"])
     views = ball_views()

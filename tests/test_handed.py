@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonCore import (
 )
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.draw.appearance import GHOSTS
+from svv.dvr.read.appearance import GHOSTS
 from svv.errors import BadInput
 from svv.pv.filters.vtk_data import time_of
 from svv.pv.live.handed import hand_over, taken

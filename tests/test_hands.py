@@ -24,7 +24,7 @@ from svv.train.paint.ink import StyleInput
 from svv.train.paint.manner import manner_of, technique_of
 from svv.train.paint.techniques import TECHNIQUES
 from svv.train.pipeline import stylize_scene
-from svv.train.report import Report
+from svv.train.run.report import Report
 from tests.balls import SHORT
 from tests.test_brushing import EMPTY, WIDTH, ball
 from tests.test_strokes import curved

@@ -18,7 +18,7 @@ from svv.core.rays.compositing import LEAST_ALPHA, composite_samples
 from svv.core.rays.encodings import lattice_features, spherical_harmonics
 from svv.core.rounding import KERNELS
 from svv.fields.radiance.encodings import SparseLattice
-from svv.fields.strokes.stroke_opacity import paleness
+from svv.fields.scene.stroke_opacity import paleness
 from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
 from tests.interpreted import GPU, triton_kernels

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from svv.errors import BadInput, silent
 from svv.styles.gallery import open_style
-from svv.styles.offered import INKS
+from svv.styles.gallery.offered import INKS
 from svv.train.paint.ink import (
     BLANK,
     NEAREST,
@@ -32,9 +32,9 @@ from svv.train.paint.ink import (
     style_named,
 )
 from svv.train.paint.ink_kernels import flat_distance
+from svv.train.paint.quilt import LIGHT
 from svv.train.paint.style_choice import checked_masks, mean_colour
 from svv.train.paint.surface_form import form_of_opacity
-from svv.train.quilt.quilt import LIGHT
 from tests.test_painting import CELLS, GRID, UP, on_tube, tube
 
 HATCHING = INKS["hatching"]

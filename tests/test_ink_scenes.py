@@ -13,14 +13,14 @@ import torch
 
 from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled
-from svv.fields.radiance.paint_light import lights_of
+from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.scene import Scene
 from svv.options.editing import PAINT_LIGHT
-from svv.train.config import PRESETS
-from svv.train.match.stylize import stylization_cameras, visible_from
 from svv.train.paint.ink import PAPER, Ink, ink_colour
+from svv.train.paint.styled_views import stylization_cameras, visible_from
 from svv.train.pipeline import stylize_scene
-from svv.train.report import Report
+from svv.train.run.config import PRESETS
+from svv.train.run.report import Report
 from tests.balls import SHORT
 from tests.test_styling import SMALL
 

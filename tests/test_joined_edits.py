@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
+from svv.fields.following.other_cells import on_cells
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.joined import joined, members, with_members
 from svv.fields.scene.kept_styles import without_kept
 from svv.fields.scene.scene import Scene
-from svv.fields.values.other_cells import on_cells
 from svv.io.scene_file import checkpoint_of, checkpoint_of_layer, remove_checkpoints
 from svv.train.paint.ink import Ink
 from svv.train.pipeline import stylize_scene

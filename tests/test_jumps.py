@@ -17,12 +17,12 @@ from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera, look_at
-from svv.dvr.draw.appearance import Appearance
 from svv.dvr.draw.large import LargeVolume, open_volume
 from svv.dvr.draw.views import make_views, render_views
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.prolab import between
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance
 from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from svv.cli.commands.cache import KindName
+from svv.cli.cache import KindName
 from svv.io.files.cache import LEFT_BEHIND, Cache
 from svv.io.files.keyed_results import digest
 from svv.io.files.locks import create_held, is_held

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 import svv.fields.scene.images as of_images
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput
-from svv.fields.radiance import kept_views
 from svv.fields.radiance.cutting import march_uncut
-from svv.fields.radiance.kept_views import KEPT, KeptViews, Look, View, bytes_of, nothing_kept
 from svv.fields.radiance.rendering import Rays
+from svv.fields.scene import kept_views
+from svv.fields.scene.kept_views import KEPT, KeptViews, Look, View, bytes_of, nothing_kept
 from svv.fields.scene.scene import Rendering, Scene
 from svv.kernels.types import Samples
 from svv.render.frames import write_frames, write_frames_of

@@ -10,9 +10,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from svv.fields.radiance.gpu_check import run_checks
-from svv.fields.radiance.kernel_checks import CPU, checks
-from svv.fields.radiance.region_checks import region_checks
+from svv.fields.devices.gpu_check import run_checks
+from svv.fields.devices.kernel_checks import CPU, checks
+from svv.fields.devices.region_checks import region_checks
 from svv.kernels import reference
 from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import Kernels, RaySamples, Samples

@@ -13,11 +13,11 @@ from svv.core.interval_text import interval_text
 from svv.core.volumes.classified import ClassifiedVolume
 from svv.dvr.draw.classify import classified
 from svv.dvr.draw.frame import set_stage
+from svv.dvr.draw.time_series import values_over
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.histogram import default_transfer_function
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import from_array
-from svv.dvr.read.time_series import values_over
 from svv.errors import BadInput
 from svv.fields.scene.region import Region
 from svv.train.palette.ranges import membership

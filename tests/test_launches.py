@@ -17,21 +17,21 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.devices.stroke_checks import BRUSHES, curved_strokes, samples_near
 from svv.fields.radiance.networks import FieldSettings, PaletteField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.kept_strokes import Brushed
-from svv.fields.strokes.stroke_checks import BRUSHES, curved_strokes, samples_near
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
-from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.palette import along_rays, regions_from_views
 from svv.train.palette.recolour import Recolouring
 from svv.train.run.batches import RayPool
+from svv.train.run.config import RecolourSettings, ReconstructSettings
 from svv.train.run.network_adam import NetworkAdam
 from tests.interpreted import GPU, triton_kernels
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import json
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -13,27 +12,25 @@ from pathlib import Path
 import pytest
 
 import svv
-from svv.moved import MOVED
+from tests import arrows
+from tests.arrows import PACKAGES, ROOT, imported, named, without_interface
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = {"svv": ROOT, "svv_bench": ROOT / "bench"}
-"""Where the import packages are; a module's path is given from there."""
-
-MODULES = sorted(path.relative_to(above) for name, above in PACKAGES.items() for path in (above / name).rglob("*.py"))
+MODULES = arrows.sources()
+NAMES = {named(path) for path in MODULES}
 
 BOTTOM = {"_version", "errors", "options"}
 COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
-BELOW["svv"] = {"_version", "environment", "moved", "own_symbols"}
-BELOW["_version"] = BELOW["environment"] = BELOW["moved"] = BELOW["own_symbols"] = set()
+BELOW["svv"] = {"_version", "environment", "own_symbols"}
+BELOW["_version"] = BELOW["environment"] = BELOW["own_symbols"] = set()
 BELOW["errors"] = set()
 BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
 BELOW["bricks"] = BOTTOM | {"core", "io"}
 BELOW["dvr"] = BOTTOM | {"core", "io", "bricks", "measure"}
 BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM
-BELOW["kernels"] |= {"io"}  # the result of the check of a GPU is a file
-BELOW["fields"] |= {"io"}
+BELOW["core"] -= {"options"}
+BELOW["fields"] |= {"io"}  # such as the result of the check of a GPU
 BELOW["styles"] |= {"io"}
 BELOW["train"] |= {"io", "measure"}
 BELOW["render"] |= {"io", "measure"}
@@ -43,72 +40,46 @@ BELOW["cli"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "progress", "measure", 
 BELOW["__main__"] = {"cli"}
 BELOW["bench"] = BELOW["job"] | {"job", "svv"}  # svv_bench, a distribution of its own: nothing in svv imports it
 BELOW["bench.cli"] = BELOW["cli"] | {"cli", "bench"}
+BELOW["campaign"] = BELOW["bench.cli"] | {"bench.cli"}
 
 ALLOWED = {
-    "paraview": {"pv"},
+    "paraview": {"pv", "campaign"},
     "vtk": set(),  # loads all of VTK, and is not ParaView's
-    "vtkmodules": {"dvr", "job", "bench", "pv"},
+    "vtkmodules": {"dvr", "job", "bench", "pv", "campaign"},
     "pyvista": {"render", "cli"},
-    "torch": {"core", "kernels", "fields", "styles", "train", "render", "job", "bench"},
+    "torch": {"core", "kernels", "fields", "styles", "train", "render", "job", "bench", "campaign"},
     **dict.fromkeys(("os", "pathlib", "io", "shutil", "tempfile", "PIL"), set(BELOW) - {"core"}),
 }
 """Packages that only some layers may import: core touches no file, torch never meets VTK."""
 
-EXCEPTED = {"svv.dvr.read.other_formats": {"pyvista"}}
-"""Modules that may import more than their layer: the reader of the standalone installation."""
-
-
-def source_of(path: Path) -> str:
-    """The source of a module in one of the packages."""
-    return (PACKAGES[path.parts[0]] / path).read_text()
+EXCEPTED = {"svv.dvr.read.other_formats": {"pyvista"}, "svv.job.dataset": {"pyvista"}}
+"""Modules that may import more than their layer: the reader of the standalone installation, scenes in PyVista."""
 
 
 def layer_of(module: str) -> str:
     """The layer of a dotted module name: 'svv.core.colour.colour' is in 'core', all of svv_bench in 'bench'."""
     package, *rest = module.split(".")
+    if package == "campaign":
+        return package
     if package == "svv_bench":
         return "bench.cli" if rest[:1] == ["cli"] else "bench"
     return rest[0] if rest else "svv"
 
 
-def imported(path: Path, source: str) -> set[str]:
-    """Dotted names that a module imports, relative ones made absolute, lazy ones included.
-
-    'from svv.core.colour import light' is both 'svv.core.colour' and 'svv.core.colour.light': what it names may be a
-    module.
-    """
-    package = [*path.with_suffix("").parts[:-1]]
-    names = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else []
-            module = ".".join([*base, *([node.module] if node.module else [])])
-            names |= {f"{module}.{alias.name}" for alias in node.names}
-    return names
-
-
-def without_interface(source: str) -> str:
-    """The source of ``svv/__init__.py`` without the names that it promises to type checkers and never imports itself.
-
-    They lie in layers above and are imported when somebody asks for them; that nothing heavy is loaded before is
-    tested below.
-    """
-    tree = ast.parse(source)
-    tree.body = [n for n in tree.body if not (isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")]
-    return ast.unparse(tree)
+def plain(path: Path, source: str) -> str:
+    """The source of a module, for ``svv/__init__.py`` without what it promises."""
+    return without_interface(source) if path == Path("svv/__init__.py") else source
 
 
 def violations(path: Path, source: str) -> list[str]:
     """What a module imports against the layers."""
-    if path == Path("svv/__init__.py"):
-        source = without_interface(source)
+    source = plain(path, source)
     own = layer_of(named(path))
     if own not in BELOW:
         return [f"{path}: '{own}' is no layer; name it in {Path(__file__).name}"]
-    found = []
-    for name in sorted(imported(path, source)):
+    found, names = [], set(imported(path, source, text=False))
+    names |= {name for name in imported(path, source) if layer_of(name) in BELOW}  # other texts only look like names
+    for name in sorted(names):
         top = name.split(".")[0]
         if top in PACKAGES and layer_of(name) not in BELOW[own] | {own}:
             found.append(f"{path} ({own}) imports {name}")
@@ -117,64 +88,55 @@ def violations(path: Path, source: str) -> list[str]:
     return found
 
 
-def named(path: Path) -> str:
-    """The dotted name of a module: 'svv/core/colour/colour.py' is 'svv.core.colour.colour'."""
-    return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+def test_imports_point_down() -> None:
+    found = [found for path, source in MODULES.items() for found in violations(path, source)]
+    assert found == ["svv/train/run/learning.py (train) imports svv.job.learning_process"]  # see arrows.LEFT
 
 
-def circle(sources: Mapping[Path, str]) -> list[str]:
-    """Modules that import each other round about, in order, with the first at the end again; [] where none do."""
-    names = {named(path) for path in sources}
-    graph: dict[str, list[str]] = {}
-    for path, source in sources.items():
-        plain = without_interface(source) if path == Path("svv/__init__.py") else source
-        modules = {name if name in names else name.rpartition(".")[0] for name in imported(path, plain)}
-        graph[named(path)] = sorted(modules & names - {named(path)})
-    finished: set[str] = set()
-
-    def walk(name: str, way: list[str]) -> list[str]:
-        if name in way:
-            return [*way[way.index(name) :], name]
-        if name not in finished:
-            for other in graph[name]:
-                if found := walk(other, [*way, name]):
-                    return found
-            finished.add(name)
-        return []
-
-    return next((found for name in sorted(graph) if (found := walk(name, []))), [])
-
-
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_imports_point_down(path: Path) -> None:
-    assert violations(path, source_of(path)) == []
+def test_no_folder_imports_itself_round_about() -> None:
+    """The house is read from top to bottom: no two folders import each other, directly or through others."""
+    graph = {folder: set(others) for folder, others in arrows.arrows(MODULES).items()}
+    assert arrows.circles(arrows.without(graph, arrows.LEFT)) == []
+    for kept in arrows.LEFT:  # none is listed that is not needed
+        assert arrows.circles(arrows.without(graph, [one for one in arrows.LEFT if one != kept]))
 
 
 def test_no_module_imports_itself_round_about() -> None:
-    assert circle({path: source_of(path) for path in MODULES}) == []
+    graph = {}
+    for path, source in MODULES.items():
+        names = imported(path, plain(path, source), text=False)
+        graph[named(path)] = {name if name in NAMES else name.rpartition(".")[0] for name in names} & NAMES
+        graph[named(path)] -= {named(path)}
+    graph["campaign.fuzz"] -= {"campaign.guided"}  # which is a part of it with a library of its own
+    assert arrows.circles(graph) == []
 
 
 @pytest.mark.parametrize(
     "back",
     [
-        "from svv.fields.b import B",
+        "from svv.fields.b.b import B",
         "from svv.fields import b",
-        "from . import b",
-        "from .b import B",
-        "if TYPE_CHECKING:\n    from svv.fields.b import B",
-        "def f():\n    from svv.fields.c import C",
+        "from ..b import b",
+        "from ..b.b import B",
+        "if TYPE_CHECKING:\n    from svv.fields.b.b import B",
+        "def f():\n    from svv.fields.c.c import C",
+        "COMMAND = 'from svv.fields.c.c import main; main()'",
+        "COMMAND = ['python', '-m', 'svv.fields.c.c']",
+        "def f(name):\n    import_module(f'svv.fields.c.{name}')",
     ],
 )
-def test_a_circle_is_found(back: str) -> None:
-    sources = {
-        "a": back,
-        "b": "from svv.fields.c import C",
-        "c": "from svv.fields.a import A",
-    }
-    files = {Path(f"svv/fields/{name}.py"): source for name, source in sources.items()}
-    assert set(circle(files)) == {f"svv.fields.{name}" for name in ("ac" if "c import" in back else "abc")}
-    del files[Path("svv/fields/a.py")]
-    assert circle({**files, Path("svv/fields/a.py"): "import svv.core.colour.colour"}) == []
+def test_a_circle_of_folders_is_found(back: str) -> None:
+    texts = {"a": back, "b": "from svv.fields.c.c import C", "c": "from svv.fields.a.a import A"}
+    files = {Path(f"svv/fields/{name}/{name}.py"): source for name, source in texts.items()}
+    files |= {Path(f"svv/fields/{name}/__init__.py"): "" for name in texts}
+    named_too = "ac" if ".c." in back else "abc"
+    assert arrows.circles(graph_of(files)) == [[f"svv.fields.{name}" for name in named_too]]
+    for harmless in ("import svv.core.colour.colour", '"""The process is svv.fields.c.c."""', "from .other import x"):
+        assert arrows.circles(graph_of({**files, Path("svv/fields/a/a.py"): harmless})) == []
+
+
+def graph_of(files: Mapping[Path, str]) -> dict[str, set[str]]:
+    return {folder: set(others) for folder, others in arrows.arrows(files).items()}
 
 
 @pytest.mark.parametrize(
@@ -263,32 +225,3 @@ def test_the_interface_is_what_it_promises() -> None:
         assert name in dir(svv)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = svv.nonsense
-
-
-@pytest.fixture(scope="module")
-def old_names() -> dict[str, tuple[bool, list[str]]]:
-    """Of each old name whether it is the new module, and the warnings of its import, all in one fresh process."""
-    script = f"""import importlib, json, warnings
-found = {{}}
-for old, new in {MOVED!r}.items():
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        module = importlib.import_module(old)
-    said = [str(t.message) for t in told if t.category is DeprecationWarning]
-    found[old] = module is importlib.import_module(new), said
-print(json.dumps(found))
-"""
-    done = subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT, capture_output=True, text=True)
-    return {old: (same, said) for old, (same, said) in json.loads(done.stdout).items()}
-
-
-@pytest.mark.parametrize(("old", "new"), MOVED.items())
-def test_old_names_work_with_a_warning(old: str, new: str, old_names: dict[str, tuple[bool, list[str]]]) -> None:
-    assert old_names[old] == (True, [f"{old} is now {new}."])
-
-
-def test_the_scene_is_found_where_its_module_was() -> None:
-    from svv.fields import scene
-
-    with pytest.warns(DeprecationWarning, match="svv.fields.scene.Scene is now svv.Scene"):
-        assert scene.Scene is svv.Scene

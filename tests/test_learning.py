@@ -25,7 +25,7 @@ from svv.io.views.viewset import ViewSet
 from svv.job.compile_ahead import ball_views
 from svv.options.making import TrainOptions
 from svv.render.web.following import Follower
-from svv.train.config import preset
+from svv.train.run.config import preset
 from svv.train.run.learning import Learning
 from svv.train.run.sketches import SKETCHES
 from tests.cube import cube_scene

@@ -30,13 +30,13 @@ from svv.job.source import ViewSource
 from svv.job.stages import Stages
 from svv.job.steps import Job, JobSettings
 from svv.options.making import TrainOptions
-from svv.train.config import PRESETS
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for
 from svv.train.palette.recolour import recolour
 from svv.train.pipeline import train_scene
-from svv.train.report import Report
 from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import PRESETS
 from svv.train.run.loop import Running
+from svv.train.run.report import Report
 from svv_bench.stability.scenes import KnownScene, Range
 from tests.cube import cube_camera, lit_cube_scene
 

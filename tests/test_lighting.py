@@ -15,10 +15,10 @@ from svv.fields.scene.scene import Scene
 from svv.io.views.view_meta import ViewMeta
 from svv.io.views.viewset import ViewSet
 from svv.job.compile_ahead import ball_views
-from svv.styles.textures import style_picture
-from svv.train.config import PRESETS, RecolourSettings
+from svv.styles.gallery.textures import style_picture
 from svv.train.palette.lighting import LEAST, change_aside, light_by_trial, shows_light
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.run.config import PRESETS, RecolourSettings
 from svv.train.run.loop import Running
 from tests.cube import cube_scene
 from tests.stirred_volume import stirred_transfer_function, stirred_volume

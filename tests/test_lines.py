@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from svv.train.lpips import Lpips
 from svv_bench.styles.lines import LEAST_PIXELS, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
 from svv_bench.styles.statistics import StyleJudge

@@ -18,12 +18,12 @@ from svv.fields.scene.kept_styles import without_kept
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.picture_data import as_data, mask_in, picture_in
 from svv.io.scene_file import write_scene_file
+from svv.job.looks import file
+from svv.job.looks.file import to_json
+from svv.job.looks.kept import LookRegion
+from svv.job.looks.look import Look
 from svv.options.figures import FigureOptions
 from svv.render.frames import seen_from
-from svv.render.looks import file
-from svv.render.looks.file import to_json
-from svv.render.looks.kept import LookRegion
-from svv.render.looks.look import Look
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene
 from tests.cube import cube_scene, lit_cube_scene
@@ -339,7 +339,7 @@ def test_damaged_records_of_styles_are_one_sentence(painted: Scene, kept: Any, t
 
 
 def test_looks_that_ship_are_sound_and_differ() -> None:
-    from svv.render.looks.offered import LOOKS
+    from svv.job.looks.offered import LOOKS
 
     assert len(LOOKS) == 10 and {len(look["regions"]) for look in LOOKS.values()} == {1, 2, 3}
     for name in LOOKS:

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.train.config import PRESETS
+from svv.train.run.config import PRESETS
 from svv.train.run.loop import Loop, falling
 
 FRACTIONS = st.floats(0.0, 1.0)

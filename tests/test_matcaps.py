@@ -14,15 +14,15 @@ from PIL import Image
 from svv.cli import app as cli
 from svv.core.colour.matcaps import MATCAPS, matcap_colours, matcap_picture
 from svv.errors import BadInput
-from svv.fields.radiance.image import image_kernels_of
-from svv.fields.radiance.matcaps import SMOOTHING, checked_matcap, normals_at, picture_of
+from svv.fields.scene.image import image_kernels_of
+from svv.fields.scene.matcaps import SMOOTHING, checked_matcap, normals_at, picture_of
 from svv.fields.scene.scene import Scene
+from svv.job.looks.file import from_json, to_json
+from svv.job.looks.look import Look
 from svv.options.baking import BakeOptions
 from svv.render.baking.baked import Baker
 from svv.render.figures.swatches import swatch
 from svv.render.frames import seen_from
-from svv.render.looks.file import from_json, to_json
-from svv.render.looks.look import Look
 from svv.render.web.page import write_html
 from tests.cube import cube_camera, cube_scene, hash_cube_scene, lit_cube_scene
 

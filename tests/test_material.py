@@ -19,7 +19,6 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.palette import regions_from_views
 from svv.train.palette.doubts import doubts, hues_within
 from svv.train.palette.ranges import KnownRegions, Owners
@@ -27,6 +26,7 @@ from svv.train.palette.recolour import palette_of
 from svv.train.palette.regions_from_views import Labels, owners_of, regions_in
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import Batch, RayPool
+from svv.train.run.config import PRESETS, Preset, ReconstructSettings
 from svv_bench.stability.measures import palette_error
 from svv_bench.stability.scenes import SCENES
 

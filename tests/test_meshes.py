@@ -27,10 +27,10 @@ from vtkmodules.vtkFiltersSources import vtkRandomHyperTreeGridSource, vtkSphere
 from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from svv.dvr.draw.appearance import Appearance
 from svv.dvr.draw.large import open_volume
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.histogram import default_transfer_function
+from svv.dvr.read.appearance import Appearance
 from svv.dvr.read.grids import as_volume, from_array, own_unit_distance, to_array
 from svv.dvr.read.meshes import is_mesh, resampled
 from svv.dvr.read.volumes import read_volume

@@ -70,7 +70,7 @@ def test_training_does_not_load_the_compiler_of_torch() -> None:
     """It would take 150 MB and 1.5 s, and it loads triton, beside which some of ParaView's drivers do not run."""
     code = (
         "import sys, svv.job.compile_ahead as ahead; from dataclasses import replace\n"
-        "from svv.train.config import preset; from svv.train.pipeline import train_scene\n"
+        "from svv.train.run.config import preset; from svv.train.pipeline import train_scene\n"
         "draft = preset('draft')\n"
         "few = replace(draft, reconstruct=replace(draft.reconstruct, iterations=2, cells=16),\n"
         "    recolour=replace(draft.recolour, iterations=2))\n"

@@ -16,8 +16,8 @@ from svv.fields.radiance.encodings import Encoding
 from svv.fields.radiance.networks import ENCODINGS
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.config import preset
 from svv.train.pipeline import train_scene
+from svv.train.run.config import preset
 from tests.balls import SHORT, two_balls
 
 SIDE, FEATURES = 24, 4

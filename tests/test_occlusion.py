@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from svv.cli import app as cli
 from svv.errors import BadInput
-from svv.fields.radiance.image import image_kernels_of
 from svv.fields.radiance.networks import PaletteField
-from svv.fields.radiance.occlusion import _directions, occlude
-from svv.fields.radiance.occlusion_kernels import mean_transmittance
+from svv.fields.scene.image import image_kernels_of
 from svv.fields.scene.joined import joined
+from svv.fields.scene.occlusion import _directions, occlude
+from svv.fields.scene.occlusion_kernels import mean_transmittance
 from svv.fields.scene.scene import Scene
+from svv.job.looks.file import from_json, to_json
+from svv.job.looks.look import Look
 from svv.options.baking import BakeOptions
 from svv.render.baking.baked import bake
 from svv.render.figures.swatches import swatch
-from svv.render.looks.file import from_json, to_json
-from svv.render.looks.look import Look
 from svv.render.web.page import html_of, write_html
 from tests.cube import cube_camera, cube_paint, cube_scene, hash_cube_scene, lit_cube_scene
 
@@ -96,7 +96,7 @@ def test_hidden_regions_cast_no_shade_and_edits_are_noticed() -> None:
 
 
 def test_another_palette_is_noticed_even_where_the_old_one_was_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("svv.fields.radiance.occlusion.id", lambda thing: 0, raising=False)  # as if freed before
+    monkeypatch.setattr("svv.fields.scene.occlusion.id", lambda thing: 0, raising=False)  # as if freed before
     scene = cube_scene().hidden(0).with_occlusion(1.0)
     old = scene.palette_network
     assert old is not None

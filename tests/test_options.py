@@ -22,7 +22,7 @@ from svv.options import baking, cinema, editing, figures, making
 from svv.options.arguments import add_arguments, options_of
 from svv.options.described import Setting, chosen, described
 from svv.pv.panel.option_panel import options_in, properties_of
-from svv.train import config
+from svv.train.run import config
 
 OPTIONS = [
     kind

@@ -17,7 +17,7 @@ from svv.cli.app import app  # noqa: E402
 from svv.core.geometry.directions import geodesic_directions  # noqa: E402
 from svv.io.views.straight import straightened  # noqa: E402
 from svv.io.views.viewset import ViewSet  # noqa: E402
-from svv.train.config import PRESETS  # noqa: E402
+from svv.train.run.config import PRESETS  # noqa: E402
 from tests.balls import SHORT  # noqa: E402
 
 LEVELS = np.arange(256, dtype=np.uint8)

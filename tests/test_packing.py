@@ -16,7 +16,7 @@ from svv.core.geometry.displacement import came_from, small
 from svv.core.volumes.classified import COARSE, LARGEST
 from svv.core.volumes.packing import packed, unpacked
 from svv.errors import BadInput
-from svv.fields.values.time_steps import TimeSteps, packed_codes
+from svv.fields.radiance.time_steps import TimeSteps, packed_codes
 
 GRIDS = hn.arrays(np.uint16, hn.array_shapes(min_dims=1, max_dims=4, max_side=5))
 

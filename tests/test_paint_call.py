@@ -15,7 +15,7 @@ pyvista = pytest.importorskip("pyvista")
 import svv  # noqa: E402
 from svv.dvr.draw.views import make_views  # noqa: E402
 from svv.errors import BadInput, Cancelled  # noqa: E402
-from svv.train.config import PRESETS  # noqa: E402
+from svv.train.run.config import PRESETS  # noqa: E402
 from tests.balls import SHORT  # noqa: E402
 from tests.test_plotted import SIZE, image, sheared, values  # noqa: E402
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from svv.core.geometry.cameras import sphere_cameras
 from svv.errors import BadInput
-from svv.fields.radiance.paint_light import lights_of, mean_lights
+from svv.fields.scene.paint_light import lights_of, mean_lights
 from svv.fields.scene.scene import Scene
 from svv.io import scene_file
 from svv.options.editing import PAINT_LIGHT

@@ -14,12 +14,12 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.scene import Scene
 from svv.train.base.resolutions import paint_pixel
-from svv.train.match.stylize import stylization_cameras, visible_from
 from svv.train.paint.painting import MOST_CELLS, MOST_VERTICES, Remarks, Start, paint_cells, painted_start
+from svv.train.paint.pieces import PieceSettings, PieceStyle, piece_style
+from svv.train.paint.quilt import Guides, Manner, Quilt, spread
+from svv.train.paint.quilt_kernels import mirrored, misfits, places
+from svv.train.paint.styled_views import stylization_cameras, visible_from
 from svv.train.paint.surface_form import Form, form_of_opacity, tangents
-from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_style
-from svv.train.quilt.quilt import Guides, Manner, Quilt, spread
-from svv.train.quilt.quilt_kernels import mirrored, misfits, places
 from tests.balls import SHORT
 
 CELLS = 64

@@ -14,10 +14,10 @@ from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.splitting import regions_in_cells
 from svv.io.views.viewset import ViewSet
-from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.correct import correct_palette
 from svv.train.palette.pointed import InCells, pointed
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS, ReconstructSettings
 from svv_bench.stability.scenes import BLUE, GOLD, KnownScene, Range, ring_and_balls
 
 SHORT = replace(

@@ -10,8 +10,8 @@ import pytest
 
 from campaign.calls import watched
 from campaign.power_loss import Disk
+from svv.bricks.formats.source import ArraySource
 from svv.bricks.pyramid import with_pyramid
-from svv.bricks.source import ArraySource
 from svv.errors import BadInput, silent
 from svv.io.files.atomic import atomic_path, make_folder
 from tests.test_kills import campaign

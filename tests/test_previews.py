@@ -15,10 +15,10 @@ from PIL import Image
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.render.frames import SHOWN_SIZE, orbit, previews_in
-from svv.train.config import MatchSettings, Preset
 from svv.train.pipeline import stylize_scene
-from svv.train.report import Report
 from svv.train.run import previews
+from svv.train.run.config import MatchSettings, Preset
+from svv.train.run.report import Report
 from tests.balls import MATCHED, SHORT
 from tests.cube import cube_paint, cube_scene
 

@@ -10,7 +10,7 @@ pytest.importorskip("vtkmodules")
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.draw.appearance import Appearance
+from svv.dvr.read.appearance import Appearance
 from svv.dvr.read.grids import from_array, index_to_world, set_geometry, to_array
 from svv.errors import BadInput
 from svv.pv.display import shown

@@ -20,11 +20,11 @@ from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
 from svv.fields.radiance.rendering import march
 from svv.io.views.viewset import ViewSet
-from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.palette.doubts import joined_ranges
 from svv.train.palette.ranges import Owners, region_overlaps, shares_of
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import RayPool
+from svv.train.run.config import PRESETS, Preset, ReconstructSettings
 from svv_bench.stability.scenes import SCENES
 
 BLUE, RED = (0.1, 0.3, 1.0), (1.0, 0.2, 0.1)

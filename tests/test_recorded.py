@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 import torch
 
-from svv.fields.radiance.recorded_check import check_recorded
-from svv.kernels import dispatch, gpu
+from svv.fields.devices import gpu
+from svv.fields.devices.recorded_check import check_recorded
+from svv.kernels import dispatch
 from svv.kernels.constants import number_on
 from svv.kernels.dispatch import CPU
 from svv.kernels.recorded import RecordedSteps, StepNumbers

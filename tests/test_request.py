@@ -19,7 +19,7 @@ from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import write_png
 from svv.job.request import Correct, Paint, Request, learn, paint, run
 from svv.job.workshop import Workshop
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from svv.train.paint.ink import StyleInput, style_named
 
 SMALL = svv.ViewOptions(n=8, test=0, size=48)

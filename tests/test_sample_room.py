@@ -13,8 +13,8 @@ import pytest
 import torch
 
 from svv.core.geometry.box import Box
+from svv.fields.devices.kernel_checks import EXTENT, MARCHES, march_rays, random_lattice, rays_through
 from svv.fields.radiance.encodings import SparseLattice
-from svv.fields.radiance.kernel_checks import EXTENT, MARCHES, march_rays, random_lattice, rays_through
 from svv.fields.radiance.networks import FieldSettings, PaletteField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, Rays, march
@@ -23,13 +23,13 @@ from svv.kernels.dispatch import CPU
 from svv.kernels.types import Room, Samples
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
-from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.palette.pointed import InCells
 from svv.train.palette.ranges import Owners
 from svv.train.palette.recolour import Recolouring
 from svv.train.palette.regions_from_views import Labels
 from svv.train.run import sample_room
 from svv.train.run.batches import RayBudget, RayPool
+from svv.train.run.config import RecolourSettings, ReconstructSettings
 from svv.train.run.sample_room import COUNT_EVERY, SPARE, SampleRoom
 from tests.interpreted import GPU, triton_kernels
 from tests.test_launches import LeftAndRight, views

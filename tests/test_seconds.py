@@ -15,9 +15,9 @@ from svv.io.views.equal_views import equal_views
 from svv.job.compile_ahead import ball_views
 from svv.train.base import tomography
 from svv.train.base.reconstruct import Reconstruction
-from svv.train.config import preset
 from svv.train.palette.recolour import Recolouring
 from svv.train.pipeline import train_scene
+from svv.train.run.config import preset
 
 
 def test_seconds_hold_what_is_done_beside_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,9 +20,9 @@ pyvista = pytest.importorskip("pyvista")
 import svv  # noqa: E402
 from svv.core.frame_rate import AIM  # noqa: E402
 from svv.core.geometry.cameras import Camera, look_at  # noqa: E402
+from svv.fields.scene.model import in_words  # noqa: E402
 from svv.fields.scene.scene import Scene  # noqa: E402
 from svv.io.pictures.output import write_vti  # noqa: E402
-from svv.render.pictures import in_words  # noqa: E402
 from svv.render.show import SceneFollower  # noqa: E402
 from tests.cube import cube_paint  # noqa: E402
 from tests.stand_in_learning import StandIn  # noqa: E402

@@ -20,7 +20,7 @@ from svv.core.colour.colour import colour_differences
 from svv.core.geometry.cameras import orbit_cameras
 from svv.dvr.read.grids import index_to_world, to_array
 from svv.errors import BadInput, Cancelled
-from svv.train.config import Preset, preset
+from svv.train.run.config import Preset, preset
 from svv_bench.stability.cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures
 from svv_bench.stability.measures import (
     FOREGROUND_DROP,

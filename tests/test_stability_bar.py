@@ -10,7 +10,7 @@ from __future__ import annotations
 import pytest
 
 from svv.errors import silent
-from svv.train.config import preset
+from svv.train.run.config import preset
 from svv_bench.stability.cases import CASES, Bench, BenchSettings
 from svv_bench.stability.measures import failures
 

@@ -20,8 +20,8 @@ from svv.fields.scene.history import edits_of
 from svv.fields.scene.joined import joined as together
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.stroke_edits import PALETTE_SIZE, as_laid, checked_edits, edited_strokes, luminance, recoloured
-from svv.fields.strokes.stroke_opacity import strokes_of
+from svv.fields.scene.stroke_edits import PALETTE_SIZE, as_laid, checked_edits, edited_strokes, luminance, recoloured
+from svv.fields.scene.stroke_opacity import strokes_of
 from svv.options.baking import BakeOptions
 from svv.options.editing import PaintEdit, SceneEdit
 from svv.render.baking.voxels import grid_of, matter_of

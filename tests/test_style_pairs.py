@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from svv.errors import BadInput
-from svv.train.match.stylize import StyledView
 from svv.train.paint.style_choice import style_pairs
+from svv.train.paint.styled_views import StyledView
 
 
 def test_region_image_is_weighted_colour_over_background() -> None:

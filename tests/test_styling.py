@@ -21,15 +21,16 @@ from svv.fields.scene.scene import Scene
 from svv.options.making import MannerName, PaintOptions
 from svv.styles import weights
 from svv.styles.features import load_features
-from svv.train import config, pipeline
+from svv.train import pipeline
 from svv.train.base.resolutions import paint_resolutions
-from svv.train.config import Preset
 from svv.train.match.style_loss import StyleLossSettings, StyleTarget
-from svv.train.match.stylize import stylization_cameras, visible_from
 from svv.train.paint.ink import StyleInput
+from svv.train.paint.pieces import PieceSettings, PieceStyle, piece_style
+from svv.train.paint.styled_views import stylization_cameras, visible_from
 from svv.train.pipeline import stylize_scene
-from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_style
-from svv.train.report import Report
+from svv.train.run import config
+from svv.train.run.config import Preset
+from svv.train.run.report import Report
 from tests.balls import MATCHED, SHORT
 from tests.cube import hash_cube_scene
 
@@ -310,7 +311,7 @@ def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.
         sides.append(max(made.picture.shape[1:]))
         return made
 
-    monkeypatch.setattr("svv.train.quilt.pieces.piece_style", watched)
+    monkeypatch.setattr("svv.train.paint.pieces.piece_style", watched)
     for stroke_size in (0.5, 2.0):
         style(scene, [picture], mapping={0: 0}, stroke_size=stroke_size)
     assert sides == [48, 192]

@@ -7,7 +7,7 @@ import colorsys
 import numpy as np
 import pytest
 
-from svv.styles.textures import STYLE_PICTURES, rank, spectrum_noise, style_picture
+from svv.styles.gallery.textures import STYLE_PICTURES, rank, spectrum_noise, style_picture
 
 
 @pytest.mark.parametrize("name", STYLE_PICTURES)

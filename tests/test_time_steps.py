@@ -18,14 +18,14 @@ from svv.cli import app
 from svv.dvr.draw.views import make_views
 from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
+from svv.fields.following.followed_scene import at_step, at_time
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.radiance.of_values import TABLES
 from svv.fields.scene.joined import joined
 from svv.fields.scene.parts import no_parts
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.lives import Lives
-from svv.fields.values.followed_scene import at_step, at_time
-from svv.fields.values.of_values import TABLES
 from svv.io.scene_file import read_scene_file
 from svv.io.series_file import read_series
 from svv.job.series import Step, with_time_steps

@@ -31,9 +31,9 @@ from svv.kernels.numba.bricks import made
 from svv.train.base.first_extinction import begin, largest_extinction
 from svv.train.base.tomography import Tomography, opaque_part, pixels_a_cell, reduced, smaller
 from svv.train.base.tomography_kernels import back_project, beside_visible, optical_depths
-from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS, ReconstructSettings
 
 BOX = Box.of_bounds((-1, -1, -1), (1, 1, 1))
 SIZE = 64

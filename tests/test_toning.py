@@ -14,9 +14,9 @@ from svv.core.strokes.strokes import Brush, Strokes, joined, straight_stroke
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
-from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import Brushwork
 from svv.train.paint.legibility import AWAY, Legibility
+from svv.train.paint.styled_views import StyledView
 from svv.train.paint.toning import Laid, Toned, toned
 from svv.train.paint.view_pixels import ViewPixels
 

@@ -14,21 +14,21 @@ from torch import Tensor
 
 from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields.radiance.image import image_kernels_of
 from svv.fields.radiance.networks import FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import carve
+from svv.fields.scene.image import image_kernels_of
 from svv.fields.scene.model import JOINED_WEIGHT
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.train import pipeline
 from svv.train.base.resolutions import fitted_field
 from svv.train.base.sampling import with_fewest_samples
-from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings
-from svv.train.match.stylize import visible_from
+from svv.train.paint.styled_views import visible_from
 from svv.train.pipeline import stylize_scene, train_scene
-from svv.train.report import Report
 from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings
 from svv.train.run.loop import Loop
+from svv.train.run.report import Report
 
 SIZE = 64
 RED, BLUE = np.array([0.9, 0.1, 0.1]), np.array([0.1, 0.2, 0.9])

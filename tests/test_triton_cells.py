@@ -17,7 +17,7 @@ from scipy.ndimage import binary_dilation
 
 from svv.core.geometry.box import Box
 from svv.core.rays.cells import leaps, widened
-from svv.fields.radiance import kernel_checks
+from svv.fields.devices import kernel_checks
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels import reference

@@ -11,8 +11,8 @@ import torch
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import sphere_cameras
-from svv.fields.radiance.image_checks import image_checks
-from svv.fields.radiance.training_checks import training_checks
+from svv.fields.devices.image_checks import image_checks
+from svv.fields.devices.training_checks import training_checks
 from svv.io.views.viewset import ViewSet
 from svv.train.run import batches
 from svv.train.run.batches import RayPool

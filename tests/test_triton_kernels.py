@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.core.rays.marching import uniform as reference_uniform
-from svv.fields.radiance import kernel_checks
-from svv.fields.radiance.kernel_checks import march_rays, random_lattice, rays_through
+from svv.fields.devices import kernel_checks
+from svv.fields.devices.kernel_checks import march_rays, random_lattice, rays_through
 from svv.fields.radiance.networks import FieldSettings
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, RayCaster
@@ -33,9 +33,9 @@ from svv.kernels.numba.marching import uniform as numba_uniform
 from svv.kernels.types import Kernels, Limits
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
-from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.palette.recolour import recolour
 from svv.train.run import batches
+from svv.train.run.config import RecolourSettings, ReconstructSettings
 from svv.train.run.loop import Running
 from tests.interpreted import GPU, triton_kernels, triton_rays
 

@@ -15,11 +15,11 @@ from torch import Tensor, nn
 
 from svv.core.rays.networks import relu_layers
 from svv.core.rounding import NETWORKS, ROUNDOFF
-from svv.fields.radiance.kernel_checks import NETWORK_SHAPES as SHAPES
-from svv.fields.radiance.kernel_checks import relative_error as off
-from svv.fields.radiance.kernel_checks import rounded_layers
-from svv.fields.radiance.kernel_checks import value_and_gradients as results
-from svv.fields.radiance.kernel_checks import weights_of as weights_for
+from svv.fields.devices.kernel_checks import NETWORK_SHAPES as SHAPES
+from svv.fields.devices.kernel_checks import relative_error as off
+from svv.fields.devices.kernel_checks import rounded_layers
+from svv.fields.devices.kernel_checks import value_and_gradients as results
+from svv.fields.devices.kernel_checks import weights_of as weights_for
 from svv.fields.radiance.networks import mlp
 from svv.kernels.dispatch import CPU
 from tests.interpreted import GPU, triton_kernels, triton_networks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from svv.fields.radiance.region_checks import region_checks
+from svv.fields.devices.region_checks import region_checks
 from svv.kernels import dispatch
 from svv.train.palette import along_rays
 from svv.train.palette.along_rays import Solver

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from svv.fields.strokes import stroke_checks
+from svv.fields.devices import stroke_checks
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.fields.strokes.stroke_tables import bins_of
 from svv.kernels.numba.strokes import sort_into_bins

@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 import torch
 
+from svv.fields.devices.tomography_checks import tomography_checks
 from svv.fields.radiance import occupancy
 from svv.fields.radiance.occupancy import carve
-from svv.fields.radiance.tomography_checks import tomography_checks
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.base import tomography
-from svv.train.base.tomography import Tomography
-from svv.train.base.tomography_there import TomographyThere
+from svv.train.base.tomography import Tomography, TomographyThere
 from tests.interpreted import GPU, triton_kernels, triton_tomography
 from tests.test_tomography import blobs, orbit, views_of
 

@@ -14,8 +14,8 @@ from torch import Tensor
 from svv.job.compile_ahead import ball_views
 from svv.kernels import dispatch, reference
 from svv.kernels.types import Kernels
-from svv.train.config import changed, preset
 from svv.train.pipeline import train_scene
+from svv.train.run.config import changed, preset
 from tests.interpreted import GPU, triton_cells, triton_kernels, triton_networks, triton_rays, triton_tables
 
 MOST = 25

@@ -28,9 +28,7 @@ def test_what_is_imported_inside_functions_and_by_name_is_needed() -> None:
         "svv/__init__.py",
         "svv/train/run/loop.py",
     } <= files  # trial.py by its name
-    assert "svv/cli/commands/scene.py" in {
-        path.relative_to(ROOT).as_posix() for path in needed(ROOT / "svv/cli/app.py")
-    }
+    assert "svv/cli/scene.py" in {path.relative_to(ROOT).as_posix() for path in needed(ROOT / "svv/cli/app.py")}
     assert not any(file.startswith("svv/pv/filters") for file in files)
 
 

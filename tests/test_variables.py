@@ -14,9 +14,9 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.dvr.draw.views import make_views
 from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
+from svv.fields.following.followed_scene import at_step
 from svv.fields.scene.joined import joined, members
 from svv.fields.scene.scene import Scene
-from svv.fields.values.followed_scene import at_step
 from svv.io.files.atomic import write_json
 from svv.job.layers import MOST, layers
 from svv.job.series import Step, with_time_steps

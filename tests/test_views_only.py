@@ -22,8 +22,8 @@ from svv.job import steps
 from svv.options.arguments import add_arguments, options_of
 from svv.options.described import described
 from svv.options.making import PaletteOptions, TrainOptions
-from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS, ReconstructSettings
 from svv_bench.stability.scenes import SCENES
 from tests.balls import two_balls
 

@@ -15,13 +15,13 @@ from svv.dvr.draw.other_functions import exponents_over
 from svv.dvr.draw.views import make_views
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
+from svv.fields.following.other_cells import on_cells
 from svv.fields.scene.scene import Scene
-from svv.fields.values.other_cells import on_cells
 from svv.io.views.viewset import ViewSet
 from svv.job.opacities import with_opacities
-from svv.train.config import ReconstructSettings, preset
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
+from svv.train.run.config import ReconstructSettings, preset
 from tests.test_from_values import moved_ball
 from tests.test_ranges import BLUE, RED, bumps
 from tests.test_time_steps import command, painted

@@ -19,8 +19,8 @@ from svv.dvr.draw.views import render_views
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import from_array, to_array
 from svv.errors import BadInput, silent
+from svv.fields.following.followed_scene import FOLLOWED
 from svv.fields.scene.scene import Rendering, Scene
-from svv.fields.values.followed_scene import FOLLOWED
 from svv.io.views.drawn_views import DrawnViews
 from svv.job.source import VolumeSource
 from svv.job.volume_panels import panel_of, remembered
@@ -232,7 +232,7 @@ def test_an_assistants_figure_reads_nothing_beyond_its_folder(
 
 
 def test_a_figure_tells_the_colours_of_the_volume_rendering(learned: Scene, volume: Path, tmp_path: Path) -> None:
-    from svv.render.colour_check import report_on, seen_in_picture
+    from svv.render.figures.colour_check import report_on, seen_in_picture
 
     drawing = drawing_of([svv.volume_panel(learned, volume), learned], tmp_path / "a.png", **SMALL)
     told, report = seen_in_picture(tmp_path / "a.png"), drawing.report()

@@ -6,7 +6,7 @@ import weakref
 
 from vtkmodules.vtkCommonCore import vtkObject
 
-from svv.pv.client.observers import Watched, WeakReference, observe, with_data
+from svv.pv.observers import Watched, WeakReference, observe, with_data
 
 
 class Thing:

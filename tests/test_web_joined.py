@@ -15,9 +15,9 @@ from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.stroke_opacity import strokes_of
-from svv.render.notebook import _edited
+from svv.fields.scene.stroke_opacity import strokes_of
 from svv.render.web.fields import EXTINCTION_STEP
+from svv.render.web.notebook import _edited
 from svv.render.web.page import html_of, numbers_of, paintings_of, write_html
 from tests.browser import LARGEST, Opened
 from tests.cube import faint

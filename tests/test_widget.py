@@ -21,8 +21,8 @@ from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
-from svv.render.dataset import dataset_of
-from svv.render.notebook import SceneWidget, _edited
+from svv.job.dataset import dataset_of
+from svv.render.web.notebook import SceneWidget, _edited
 from tests.browser import Opened
 from tests.cube import cube_paint, cube_scene
 from tests.stand_in_learning import StandIn
@@ -138,7 +138,7 @@ def test_python_sets_the_page_and_a_frame_that_loads_again_keeps_it(notebook: Op
 def displayed(widget: SceneWidget, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     """The outputs of a cell that ends with a widget."""
     outputs: list[dict[str, Any]] = []
-    monkeypatch.setattr("svv.render.notebook.display", lambda data, raw: outputs.append(data))
+    monkeypatch.setattr("svv.render.web.notebook.display", lambda data, raw: outputs.append(data))
     assert DisplayFormatter().format(widget) == ({}, {})  # it displays itself
     return outputs
 
@@ -207,7 +207,7 @@ def test_edits_that_do_not_fit_are_refused(shown: SceneWidget) -> None:
 
 
 def test_without_anywidget_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "svv.render.notebook", raising=False)
+    monkeypatch.delitem(sys.modules, "svv.render.web.notebook", raising=False)
     monkeypatch.setitem(sys.modules, "anywidget", None)
     with pytest.raises(BadInput, match=r"pip install 'svv\[notebook\]'"):
         svv.widget(cube_scene())

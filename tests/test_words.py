@@ -12,9 +12,9 @@ import svv
 from svv.cli import app as cli
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
-from svv.render.words.colours import changed, colour_at, names
-from svv.render.words.grammar import understood
-from svv.render.words.say import _told, say
+from svv.job.words.colours import changed, colour_at, names
+from svv.job.words.grammar import understood
+from svv.job.words.say import _told, say
 from tests.cube import lit_cube_scene
 
 

@@ -32,8 +32,9 @@ test_rival_frames test_stability test_stability_bar
 PACKAGES = {"svv": ROOT, "svv_bench": ROOT / "bench", "campaign": ROOT, "tests": ROOT}
 
 BY_NAME = {
-    "svv/cli/app.py": "svv/cli", "svv/cli/added.py": "bench/svv_bench/cli", "svv/kernels/dispatch.py": "svv/kernels",
-    "svv/styles/offered.py": "svv/styles", "campaign/small.py": "svv/cli",
+    "svv/cli/app.py": "svv/cli", "svv/cli/added.py": "bench/svv_bench/cli",
+    "svv/kernels/dispatch/__init__.py": "svv/kernels", "svv/styles/gallery/offered.py": "svv/styles/gallery",
+    "campaign/small.py": "svv/cli",
 }  # fmt: skip
 """Modules that import others by names which they put together, and the folder of those."""
 

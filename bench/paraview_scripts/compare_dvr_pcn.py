@@ -186,9 +186,9 @@ def in_a_process(chosen, step: str, volume: int) -> None:
 
 def source_of(chosen, progress):
     """Return the volume with its levels: the user's, or the generated field."""
+    from svv.bricks.formats.source import ArraySource
     from svv.bricks.opened import open_bricks
     from svv.bricks.pyramid import with_pyramid
-    from svv.bricks.source import ArraySource
     from svv.cli.options import parse_dims, parse_numbers
     from svv.dvr.read.grids import level_of_image, to_array
     from svv.dvr.read.volumes import read_volume
@@ -419,7 +419,7 @@ def draw_chart(*words: str) -> None:
     """Run a program that draws the chart outside ParaView, whose Python must not load matplotlib."""
     import svv_bench
     from svv.errors import silent
-    from svv.pv.panel.figures import run_outside
+    from svv.pv.filters.figures import run_outside
 
     run_outside(words, silent, [Path(svv_bench.__file__).resolve().parents[1]])
 

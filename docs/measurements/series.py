@@ -24,10 +24,10 @@ from values import balls, flow
 from svv.core.colour.colour import WHITE, over
 from svv.dvr.draw.views import make_views, render_views
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.fields.following.followed_scene import at_step
+from svv.fields.radiance.time_steps import TimeSteps
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
-from svv.fields.values.followed_scene import at_step
-from svv.fields.values.time_steps import TimeSteps
 from svv.job.series import Step, with_time_steps
 from svv.render.supersampled import supersampled
 from svv.styles.gallery import open_style

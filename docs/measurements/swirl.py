@@ -23,10 +23,10 @@ from svv.dvr.draw.classify import classified_as
 from svv.dvr.draw.views import make_views, render_views
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import from_array
+from svv.fields.following.followed_scene import at_step, at_volume
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.flocks import FAR
 from svv.fields.strokes.lives import Lives
-from svv.fields.values.followed_scene import at_step, at_volume
 from svv.io.pictures.style_picture import read_style
 from svv.job.moving import Moving
 from svv.job.series import Step, with_time_steps

@@ -17,9 +17,9 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.dvr.draw.views import make_views
 from svv.dvr.read.grids import from_array
 from svv.io.views.viewset import ViewSet
-from svv.train.config import PRESETS
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
+from svv.train.run.config import PRESETS
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 

@@ -3,7 +3,7 @@
 from paraview.simple import GetActiveSource
 
 from svv.errors import BadInput
-from svv.pv.display.capture import CAPTURED, capture
+from svv.pv.client.capture import CAPTURED, capture
 
 filter = GetActiveSource()
 try:

@@ -1,7 +1,7 @@
 """Let the StyleRF image follow the camera of the view that shows the volume, as the property Follow Camera does."""
 
 from svv.errors import BadInput
-from svv.pv.client.linked_camera import follow
+from svv.pv.display.linked_camera import follow
 
 try:
     follow()

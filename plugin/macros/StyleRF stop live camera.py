@@ -1,5 +1,5 @@
 """Stop the StyleRF images from following a camera."""
 
-from svv.pv.client.linked_camera import stop_following
+from svv.pv.display.linked_camera import stop_following
 
 stop_following()

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from svv.bricks import filling, marching
 from svv.bricks.filling import BLOCKS, BRICK, VOXELS
+from svv.bricks.formats.source import Box, Source, check_finite
 from svv.bricks.marching import EMPTY, UNKNOWN
 from svv.bricks.numbers import Numbers
-from svv.bricks.source import Box, Source, check_finite
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 

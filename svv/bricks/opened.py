@@ -21,9 +21,9 @@ from svv.bricks.formats.netcdf import open_netcdf
 from svv.bricks.formats.nifti import nifti_header
 from svv.bricks.formats.nrrd import nrrd_header
 from svv.bricks.formats.places import no_size
+from svv.bricks.formats.source import Level, Source, level_of
 from svv.bricks.formats.stored import Stored
 from svv.bricks.formats.tiff import open_tiff
-from svv.bricks.source import Level, Source, level_of
 from svv.errors import BadInput
 
 HDF5 = (".h5", ".hdf5", ".he5")

@@ -21,8 +21,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from svv.bricks.formats.mapped import MappedSource, mapped
+from svv.bricks.formats.source import Box, Level, Source, check_finite
 from svv.bricks.opened import data_files
-from svv.bricks.source import Box, Level, Source, check_finite
 from svv.errors import Progress
 from svv.io.files.atomic import atomic_path, cannot_write, make_folder, sync_folder
 from svv.io.files.cache import Cache, bytes_in, cache_folder
@@ -60,7 +60,7 @@ class PyramidSource:
         """Smallest and largest value of the finest level."""
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
-        """Read a box; see :meth:`svv.bricks.source.Source.read`."""
+        """Read a box; see :meth:`svv.bricks.formats.source.Source.read`."""
         return self._parts[level].read(0, start, stop)
 
 

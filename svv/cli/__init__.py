@@ -1,1 +1,1 @@
-"""The ``svv`` command: one module per group of commands; each reads its options and calls the layers below."""
+"""The ``svv`` command: one module per group of commands, and what they share (options, tables); see ``app``."""

@@ -21,8 +21,8 @@ import typer
 from typer.core import TyperGroup
 
 from svv._version import __version__
+from svv.cli import paraview
 from svv.cli.added import added, added_command
-from svv.cli.commands import paraview
 from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
@@ -78,7 +78,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "cache": ("cache", "Show or clear all that svv writes by itself, by kind: number, size, limit and folder."),
     "mcp": ("mcp", "Serve svv to assistants by the Model Context Protocol, over standard input and output."),
 }
-"""Each command's name, its module in :mod:`svv.cli.commands` and the first paragraph of its help, in its order."""
+"""Each command's name, its module in ``svv.cli`` and the first paragraph of its help, in its order."""
 
 
 GROUPS = ("look",)
@@ -87,8 +87,7 @@ GROUPS = ("look",)
 
 def command_of(name: str) -> tuple[Callable[..., None], Sequence[str]]:
     """Return the function of a command and the examples in its help."""
-    folder = "svv.cli" if name in GROUPS else "svv.cli.commands"
-    module, word = importlib.import_module(f"{folder}.{COMMANDS[name][0]}"), name.replace("-", "_")
+    module, word = importlib.import_module(f"svv.cli.{COMMANDS[name][0]}"), name.replace("-", "_")
     return getattr(module, f"{word}_" if iskeyword(word) else word), getattr(module, word.upper())
 
 

@@ -9,7 +9,7 @@ from svv.progress import duration
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
-    from svv.train.report import Report
+    from svv.train.run.report import Report
 
 
 def check_targets(*paths: Path | None) -> None:
@@ -23,8 +23,8 @@ def check_targets(*paths: Path | None) -> None:
 
 def load(path: Path, device: str = "cpu") -> Scene:
     """Read a scene onto a device; raises BadInput if either is not available."""
+    from svv.fields.devices.gpu import device_named
     from svv.fields.scene.scene import Scene
-    from svv.kernels.dispatch import device_named
 
     where = device_named(device)
     return Scene.load(path).on(where)

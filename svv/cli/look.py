@@ -24,7 +24,7 @@ from svv.progress import shown
 if TYPE_CHECKING:
     from svv.core.geometry.cameras import Camera
     from svv.fields.scene.scene import Scene
-    from svv.render.looks.look import Look
+    from svv.job.looks.look import Look
 
 SAVE = (
     "svv look save painted.svv --out look.json",
@@ -81,8 +81,8 @@ def save(
     The file is plain data with the pictures of its styles inside. Options of figures that are given here are kept for
     `svv figure --look`.
     """
-    from svv.cli.commands.style import read_styles
-    from svv.render.looks.look import Look
+    from svv.cli.style import read_styles
+    from svv.job.looks.look import Look
 
     check_targets(out)
     loaded = load(scene)
@@ -137,7 +137,7 @@ def apply(
     """
     from svv.io.files.atomic import write_json
     from svv.io.scene_file import checkpoint_of
-    from svv.render.looks.look import Look
+    from svv.job.looks.look import Look
 
     if out is None and not options.dry_run:
         raise BadInput("Give --out SCENE.svv, or --dry-run to see which regions match.")
@@ -176,7 +176,7 @@ def told_of(camera: Camera) -> dict[str, object]:
 def show(look: LookFile) -> None:
     """Show what a look holds: its regions, styles, light, camera and figure settings."""
     from svv.cli.table import print_table
-    from svv.render.looks.look import Look
+    from svv.job.looks.look import Look
 
     print_table(described(Look.load(look)))
 
@@ -206,8 +206,8 @@ def described(look: Look) -> dict[str, object]:
 
 def list_() -> None:
     """List the looks that ship, for one, two and three regions."""
+    from svv.job.looks.offered import LOOKS
     from svv.options.making import PREFIX
-    from svv.render.looks.offered import LOOKS
 
     for name, look in LOOKS.items():
         print(f"{PREFIX}{name:<14} {len(look['regions'])} region{'s' * (len(look['regions']) > 1)}: {look['title']}")

@@ -1,1 +1,1 @@
-"""Radiance fields of a scene: occupancy, encodings, networks, and their rendering."""
+"""What a scene is made of, from a field along rays up to a scene that follows its volume."""

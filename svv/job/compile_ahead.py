@@ -77,8 +77,8 @@ def ball_views() -> ViewSet:
 def compile_all() -> None:
     """Train on a ball, render it with both kinds of light and paint it, in a few steps each."""
     from svv.kernels.numba.bricks import made
-    from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
+    from svv.train.run.config import preset
 
     views, draft = ball_views(), preset("draft")
     few = replace(

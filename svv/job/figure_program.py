@@ -39,9 +39,9 @@ def drawn(content: dict[str, Any]) -> None:
     import numpy as np
 
     from svv.fields.scene.scene import Scene
+    from svv.job.looks.file import figure_in
     from svv.job.volume_panels import panel_of, remembered
     from svv.render.figures.figure import Panel, figure
-    from svv.render.looks.file import figure_in
 
     told = content["camera"]
     camera = None

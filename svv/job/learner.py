@@ -18,16 +18,16 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from svv.errors import BadInput, Cancelled, Progress, part
+from svv.fields.devices.gpu import device_named
 from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import to_json
 from svv.io.files.worker import Orders, say
 from svv.job.orders import LEARNED, STATE, Order, Progressed
 from svv.job.request import Request, learn, paint
 from svv.job.sketching import REGIONS, Sketching, corrected_sketch
-from svv.kernels.dispatch import device_named
 from svv.train.paint.ink import Ink, style_named
 from svv.train.paint.plan import hand_of
-from svv.train.report import Report
+from svv.train.run.report import Report
 from svv.train.run.sketches import sketches_for
 
 SKETCHED, STROKES = (0.06, 0.15), 0.03

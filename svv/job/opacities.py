@@ -13,10 +13,10 @@ from svv.core.interval_text import interval_text
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
+from svv.fields.following.followed_scene import at_step, check_follows
 from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.radiance.of_values import SLOPE_RANGE, SLOPES, VALUES, colours_of
 from svv.fields.scene.scene import Scene
-from svv.fields.values.followed_scene import at_step, check_follows
-from svv.fields.values.of_values import SLOPE_RANGE, SLOPES, VALUES, colours_of
 from svv.job.volume_opacities import adapted, with_opacities_of
 
 KNOWN = 4097

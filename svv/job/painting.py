@@ -17,8 +17,8 @@ from svv.io.views.viewset import ViewSet
 from svv.job.request import Paint, Request, run
 from svv.options.making import PaintOptions, TrainOptions, ViewOptions
 from svv.render.colour_maps import colour_map
-from svv.train.config import settings_of
 from svv.train.paint.ink import Ink, StyleInput, style_named
+from svv.train.run.config import settings_of
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkImageData

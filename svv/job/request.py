@@ -13,18 +13,18 @@ from typing import TypeAlias
 
 from svv.core.colour.correction import Correction
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.devices.gpu import device_named
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import checkpoint_of
 from svv.io.views.viewset import ViewSet
 from svv.job.orders import LEARNED
-from svv.kernels.dispatch import device_named
 from svv.options.making import DeviceName, PaintOptions, PaletteOptions, TrainOptions, ViewOptions
 from svv.render.frames import previews_in
 from svv.train.correct import correct_palette
 from svv.train.paint.ink import StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
-from svv.train.report import Report
 from svv.train.run.previews import Show
+from svv.train.run.report import Report
 
 DRAWN, READ = 0.15, 0.03
 """Fractions of learning when the views of a volume are drawn, and when those of a palette are read."""

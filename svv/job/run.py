@@ -14,8 +14,8 @@ from svv.job.steps import Job, JobSettings
 
 def check(settings: JobSettings) -> None:
     """Raise BadInput if an option does not exist or is incompatible with another."""
-    from svv.kernels.dispatch import device_named
-    from svv.train.config import settings_of
+    from svv.fields.devices.gpu import device_named
+    from svv.train.run.config import settings_of
 
     device_named(settings.train.device)
     settings_of(settings.train)

@@ -14,16 +14,16 @@ from svv.core.geometry.box import Box
 from svv.core.geometry.displacement import came_from, small
 from svv.core.interval_text import interval_text
 from svv.core.volumes.classified import COARSE, ValueGrid
+from svv.dvr.draw.time_series import beyond, values_over, visible_bounds
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.time_series import beyond, values_over, visible_bounds
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.strokes.advected import Field
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkImageData
 
+    from svv.fields.radiance.time_steps import TimeSteps
     from svv.fields.scene.scene import Scene
-    from svv.fields.values.time_steps import TimeSteps
 
 SAME = 0.995
 """Fraction of a grid's values that agree if a scene was trained on a volume."""
@@ -62,9 +62,9 @@ def with_time_steps(
         BadInput: The scene is not one of these, or was trained on none of the steps; a volume cannot be read; or times
             are equal.
     """
+    from svv.fields.following.carried_paint import with_lives
+    from svv.fields.following.followed_scene import at_step, check_follows
     from svv.fields.scene.joined import members
-    from svv.fields.values.carried_paint import with_lives
-    from svv.fields.values.followed_scene import at_step, check_follows
 
     if function is not None and not function.placed:
         raise BadInput(
@@ -193,7 +193,7 @@ def _grids(
     steps: Sequence[Step], own: int, over: tuple[Box, int, tuple[float, float]], progress: Progress
 ) -> TimeSteps:
     """Return the values of all steps over a box, and where their matter was in the own step."""
-    from svv.fields.values.time_steps import TimeSteps, packed_codes
+    from svv.fields.radiance.time_steps import TimeSteps, packed_codes
 
     (box, cells, interval), count = over, len(steps)
     codes: dict[int, NDArray[np.uint8]] = {}
@@ -223,7 +223,7 @@ def _packed_moves(moved: NDArray[np.float32], box: Box, shape: tuple[int, ...]) 
     """Return displacements in cells of their grid (3, X, Y, Z) as the scene's file keeps them."""
     from scipy.ndimage import gaussian_filter, zoom
 
-    from svv.fields.values.time_steps import move_shape, packed_moves
+    from svv.fields.radiance.time_steps import move_shape, packed_moves
 
     wanted = move_shape((shape[0], shape[1], shape[2]))
     factors = [a / b for a, b in zip(wanted, moved.shape[1:])]

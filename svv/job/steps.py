@@ -25,14 +25,14 @@ from svv.io.scene_file import checkpoint_of, remove_checkpoints
 from svv.io.views.agreement import check_agreement
 from svv.io.views.transforms import transforms_file
 from svv.io.views.viewset import ViewSet
+from svv.job.looks.file import to_json
+from svv.job.looks.look import Look
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
 from svv.measure import usable_cpus
 from svv.options.described import chosen
 from svv.options.making import OrbitOptions, PaintOptions, SharingOptions, TrainOptions, ViewOptions
 from svv.render.frames import orbit, region_colours, write_frames_of
-from svv.render.looks.file import to_json
-from svv.render.looks.look import Look
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
 
 if TYPE_CHECKING:
@@ -89,8 +89,8 @@ class Job:
 
     def scene_at(self, path: Path) -> Scene:
         """Load a scene onto the device given in the settings."""
+        from svv.fields.devices.gpu import device_named
         from svv.fields.scene.scene import Scene
-        from svv.kernels.dispatch import device_named
 
         return Scene.load(path).on(device_named(self.settings.train.device))
 

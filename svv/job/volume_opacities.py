@@ -1,8 +1,8 @@
 """Other opacities of a scene of learned features, from the volume on which it was trained.
 
 What the functions say of the volume changes the extinction that training found at each vertex, and
-:mod:`svv.fields.values.other_cells` has the rest: nothing is learned, so what the views of the training did not show is
-approximate, and is told.
+:mod:`svv.fields.following.other_cells` has the rest: nothing is learned, so what the views of the training did not
+show is approximate, and is told.
 
 Letters: V vertices, S samples.
 """
@@ -20,14 +20,14 @@ from svv.core.interval_text import interval_text
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.core.volumes.classified import cells_with, grid_shape
 from svv.dvr.draw.other_functions import exponents_over
+from svv.dvr.draw.time_series import visible_bounds
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.time_series import visible_bounds
 from svv.errors import BadInput
+from svv.fields.following.other_cells import on_cells
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import PRUNED, Occupancy, least_extinction
 from svv.fields.radiance.rendering import RayCaster, composite, march
 from svv.fields.scene.scene import Scene
-from svv.fields.values.other_cells import on_cells
 
 VIEWS, SIZE = 30, 64
 """Number and size in pixels of the views in which is counted what is seen."""

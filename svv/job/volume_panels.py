@@ -22,9 +22,9 @@ from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import GivenCamera
 from svv.core.json_values import list_in, text_in, vector_in, whole_in
 from svv.errors import BadInput
+from svv.fields.following.followed_scene import FOLLOWED
 from svv.fields.scene.history import edits_of, named_alone, with_edits
 from svv.fields.scene.scene import Scene
-from svv.fields.values.followed_scene import FOLLOWED
 from svv.io.views.view_meta import ViewMeta
 from svv.job.source import VolumeSource, content_of
 

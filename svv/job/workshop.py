@@ -110,7 +110,7 @@ class Workshop:
         Names of regions or "region 0"; colours; thinner, opacity 0.4; hide, show, only; flat, outlined; light from the
         left; materials such as "in jade"; styles such as "as watercolour". Name regions first.
         """
-        from svv.render.words.say import say as spoken
+        from svv.job.words.say import say as spoken
 
         path = self._new_scene(out)
         done = spoken(self._scene(scene), say, progress)
@@ -146,8 +146,8 @@ class Workshop:
     def styles(self) -> dict[str, str]:
         """List style pictures, inks, MatCaps and looks that come with svv."""
         from svv.core.colour.matcaps import MATCAPS
-        from svv.render.looks.offered import LOOKS
-        from svv.styles.offered import GALLERY, INKS
+        from svv.job.looks.offered import LOOKS
+        from svv.styles.gallery.offered import GALLERY, INKS
 
         found = {PREFIX + name: f"style, {told}" for name, (_, told) in GALLERY.items()}
         found |= {f"ink:{name}": "style, drawn in ink" for name in INKS}
@@ -187,7 +187,7 @@ class Workshop:
 
     def save_look(self, scene: str, out: str) -> str:
         """Save how a scene looks to a file, for other scenes."""
-        from svv.render.looks.look import Look
+        from svv.job.looks.look import Look
 
         path = self.place(out)
         Look.of(self._scene(scene)).save(path)
@@ -195,7 +195,7 @@ class Workshop:
 
     def apply_look(self, look: str, scene: str, out: str, progress: Progress = silent) -> list[str]:
         """Give a scene a look, from a file or gallery:NAME; says which regions matched."""
-        from svv.render.looks.look import Look
+        from svv.job.looks.look import Look
 
         path, given = self._new_scene(out), Look.load(self.source(look))
         done = given.applied(self._scene(scene), progress=progress)

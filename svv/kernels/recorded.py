@@ -3,7 +3,7 @@
 A graph repeats the same kernels at the same addresses with the same arguments. The numbers in which one step differs
 from the next therefore lie on the GPU (:class:`StepNumbers`), and a step is recorded again when anything else changes:
 the number of rays, the room for their samples, the occupied cells, or the lattices. Whether a GPU, its driver and torch
-can do so is seen in the check on the GPU's first use (:func:`svv.kernels.gpu.may_record`).
+can do so is seen in the check on the GPU's first use (:func:`svv.fields.devices.gpu.may_record`).
 """
 
 from __future__ import annotations

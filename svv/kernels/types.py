@@ -6,20 +6,276 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from torch import Tensor
+from torch import Tensor, device
+from torch.autograd.function import FunctionCtx
 
-from svv.kernels.region_types import RaySamples as RaySamples
-from svv.kernels.region_types import RegionKernels as RegionKernels
-from svv.kernels.region_types import VertexSamples as VertexSamples
-from svv.kernels.samples import Context as Context
-from svv.kernels.samples import Lattice as Lattice
-from svv.kernels.samples import Limits as Limits
-from svv.kernels.samples import Room as Room
-from svv.kernels.samples import Samples as Samples
-from svv.kernels.training_types import Owned as Owned
-from svv.kernels.training_types import Table as Table
-from svv.kernels.training_types import Target as Target
-from svv.kernels.training_types import TrainingKernels as TrainingKernels
+
+class Context(FunctionCtx):
+    """What a differentiable function keeps from its forward pass for its backward pass."""
+
+    saved_tensors: tuple[Tensor, ...]
+    needs_input_grad: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Layout of a sparse lattice's features; L levels, on the device of its table."""
+
+    shapes: Tensor
+    """Number of vertices of each level along x, y, z, int64. (L, 3)"""
+    scales: Tensor
+    """Cells per box unit of each level, float32. (L,)"""
+    bases: Tensor
+    """First word of each level in ``index``, and the last row but one, which no look-up exceeds, int64. (L + 1,)"""
+    index: Tensor
+    """Which vertices are stored, and in which rows, int64; see :func:`svv.core.rays.encodings.stored_rows`."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """Room for the samples of rays on a GPU, where the CPU does not wait for their number."""
+
+    samples: int
+    """Number of samples for which there is room, > 0."""
+    dropped: Tensor
+    """Receives, added to what it holds, the number of rays for which there was none, int64. (1,)"""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits that decide which samples a march keeps; see :class:`svv.fields.radiance.rendering.Marching`."""
+
+    step: float
+    """Sample spacing in box units."""
+    least_weight: float
+    """Smallest weight of a sample that is kept."""
+    keep: float
+    """Share of the samples of less weight that is kept all the same."""
+    stop: float
+    """Optical depth at which a ray ends."""
+    fade: float
+    """Smallest factor by which extinctions will be scaled later."""
+    merge: bool
+    """Whether samples of less weight are merged into the next one."""
+    room: Room | None = None
+    """Room for the samples; None for as much as they need. Only kernels with ``TRAINING`` take one."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples of rays that matter, in the order of their rays, front to back.
+
+    ``position`` (S, 3): box coordinates; ``sigma`` (S,): extinction in 1 / box unit; ``skipped`` (S,): optical depth
+    left out before each sample; ``ray`` (S,) int32: ray of each sample; ``start`` and ``count`` (R,) int64: first
+    sample and number of samples of each ray; ``tail`` (R,): optical depth left out behind the last sample; ``step``:
+    sample spacing in box units; ``total`` (1,) int64, if kernels read it on the device: number of samples. If there was
+    more room (:class:`Room`), what follows them may be any numbers, and a ray without room has a count of -1.
+    """
+
+    position: Tensor
+    sigma: Tensor
+    skipped: Tensor
+    ray: Tensor
+    start: Tensor
+    count: Tensor
+    tail: Tensor
+    step: float
+    total: Tensor | None = None
+
+    def to(self, where: device) -> Samples:
+        """Return the samples on a device."""
+        position, sigma, skipped, ray, start, count, tail = (
+            tensor.to(where)
+            for tensor in (self.position, self.sigma, self.skipped, self.ray, self.start, self.count, self.tail)
+        )
+        return Samples(position, sigma, skipped, ray, start, count, tail, self.step, self.total)
+
+    def __len__(self) -> int:
+        return len(self.sigma)
+
+    @property
+    def number(self) -> Tensor | int:
+        """How many samples there are, as kernels of training steps take it: a number, or where on the GPU it lies."""
+        return len(self) if self.total is None else self.total
+
+
+@dataclass(frozen=True)
+class RaySamples:
+    """What rays see of the vertices of a grid: S samples in the order of their R rays, each standing for a vertex."""
+
+    first: Tensor
+    """First sample of each ray, and the number of samples, int32. (R + 1,)"""
+    vertex: Tensor
+    """Vertex of each sample, int32. (S,)"""
+    weight: Tensor
+    """Weight of each sample in its pixel. (S,)"""
+    cosine: Tensor
+    """Cosine between each sample's normal and the headlight. (S,)"""
+    pixel: Tensor
+    """Colours of pixels over black, RGB. (R, 3)"""
+    along: Tensor
+    """Directions of the pixels' colours; 0 for black. (R, 3)"""
+
+
+@dataclass(frozen=True)
+class VertexSamples:
+    """The same samples in the order of the V vertices, and how vertices lie beside each other."""
+
+    first: Tensor
+    """First sample of each vertex, and the number of samples, int32. (V + 1,)"""
+    ray: Tensor
+    """Ray of each sample, int32. (S,)"""
+    weight: Tensor
+    """Weight of each sample in its pixel. (S,)"""
+    lit: Tensor
+    """Weight times cosine. (S,)"""
+    neighbours: Tensor
+    """Vertices beside each; itself where there is none, int32. (V, 6)"""
+    root: Tensor
+    """Square root of each vertex's light: neighbours must agree by the product of both. (V,)"""
+    least: float
+    """What is added to that product."""
+
+
+class RegionKernels(Protocol):
+    """What finds regions along rays (:mod:`svv.train.palette.along_rays`); P regions, Q >= P an even number.
+
+    Plain torch (:mod:`svv.kernels.reference_regions`) defines the results.
+    """
+
+    def normal_equations(self, seen: RaySamples, region: Tensor, count: int) -> Tensor:
+        """Return the normal equations of what ``count`` regions reflect of light from everywhere and of a headlight.
+
+        The sums over rays of the products of what each sees of the 2 P unknowns, and of their products with its pixel,
+        float64; the entries above the diagonal may be anything. ``region`` (V,) int64: of each vertex. (2 P, 2 P + 3)
+        """
+
+    def errors(self, seen: RaySamples, kept: float, light: Tensor, member: Tensor) -> Tensor:
+        """Return what is shown less the pixels, of which the part ``kept`` is left along the pixels' colours. (R, 3)
+
+        ``light`` (P, 6): what regions reflect of light from everywhere, and of a headlight; ``member`` (V, Q):
+        memberships of vertices in regions.
+        """
+
+    def descend(
+        self, near: VertexSamples, error: Tensor, light: Tensor, step: Tensor, pace: tuple[float, float], ahead: Tensor,
+        member: Tensor, following: Tensor,
+    ) -> None:  # fmt: skip
+        """Take a step down the slope of the errors (R, 3), back to memberships >= 0 with sum 1, and look ahead.
+
+        ``step`` (V,): length of each vertex's step; ``pace``: weight of the differences of neighbours, and how far to
+        look ahead, in units of the step taken; ``ahead`` (V, Q): where the slope is taken; ``member`` (V, Q):
+        memberships, before and after; ``following`` (V, Q): receives where to take the next slope.
+        """
+
+    def blurred(self, values: Tensor, deviation: float) -> Tensor:
+        """Return a grid (X, Y, Z) blurred with a Gaussian, nothing beyond it; ``deviation``: in voxels.
+
+        See :func:`svv.core.geometry.surfaces.blurred`.
+        """
+
+    def normals(self, field: Tensor, places: Tensor, deviations: Sequence[float]) -> Tensor:
+        """Return the directions in which a field (X, Y, Z) changes most at some voxels (V, 3) int64. (V, 3)
+
+        See :func:`svv.core.geometry.surfaces.surface_normals`; ``deviations``: inner and outer one.
+        """
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the rays of a step should show."""
+
+    along: Tensor
+    """Unit vectors in which a light at the camera shines. (R, 3)"""
+    shown: Tensor
+    """Premultiplied RGBA in [0, 1]. (R, 4)"""
+    weight: Tensor
+    """Weight of each ray in the loss. (R,)"""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A lattice's features, which learn."""
+
+    lattice: Lattice
+    """Where they lie."""
+    features: Tensor
+    """The table. (V, F)"""
+    gradient: Tensor
+    """Receives the table's gradient, added to what it holds. (V, F)"""
+    used: Tensor
+    """Receives marks of the rows that have a gradient, uint8. (V,)"""
+
+
+@dataclass(frozen=True)
+class Owned:
+    """The regions to which samples belong, and the penalty of palette weights in others.
+
+    It is ``weight`` times -ln w of a sample's own region, averaged over the samples of each region.
+    """
+
+    owner: Tensor
+    """Region of each sample, int64; any number behind the samples that there are. (S,)"""
+    number: Tensor
+    """Number of samples of each region, of all ranks, int64. (P,)"""
+    weight: float
+    """Weight of the penalty."""
+
+
+class TrainingKernels(Protocol):
+    """Whole training steps between the march and the optimisers, forward and backward, without autograd.
+
+    Nothing waits for the GPU unless something is counted; samples may have room to spare
+    (:class:`svv.kernels.types.Samples`). Without these kernels, :mod:`svv.train` computes the same in plain torch.
+    Letters as in :class:`Kernels`, and P palette colours.
+    """
+
+    def fits(self, weights: Sequence[Tensor]) -> bool:
+        """Return whether a network, given by the weights of its layers (to, from), can be part of such a step."""
+
+    def base(
+        self, samples: Samples, target: Target, tables: tuple[Table, Table], weights: Sequence[Tensor], every: float,
+        shift: Tensor, alpha: float, counted: bool,
+    ) -> tuple[Tensor, list[Tensor], int]:  # fmt: skip
+        """Sum the gradients of stage 1's loss (:mod:`svv.train.base.reconstruct`) into its tables.
+
+        The loss is the mean squared error of colour plus ``alpha`` times that of alpha. ``tables``: log extinction and
+        features; ``weights``: those of the colour network; ``every`` and ``shift``: as in
+        :meth:`Kernels.representatives`.
+
+        Returns the mean squared error of colour, a scalar, the gradients of the weights, and the number of colours for
+        which there was room; if ``counted``, for which the CPU waits, it is the number that was computed.
+        """
+
+    def palette(
+        self, samples: Samples, target: Target, geometry: tuple[Lattice, Tensor], material: Table,
+        networks: tuple[Sequence[Tensor], Sequence[Tensor]], colours: Tensor, penalties: Sequence[float] | Tensor,
+        owned: Owned | None,
+    ) -> tuple[Tensor, list[Tensor]]:  # fmt: skip
+        """Sum the gradient of stage 2's loss (:mod:`svv.train.palette.recolour`) into the table of the material.
+
+        The loss is the mean squared error of colour (:mod:`svv.core.colour.palette_shading`) plus, composited like
+        colours, three ``penalties`` times squared offsets, squared deviation of the shade from 1, and 1 minus the sum
+        of squared palette weights; plus the penalty of what is ``owned``. ``geometry``: layout and frozen features;
+        ``networks``: weights of the lighting and palette MLP; ``colours``: (P, 3).
+
+        Returns the mean squared error of colour, a scalar, and the gradients of both networks' weights and of the
+        colours.
+        """
+
+    def owned_by(self, samples: Samples, owner: Tensor, regions: int) -> Tensor:
+        """Return how many samples each region owns, int64: (S,) int64 -> (regions,)."""
+
+    def loss(
+        self, out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
+    ) -> tuple[Tensor, Tensor]:
+        """Return a loss, and the mean squared error of colour without a graph, both scalars.
+
+        ``out`` (R, C): colour, of which the squared difference from ``shown`` (R, 4) counts, and penalties, which count
+        themselves; ``weight`` (R,): weight of each ray; ``each`` (C + 1,): that of each channel, and of the squared
+        difference of 1 - ``transmittance`` (R,) from alpha, which counts if ``alpha``.
+        """
+
 
 HARMONICS = 16
 """Number of spherical harmonics of degree 4."""
@@ -89,7 +345,7 @@ class ImageKernels(Protocol):
         """Blend paint (S, 3) into the surface's colour in place, and return the extinction that follows its strokes.
 
         ``share`` (regions,): weight of each region's paint in [0, 1]; ``strokes`` (regions, 4): how its extinction
-        depends on paleness (:func:`svv.fields.strokes.stroke_opacity.strokes_of`); ``sigma`` (S,): extinction before.
+        depends on paleness (:func:`svv.fields.scene.stroke_opacity.strokes_of`); ``sigma`` (S,): extinction before.
         """
 
     def light(self, surface: Surface, raw: Tensor, lights: Tensor) -> None:

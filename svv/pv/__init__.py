@@ -1,4 +1,4 @@
-"""The ParaView side: filters, capture, live camera, launcher. No lower layer imports it."""
+"""The ParaView side. Beside this file: what all of it shares, such as values of panels, failures, observers."""
 
 from svv.own_symbols import TORCH, prefer_own_symbols
 from svv.pv.launch.processes import start_processes_by_fork

@@ -20,11 +20,11 @@ import numpy as np
 from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
-from svv.dvr.draw.appearance import named
+from svv.dvr.read.appearance import named
 from svv.ending import said_of
 from svv.errors import BadInput, Cancelled, is_lack_of_memory
 from svv.pv.launch.programs import STRICT
-from svv.pv.panel.properties import label_of
+from svv.pv.panel_values import label_of
 
 MARK = "StyleRF Failed"
 """Field data of what a filter outputs that has failed, and of what is made from it: the reason."""

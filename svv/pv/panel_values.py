@@ -6,6 +6,7 @@ are listed here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeAlias, TypedDict, cast
 
@@ -188,3 +189,8 @@ def by_name(values: Values) -> dict[str, object]:
 def with_names(values: Mapping[str, object]) -> Values:
     """Return what :func:`by_name` returned, or a part of it, as values again; not a copy."""
     return cast(Values, values)
+
+
+def label_of(name: str) -> str:
+    """Return the label of a property: 'View Size' for 'ViewSize'. ParaView's Python removes the spaces again."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)

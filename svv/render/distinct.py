@@ -22,11 +22,11 @@ from svv.core.colour.distinct import distinct_palette
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import FRAMES, VIEW_SIZE, Pair, Seen, pairs_of, seen_in
-from svv.fields.strokes.stroke_edits import PALETTE_SIZE, luminance
+from svv.fields.scene.stroke_edits import PALETTE_SIZE, luminance
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.options.editing import DistinctName
-from svv.train.match.stylize import visible_from
 from svv.train.paint.legibility import Legibility
+from svv.train.paint.styled_views import visible_from
 from svv.train.paint.view_pixels import ViewPixels
 
 MOST = 400
@@ -65,7 +65,7 @@ def distinct(
     Args:
         scene: A scene with a palette network.
         how: ``colours`` are told apart by people with any colour vision, ``lightness`` also in a grey print.
-        least: CIEDE2000 to be reached between the regions as rendered (:mod:`svv.render.colour_check`).
+        least: CIEDE2000 to be reached between the regions as rendered (:mod:`svv.render.figures.colour_check`).
         background: What they are rendered over, RGB in [0, 1].
         progress: Called while it works.
 

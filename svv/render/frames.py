@@ -73,7 +73,7 @@ class Played:
 
     def at(self, number: int) -> Scene:
         """Return the scene of a view; neighbours of the same time step share it."""
-        from svv.fields.values.followed_scene import at_step
+        from svv.fields.following.followed_scene import at_step
 
         step = self.steps[number]
         if step not in self._last:
@@ -223,7 +223,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
         cameras: Cameras in world units.
         progress: Called often.
     """
-    from svv.fields.radiance.kept_views import kept_at_once
+    from svv.fields.scene.kept_views import kept_at_once
 
     frames = [_Frames(folder, scene, COLOURS) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)

@@ -17,32 +17,11 @@ from svv.core.colour.colour import over
 from svv.io.pictures.output import to_bytes
 
 if TYPE_CHECKING:
-    from svv.fields.scene.scene import Scene
+    pass
 
 Picture = NDArray[np.uint8]
 
 INK = (60, 60, 60)
-
-MOST_NAMES = 12
-"""Largest number of regions that are named in words."""
-
-
-def in_words(scene: Scene, network: str | None = None) -> str:
-    """Return what a picture of a scene shows, for those who do not see it.
-
-    Args:
-        scene: The scene.
-        network: Network that draws the picture; by default the last one that the scene has.
-
-    Returns:
-        Such as 'A rendering of 2 regions: core, region 1', without regions that are hidden.
-    """
-    kind = "painting" if (network or scene.networks[-1]) == "styled" else "rendering"
-    names = [region.name or f"region {number}" for number, region in enumerate(scene.regions) if not region.hidden]
-    if not names:
-        return f"A {kind} of a scene" + ", all of whose regions are hidden" * bool(scene.regions)
-    said = f"A {kind} of {len(names)} region{'s' * (len(names) > 1)}: {', '.join(names[:MOST_NAMES])}"
-    return said + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
 
 
 def sheet(

@@ -21,9 +21,10 @@ from svv.core.frame_rate import Pace
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import DEFAULT_SIZE, GivenCamera, Plotter, camera_of
 from svv.errors import BadInput, Progress, silent
+from svv.fields.scene.model import in_words
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
-from svv.render.pictures import Picture, in_words
+from svv.render.pictures import Picture
 from svv.render.supersampled import supersampled
 from svv.train.run.learning import Learning
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     import pyvista
 
     from svv.fields.scene.scene import Rendering, Scene
-    from svv.render.notebook import SceneWidget
+    from svv.render.web.notebook import SceneWidget
 
 LOOK_EVERY = 250
 """Milliseconds between two looks at a training in the background."""
@@ -159,7 +160,7 @@ def widget(
     True
     """
     try:
-        from svv.render.notebook import SceneWidget
+        from svv.render.web.notebook import SceneWidget
     except ModuleNotFoundError as error:
         if error.name not in ("anywidget", "traitlets"):
             raise

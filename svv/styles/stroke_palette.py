@@ -1,4 +1,4 @@
-"""Palettes, of pictures or of a few colours, for painted strokes (:mod:`svv.fields.strokes.stroke_edits`)."""
+"""Palettes, of pictures or of a few colours, for painted strokes (:mod:`svv.fields.scene.stroke_edits`)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from svv.core.colour.colour import lab_to_rgb
 from svv.errors import BadInput, Progress, silent
-from svv.fields.strokes.stroke_edits import PALETTE_SIZE, luminance
+from svv.fields.scene.stroke_edits import PALETTE_SIZE, luminance
 from svv.styles.gallery import open_style
 from svv.styles.hand import measure_hand
 

@@ -33,16 +33,16 @@ from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
 from svv.train.base.sampling import with_fewest_samples
-from svv.train.config import Preset, RecolourSettings, given, preset
 from svv.train.palette.pointed import InCells, pointed
 from svv.train.palette.ranges import Labelled, Owners, membership, regions_for
 from svv.train.palette.recolour import recolour
 from svv.train.palette.regions_from_views import owners_of
 from svv.train.palette.unmix import Unmixing
 from svv.train.pipeline import key_of
-from svv.train.report import Report, report_on
 from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import Preset, RecolourSettings, given, preset
 from svv.train.run.loop import Running
+from svv.train.run.report import Report, report_on
 
 AGAIN = 50
 """Most steps of stage 2 where it starts from a trained network: only borders of regions change."""

@@ -14,8 +14,8 @@ from svv.io.scene_file import checkpoint_of_layer
 from svv.options.making import PaintOptions
 from svv.train.paint.ink import StyleInput
 from svv.train.paint.plan import ordered
-from svv.train.report import Report
 from svv.train.run.previews import Show
+from svv.train.run.report import Report
 
 Paint = Callable[[Scene, Sequence[StyleInput], PaintOptions, Progress, Path | None, Show | None], tuple[Scene, Report]]
 """Paints a scene of one function: scene, styles, options, progress, checkpoint and preview -> scene and report."""

@@ -13,15 +13,14 @@ import torch
 
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
+from svv.fields.devices.gpu import device_named, gpu_errors
 from svv.fields.scene.scene import Scene
 from svv.io.views.on_screen import ignoring_fixed
 from svv.io.views.viewset import ViewSet
-from svv.kernels.dispatch import device_named, forget_gpu_peak
-from svv.kernels.gpu import gpu_errors
+from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
-from svv.train.config import VALUES, MatchSettings, Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.joined_scenes import stylize_layers
 from svv.train.match.matching import Matching
@@ -30,14 +29,15 @@ from svv.train.paint.dividing import divided
 from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.laying import Laying
 from svv.train.paint.legibility import notes_on
+from svv.train.paint.pieces import PieceSettings
 from svv.train.paint.plan import Order, ordered, with_hands
-from svv.train.quilt.pieces import PieceSettings
-from svv.train.report import Report, report_on
+from svv.train.paint.styles_kept import with_styles_kept
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
-from svv.train.run.kept import with_styles_kept
+from svv.train.run.config import VALUES, MatchSettings, Preset, given
 from svv.train.run.learning import Learning
 from svv.train.run.previews import Show
+from svv.train.run.report import Report, report_on
 from svv.train.training import Training
 
 LEAST_VIEWS = 3

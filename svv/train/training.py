@@ -17,9 +17,9 @@ from svv.errors import BadInput, Progress, part
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import FieldSettings
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.time_steps import TimeSteps
+from svv.fields.radiance.value_function import ValueFunction
 from svv.fields.scene.scene import Scene
-from svv.fields.values.time_steps import TimeSteps
-from svv.fields.values.value_function import ValueFunction
 from svv.io.views.agreement import check_agreement
 from svv.io.views.empty_views import check_shown
 from svv.io.views.equal_views import equal_views
@@ -30,7 +30,6 @@ from svv.train.base.from_values import ValueReconstruction, field_of
 from svv.train.base.reconstruct import Reconstruction, reconstruct
 from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.base.sampling import with_fewest_samples
-from svv.train.config import Preset
 from svv.train.palette.doubts import doubts, hues_within, joined_ranges
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
 from svv.train.palette.ranges import KnownRegions, Labelled, regions_for, regions_of
@@ -39,6 +38,7 @@ from svv.train.palette.regions_from_views import regions_in
 from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import Preset
 from svv.train.run.loop import Running
 
 INDEPENDENT = 3

@@ -13,22 +13,22 @@ from dataclasses import replace
 from svv.core.geometry.cameras import CameraRig
 from svv.core.volumes.classified import ValueGrid
 from svv.errors import Progress, part, silent
+from svv.fields.devices.gpu import device_named
 from svv.fields.radiance.networks import BaseField
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.of_values import fill_features
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.scene import Scene
-from svv.fields.values.of_values import fill_features
 from svv.io.views.viewset import ViewSet
-from svv.kernels.dispatch import device_named
 from svv.options.making import TrainOptions
 from svv.train.base.first_extinction import begin, first_occupancy, known_volume
 from svv.train.base.from_values import field_of
 from svv.train.base.resolutions import affordable_field, fitted_field
-from svv.train.config import preset, settings_of
 from svv.train.palette.lighting import headlight_of
 from svv.train.palette.ranges import regions_for, regions_of
 from svv.train.palette.recolour import recolour
 from svv.train.pipeline import train_scene
+from svv.train.run.config import preset, settings_of
 from svv.train.run.loop import Running
 from svv.train.run.sketches import sketches_for
 

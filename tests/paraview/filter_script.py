@@ -54,7 +54,7 @@ def scene(filter):
 LITTLE = """
 import os, runpy, sys
 from dataclasses import replace
-from svv.train import config
+from svv.train.run import config
 draft = config.PRESETS["draft"]
 config.PRESETS["draft"] = replace(
     draft, reconstruct=replace(draft.reconstruct, iterations=150, rays=1024),

@@ -9,7 +9,7 @@ import glob, time
 import numpy as np
 from svv.pv.live import sharpening
 from svv.pv.live.sharpening import in_window
-from svv.pv.client import linked_camera
+from svv.pv.display import linked_camera
 wavelet, display = shown()
 last = {{}}
 FEW = dict(Preset="draft", Views=8, ViewSize=64, Device="cpu",

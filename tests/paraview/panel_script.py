@@ -13,7 +13,7 @@ os.chdir(folder)
 said = {}
 
 from dataclasses import replace
-from svv.train import config
+from svv.train.run import config
 FEW = "reconstruct.iterations=60; reconstruct.rays=512; recolour.iterations=40; recolour.rays=512"
 draft = config.PRESETS["draft"]
 config.PRESETS["draft"] = replace(draft, recolour=replace(draft.recolour, iterations=40, rays=512),

@@ -317,7 +317,7 @@ said["sheared"] = str(views_of(GetActiveSource() or FindSource("TrivialProducer1
 said["status"] = ""
 made = StyleRFViews(Input=input, Views=4, ViewSize=32)
 display.BlendMode = "Isosurface"
-from svv.pv.display.capture import capture
+from svv.pv.client.capture import capture
 from svv.errors import BadInput
 try:
     capture(made)
@@ -360,7 +360,7 @@ input = source(image())
 show(input)
 said["after the mesh"] = str(views_of(input).Status)
 
-from svv.pv.display import capture
+from svv.pv.client import capture
 from svv.pv.filters import engine
 real = capture.shown_as
 capture.shown_as = lambda display: [][0]

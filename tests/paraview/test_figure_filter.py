@@ -67,7 +67,7 @@ figure.SeenWith = "grey print"
 grey = image(figure)
 assert (grey[..., 0] == grey[..., 2]).all() and grey.shape == pixels.shape
 
-from svv.pv.panel.figures import _file_of, add_figure
+from svv.pv.filters.figures import _file_of, add_figure
 SaveData(sys.argv[2] + "/volume.vti", Wavelet())
 read = XMLImageDataReader(FileName=[sys.argv[2] + "/volume.vti"])
 assert _file_of(read).endswith("/volume.vti"), "the volume of a pipeline's scene"

@@ -350,7 +350,7 @@ assert len(GetRenderViews()) == 3, "a view was made though the image had one"
 move(view, 0.0, 80.0, 1.0)
 assert list(render.Camera[:3]) == list(second.Camera[:3]) == [0.0, 80.0, 1.0]
 Delete(second)
-from svv.pv.client.linked_camera import follower_of, followers, stop_following, view_to_follow
+from svv.pv.display.linked_camera import follower_of, followers, stop_following, view_to_follow
 assert len(followers()) == 1 and follower_of(render) is not None
 stop_following()
 assert not render.FollowCamera and not followers()

@@ -11,7 +11,7 @@ from PIL import Image
 from tests.paraview.test_volume import VIEW
 
 BOTH = """
-from svv.pv.client import linked_camera
+from svv.pv.display import linked_camera
 linked_camera.LARGEST = 80
 def drag(view, *places, button="Left"):
     interactor = view.GetInteractor()
@@ -121,7 +121,7 @@ def test_an_image_follows_the_camera_in_the_frames_of_a_saved_animation(inside, 
     said = inside(
         VIEW
         + """
-from svv.pv.client import linked_camera
+from svv.pv.display import linked_camera
 linked_camera.LARGEST = 40
 view = small_view()
 layout = CreateLayout("film")

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from svv.io.pictures.output import write_png
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SCRIPT = """

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from svv.io.pictures.output import write_png
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from tests.paraview.live_script import LIVE
 
 

@@ -22,7 +22,7 @@ SCRIPT = """
 import json, sys, time
 from paraview.simple import *
 from svv.pv.live import sharpening
-from svv.pv.client.linked_camera import busy
+from svv.pv.display.linked_camera import busy
 
 volume, preset, style, settings = ARGUMENTS
 LoadPalette("WhiteBackground")

@@ -9,7 +9,7 @@ import pytest
 
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import write_png
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from tests.paraview.live_script import LIVE
 
 EDITED = """

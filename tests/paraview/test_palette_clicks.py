@@ -15,7 +15,7 @@ from tests.loose_balls import loose_balls
 
 SHOWN = """
 config.PRESETS["draft"] = replace(draft, recolour=replace(draft.recolour, iterations=200, rays=512))
-from svv.pv.client.linked_camera import fit, show_image
+from svv.pv.display.linked_camera import fit, show_image
 palette = StyleRFPalette(Input=OpenDataFile(folder + "/balls.svv"), Preset="draft",
                          ViewsFile=folder + "/views/transforms_train.json")
 image = StyleRFRender(Input=palette, ImageSize=[60, 60], Camera=[0, 0, 3, 0, 0, 0, 0, 1, 0, 23])

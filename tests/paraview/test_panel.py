@@ -244,7 +244,7 @@ def test_a_click_makes_a_part_a_region_of_its_own(inside, tmp_path: Path) -> Non
     loose_balls().save(tmp_path / "balls.svv")
     said = inside("""
 from svv.pv.client.part_picking import pick
-from svv.pv.client.linked_camera import fit, show_image
+from svv.pv.display.linked_camera import fit, show_image
 edit = StyleRFEdit(Input=OpenDataFile(folder + "/balls.svv"), SaveFile=folder + "/split.svv")
 image = StyleRFRender(Input=edit, ImageSize=[60, 60], Camera=[0, 0, 3, 0, 0, 0, 0, 1, 0, 23])
 sides = lambda: [int((arrays(image)["RGBA"][:, half, 3] > 200).sum()) for half in (slice(0, 30), slice(30, 60))]

@@ -20,7 +20,7 @@ from tests.cube import cube_scene
 
 SCRIPT = """
 from paraview.simple import *
-from svv.pv.client.linked_camera import busy, fit, show_image
+from svv.pv.display.linked_camera import busy, fit, show_image
 
 scene, style = ARGUMENTS
 LoadPalette("WhiteBackground")

@@ -13,7 +13,7 @@ import pytest
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import write_png
 from svv.render.pictures import read_png
-from svv.styles.textures import style_picture
+from svv.styles.gallery.textures import style_picture
 from tests.paraview.filter_script import LITTLE
 from tests.paraview.stirred_files import write_stirred
 
@@ -239,7 +239,7 @@ def test_a_script_knows_the_program_that_runs_it(pvpython: Callable) -> None:
     """Without the plugin, too, which would have imported ParaView's modules by then."""
     pvpython(
         "from pathlib import Path\n"
-        "from svv.pv.scripts import interpreter\n"
+        "from svv.pv.scripts.__init__ import interpreter\n"
         "assert Path(interpreter()).is_file() and Path(interpreter()).name.startswith('pvpython'), interpreter()",
         environ={"PV_PLUGIN_PATH": ""},
     )

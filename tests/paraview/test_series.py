@@ -24,7 +24,7 @@ def test_a_file_with_time_steps_plays_them(pvpython, tmp_path) -> None:
         VOLUME
         + """
 from svv.fields.scene.scene import Scene
-from svv.pv.client.linked_camera import show_image
+from svv.pv.display.linked_camera import show_image
 reader = OpenDataFile(sys.argv[1] + "/series.svv")
 reader.UpdatePipeline()
 assert list(reader.TimestepValues) == [0.0, 1.0, 2.0], list(reader.TimestepValues)

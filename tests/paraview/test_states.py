@@ -19,7 +19,7 @@ START = (
     + """
 import numpy as np
 from dataclasses import replace
-from svv.train import config
+from svv.train.run import config
 out, files = sys.argv[1:3]
 draft = config.PRESETS["draft"]
 config.PRESETS["draft"] = replace(draft, reconstruct=replace(draft.reconstruct, iterations=60, rays=512),

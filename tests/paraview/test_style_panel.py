@@ -12,7 +12,7 @@ from svv.io.pictures.output import write_png
 from svv.options.making import DRAWN
 from svv.render.pictures import read_png
 from svv.styles.gallery import open_style
-from svv.styles.offered import GALLERY, INKS
+from svv.styles.gallery.offered import GALLERY, INKS
 from svv.train.paint.style_choice import pairs_by_colour
 from tests.cube import cube_scene
 
@@ -53,7 +53,7 @@ def test_points_of_a_mask_are_set_in_the_view(inside, tmp_path: Path) -> None:
 paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), StyleFiles=["large.png"], PreviewOnly=1, ShownMask=1)
 from svv.pv.client.clicks import place_under
 from svv.pv.client.mask_points import set_point
-from svv.pv.client.linked_camera import fit, show_image
+from svv.pv.display.linked_camera import fit, show_image
 none = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), PreviewOnly=1)
 set_point(none, (0, 0), "ClickInside")
 said["before"] = none.Region0Positive

@@ -259,7 +259,7 @@ from pathlib import Path
 from svv.fields.scene.scene import Scene
 from svv.pv import scripts
 from svv.pv.filters.vtk_data import time_of
-from svv.pv.client.linked_camera import follow, stop_following
+from svv.pv.display.linked_camera import follow, stop_following
 at(animation, 1.5)
 SaveState(sys.argv[1] + "/state.pvsm")
 ResetSession()

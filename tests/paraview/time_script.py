@@ -11,7 +11,7 @@ BLOB = (
     + f"""
 import numpy as np
 from svv.pv.filters import engine
-from svv.pv.client.linked_camera import fit, show_image
+from svv.pv.display.linked_camera import fit, show_image
 times = {TIMES}
 counted = []
 def counting(name):

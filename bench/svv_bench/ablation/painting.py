@@ -20,9 +20,9 @@ from svv.io.files.keyed_results import digest
 from svv.io.pictures.style_picture import read_style
 from svv.io.views.viewset import ViewSet
 from svv.options.editing import PAINT_LIGHT
-from svv.train.config import MatchSettings
+from svv.train.paint.pieces import PieceSettings
 from svv.train.pipeline import stylize_scene
-from svv.train.quilt.pieces import PieceSettings
+from svv.train.run.config import MatchSettings
 from svv_bench.ablation.palette import PALETTE_COLUMNS, PALETTE_NOTE, PALETTES, ablate_palette
 from svv_bench.keys import key_of_measure
 from svv_bench.results import record

@@ -26,11 +26,11 @@ from svv.io.views.viewset import ViewSet
 from svv.job.steps import turned
 from svv.render.frames import region_colours
 from svv.render.pictures import Picture, cropped, over_white, sheet
-from svv.train.config import RecolourSettings, preset
 from svv.train.evaluate import evaluate_scene
 from svv.train.palette.ranges import regions_for, regions_of
 from svv.train.palette.recolour import palette_of, recolour
 from svv.train.run.batches import RayPool
+from svv.train.run.config import RecolourSettings, preset
 from svv.train.run.loop import Running
 from svv_bench.keys import key_of_measure
 from svv_bench.stability.measures import matched, overlaps

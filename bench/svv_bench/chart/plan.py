@@ -9,7 +9,7 @@ from typing import Any
 
 from svv.errors import BadInput
 from svv.options.making import MapperName
-from svv.train.config import lit_by, preset
+from svv.train.run.config import lit_by, preset
 from svv_bench.keys import key_of_measure
 
 SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "best": 900.0, "paper": 9000.0}

@@ -26,7 +26,8 @@ from svv.core.geometry.cameras import Camera
 from svv.core.images.metrics import Likeness
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.radiance.kept_views import nothing_kept
+from svv.fields.devices.gpu import device_named
+from svv.fields.scene.kept_views import nothing_kept
 from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import write_json
 from svv.io.scene_file import checkpoint_of
@@ -34,12 +35,11 @@ from svv.io.views.view_meta import known
 from svv.io.views.viewset import ViewSet, read_meta
 from svv.job.compile_ahead import ball_views
 from svv.job.source import VolumeSource
-from svv.kernels.dispatch import device_named
 from svv.measure import measured
 from svv.render.frames import orbit
-from svv.train.config import Preset, preset
 from svv.train.pipeline import train_scene
-from svv.train.report import Report
+from svv.train.run.config import Preset, preset
+from svv.train.run.report import Report
 from svv_bench.chart.plan import Training
 from svv_bench.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv_bench.chart.tasks import RenderTask, TrainTask

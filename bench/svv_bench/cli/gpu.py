@@ -64,7 +64,7 @@ def gpu(
     (results.jsonl, tests.log, traces); report.html sums them up. Neither VTK nor a network connection is needed.
     """
     from svv.errors import BadInput
-    from svv.kernels.dispatch import device_named
+    from svv.fields.devices.gpu import device_named
 
     device = device_named(how.device)
     if short:
@@ -104,7 +104,7 @@ def gpu(
 def _check(device: Any) -> None:
     """Check the kernels on a device and keep the result."""
     from svv.errors import BadInput
-    from svv.kernels.gpu import check_gpu
+    from svv.fields.devices.gpu import check_gpu
 
     if device.type != "cuda":
         raise BadInput("Only a GPU is checked: leave out --device.")

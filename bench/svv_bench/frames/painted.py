@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress, silent
 from svv.styles.features import load_features
-from svv.train.config import StylizeSettings
 from svv.train.match.style_loss import StyleLossSettings
+from svv.train.run.config import StylizeSettings
 from svv_bench.frames.measure import Compared
 from svv_bench.frames.motion import Source
 from svv_bench.frames.sequence import FrameFolder

@@ -14,11 +14,11 @@ import numpy as np
 import torch
 
 from svv.core.geometry.cameras import sphere_cameras
-from svv.fields.radiance.kept_views import nothing_kept
+from svv.fields.devices.gpu import device_named
+from svv.fields.scene.kept_views import nothing_kept
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.kernels.dispatch import device_named
-from svv.train.config import Preset, preset
+from svv.train.run.config import Preset, preset
 
 RESULTS = "results.jsonl"
 """File of results, one JSON object a line: part, device, name, value, and the seconds since the beginning."""

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from svv.fields.radiance.gpu_check import run_checks, run_each
-from svv.fields.radiance.recorded_check import check_recorded
+from svv.fields.devices import gpu
+from svv.fields.devices.gpu_check import run_checks, run_each
+from svv.fields.devices.recorded_check import check_recorded
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.kernels import gpu
 from svv.kernels.dispatch import kernels_of
 from svv.train.pipeline import evaluate_scene, stylize_scene, train_scene
 from svv_bench.gpu.context import SEED, Context, spread_of

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from svv.errors import BadInput, Progress
-from svv.kernels.gpu import SKIP_CHECK
+from svv.fields.devices.gpu import SKIP_CHECK
 from svv_bench.gpu.context import BEGUN, RESULTS, Context, add_result
 
 LEAST_SECONDS = 5.0

@@ -11,9 +11,9 @@ import torch
 
 from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.radiance.kept_views import nothing_kept
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.radiance.rendering import Marching
+from svv.fields.scene.kept_views import nothing_kept
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
@@ -23,11 +23,11 @@ from svv.train.base.first_extinction import begin, first_occupancy
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.base.resolutions import fitted_field
 from svv.train.base.sampling import with_fewest_samples
-from svv.train.config import Preset, preset
 from svv.train.palette.lighting import shows_light
 from svv.train.palette.ranges import regions_of
 from svv.train.palette.recolour import Recolouring, palette_of
 from svv.train.run.batches import RayPool
+from svv.train.run.config import Preset, preset
 from svv_bench.profile.ceilings import Ceilings, measure_ceilings
 from svv_bench.profile.table import Profile, profile_of
 from svv_bench.profile.watch import Watch

@@ -22,9 +22,9 @@ from svv.fields.radiance.rendering import march
 from svv.fields.scene.scene import Scene
 from svv.io.views.view_meta import known
 from svv.io.views.viewset import ViewSet
-from svv.train.config import MatchSettings, Preset
 from svv.train.correct import correct_palette
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.run.config import MatchSettings, Preset
 from svv_bench.stability.measures import matched, overlaps, palette_error
 from svv_bench.stability.pictures import barely_masked, dark, flat, grey, tiny
 from svv_bench.stability.scenes import SCENES, TRANSPARENT, KnownScene

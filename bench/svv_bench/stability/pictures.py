@@ -17,7 +17,7 @@ STYLE_SIZE = 128
 
 def strokes() -> NDArray[np.float32]:
     """Return a painting made by this package, (h, w, 3) in [0, 1]."""
-    from svv.styles.textures import style_picture
+    from svv.styles.gallery.textures import style_picture
 
     return style_picture("brush strokes", STYLE_SIZE).astype(np.float32)
 

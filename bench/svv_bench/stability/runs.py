@@ -17,7 +17,7 @@ from svv.errors import BadInput, Cancelled, Progress, part, silent
 from svv.io.files.atomic import make_folder, to_json, write_json
 from svv.io.files.keyed_results import read_record
 from svv.measure import measured
-from svv.train.config import Preset, preset
+from svv.train.run.config import Preset, preset
 from svv_bench.keys import key_of_measure
 from svv_bench.stability.cases import CASES, USUAL, Bench, BenchSettings
 

@@ -25,7 +25,7 @@ from svv.io.pictures.output import write_png
 from svv.options.making import PREFIX
 from svv.render.pictures import Picture, cropped, fitted, over_white, read_png, sheet
 from svv.styles.gallery import open_style
-from svv.styles.offered import GALLERY
+from svv.styles.gallery.offered import GALLERY
 from svv.train.lpips import load_lpips
 from svv_bench.styles.likeness import judge_of, painted_figures
 from svv_bench.styles.table import markdown

@@ -16,9 +16,9 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.train.config import StylizeSettings
 from svv.train.lpips import Lpips
-from svv.train.quilt.pieces import PieceSettings, resized
+from svv.train.paint.pieces import PieceSettings, resized
+from svv.train.run.config import StylizeSettings
 from svv_bench.styles.path import LEAST_ALPHA
 from svv_bench.styles.statistics import StyleJudge
 

@@ -30,12 +30,12 @@ from svv.options.editing import PAINT_LIGHT
 from svv.options.making import MannerName
 from svv.render.pictures import read_png
 from svv.styles.features import load_features
-from svv.train.config import MatchSettings, Preset, StylizeSettings, preset
 from svv.train.lpips import load_lpips
 from svv.train.match.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.paint.ink import StyleInput
+from svv.train.paint.pieces import PieceSettings
 from svv.train.pipeline import stylize_scene
-from svv.train.quilt.pieces import PieceSettings
+from svv.train.run.config import MatchSettings, Preset, StylizeSettings, preset
 from svv_bench.keys import key_of_measure
 from svv_bench.results import record
 from svv_bench.styles.consistency import draw_frames, means, measure_frames, straight

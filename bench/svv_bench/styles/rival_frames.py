@@ -24,7 +24,7 @@ from torch import Tensor, nn
 from svv.core.images.nnfm import cell_weights, colour_statistics, colour_transfer, total_variation
 from svv.styles.features import STRIDE, VggFeatures
 from svv.train.match.style_loss import LEAST_SHARE, StyleLossSettings, StyleTarget, solid
-from svv.train.match.stylize import RIM
+from svv.train.paint.styled_views import RIM
 
 HELD = 100.0
 """Weight of the mean squared difference to the warped previous frame."""

@@ -28,11 +28,11 @@ from svv.fields.radiance.networks import UnrestrictedField, encode_directions
 from svv.fields.radiance.rendering import Rays, composite, march
 from svv.fields.scene.scene import Scene
 from svv.kernels.types import Samples
-from svv.train.config import MatchSettings
 from svv.train.match.distil import DISTILLATION_SIZE, Distillation
 from svv.train.match.style_loss import StyleTarget
 from svv.train.match.stylize import Stylization
 from svv.train.palette.ranges import LOOKED_AT
+from svv.train.run.config import MatchSettings
 from svv.train.run.loop import Loop
 from svv_bench.styles.rival_frames import stylized
 

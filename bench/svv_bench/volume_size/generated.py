@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from svv.bricks.source import Box, Level, level_of
+from svv.bricks.formats.source import Box, Level, level_of
 from svv.core.fast_math import FAST_MATH
 from svv.errors import BadInput
 
@@ -50,7 +50,7 @@ class GeneratedSource:
         self.levels: Sequence[Level] = tuple(levels)
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
-        """Generate a box; see :meth:`svv.bricks.source.Source.read`."""
+        """Generate a box; see :meth:`svv.bricks.formats.source.Source.read`."""
         grid = self.levels[level]
         x, y, z = (
             (grid.origin[axis] + grid.axes[axis, axis] * np.arange(a, b)).astype(np.float32)

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from svv.bricks.formats.meta_image import META_TYPES
-from svv.bricks.source import Source
+from svv.bricks.formats.source import Source
 from svv.errors import Progress
 from svv.io.files.atomic import atomic_path
 

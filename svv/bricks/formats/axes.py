@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from svv.bricks.source import Box
+from svv.bricks.formats.source import Box
 from svv.errors import BadInput
 
 Number = TypeVar("Number", bound=np.generic)

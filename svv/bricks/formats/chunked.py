@@ -18,7 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from svv.bricks.formats.axes import Choice, Indexed, in_one_unit, picked, role_of
 from svv.bricks.formats.places import Array, Axis, axis_of, no_size, placed, sized, text_of
-from svv.bricks.source import Box, Level, level_of, native, scaled_type
+from svv.bricks.formats.source import Box, Level, level_of, native, scaled_type
 from svv.core.json_values import parsed
 from svv.errors import BadInput
 
@@ -78,7 +78,7 @@ class ChunkedSource:
         self.dtype = self._stored if self._scale is None else scaled_type(self._stored, *self._scale)
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
-        """Read a box; see :meth:`svv.bricks.source.Source.read`."""
+        """Read a box; see :meth:`svv.bricks.formats.source.Source.read`."""
         try:
             box = self._arrays[level](start, stop)
         except Exception as error:  # codecs and stores raise errors of all kinds
@@ -146,7 +146,7 @@ def source_of(  # noqa: PLR0913 - what files tell
     """Return a volume by what its file tells about the axes of an array; see :func:`svv.bricks.formats.places.placed`.
 
     Raises:
-        BadInput: See there, :func:`svv.bricks.formats.axes.picked` and :func:`svv.bricks.source.level_of`.
+        BadInput: See there, :func:`svv.bricks.formats.axes.picked` and :func:`svv.bricks.formats.source.level_of`.
     """
     place = placed(axes, shape, name, turn)
     pick = picked(place.names, shape, choice, name, channels)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.chunked import package
 from svv.bricks.formats.places import no_size
+from svv.bricks.formats.source import ORTHOGONAL_TOLERANCE, Array, ArraySource, level_of
 from svv.bricks.formats.stored import damaged
-from svv.bricks.source import ORTHOGONAL_TOLERANCE, Array, ArraySource, level_of
 from svv.errors import BadInput
 
 if TYPE_CHECKING:

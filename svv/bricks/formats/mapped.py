@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from svv.bricks.source import ArraySource, Box
+from svv.bricks.formats.source import ArraySource, Box
 from svv.core.xml_values import parsed_xml
 from svv.errors import BadInput
 
@@ -49,7 +49,7 @@ class MappedSource(ArraySource):
     _read_bytes = 0
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
-        """Read a box; see :meth:`svv.bricks.source.Source.read`."""
+        """Read a box; see :meth:`svv.bricks.formats.source.Source.read`."""
         try:
             box = super().read(level, start, stop)
         except OSError as error:
@@ -73,7 +73,7 @@ def mapped(
         offset: Position of the first value.
         kind: Type as stored.
         shape: Voxels along z, y, x.
-        axes: See :class:`svv.bricks.source.Level`. (3, 3)
+        axes: See :class:`svv.bricks.formats.source.Level`. (3, 3)
         origin: World position of the first voxel.
 
     Raises:

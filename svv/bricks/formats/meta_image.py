@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from svv.bricks.formats.axes import Choice
 from svv.bricks.formats.mapped import MOST_HEADER
+from svv.bricks.formats.source import Source
 from svv.bricks.formats.stored import Stored, bad_header, damaged, numbered
-from svv.bricks.source import Source
 
 META_TYPES = {
     "MET_UCHAR": "u1", "MET_CHAR": "i1", "MET_USHORT": "u2", "MET_SHORT": "i2", "MET_UINT": "u4", "MET_INT": "i4",

@@ -15,7 +15,7 @@ import numpy as np
 
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.chunked import ChunkedSource, package
-from svv.bricks.source import level_of
+from svv.bricks.formats.source import level_of
 from svv.errors import BadInput
 
 OTHERS = {"time": "t", "vector_dimension": "c"}

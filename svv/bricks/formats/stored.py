@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.mapped import MappedSource, too_short
 from svv.bricks.formats.places import no_size
-from svv.bricks.source import Array, ArraySource, Box, level_of, scaled_type
+from svv.bricks.formats.source import Array, ArraySource, Box, level_of, scaled_type
 from svv.errors import BadInput
 from svv.io.files.atomic import is_file
 from svv.io.files.memory import memory_there
@@ -172,7 +172,7 @@ class Scaled(ArraySource):
         self.dtype = scaled_type(self.dtype, *scale)
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
-        """Read a box; see :meth:`svv.bricks.source.Source.read`."""
+        """Read a box; see :meth:`svv.bricks.formats.source.Source.read`."""
         box = self._values[start[0] : stop[0], start[1] : stop[1], start[2] : stop[2]]
         return np.ascontiguousarray(np.multiply(box, self._gain) + self._shift, dtype=self.dtype)
 

@@ -1,43 +1,347 @@
 """TIFF files with volumes: stacks of ImageJ, OME-TIFF, tifffile's own, plain pages, and folders of slices.
 
-tifffile tells which image a file holds, and what its axes are.
+tifffile tells which image a file holds, and what its axes are. It undoes few packings without the package imagecodecs.
+Pillow's libtiff knows more, but Pillow makes pictures of what it reads: it turns values of white-is-zero pages round,
+spreads 2 and 4 bits over 8, and turns pages upright. So bytes are unpacked by libtiff alone, as a page of plain bytes,
+and tifffile makes of them what the file says.
+
+Source: TIFF 6.0, sections 13 and 14; Adobe Photoshop TIFF Technical Note 3 (the predictor of real numbers).
 """
 
 from __future__ import annotations
 
-import logging
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
+import io
+import struct
+from collections import ChainMap
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
-from threading import Lock
-from typing import TYPE_CHECKING
-from weakref import finalize
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    from tifffile import TiffFrame, TiffPage
+import re
+from collections.abc import Mapping, Sequence
+from xml.etree.ElementTree import Element
+
+from numpy.typing import DTypeLike
+
+from svv.bricks.formats.axes import in_one_unit
+from svv.core.xml_values import parsed_xml
+
+if TYPE_CHECKING:
+    from tifffile import TiffFile, TiffPage, TiffPageSeries
+import logging
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from threading import Lock
+from typing import TYPE_CHECKING
+from weakref import finalize
 
 from svv.bricks.formats.axes import Choice, Pick, picked
 from svv.bricks.formats.chunked import CHUNK_CACHE, PACKED, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
 from svv.bricks.formats.places import no_size
+from svv.bricks.formats.source import ArraySource, Box, Level, Source, level_of
 from svv.bricks.formats.stored import Scaled, damaged
-from svv.bricks.formats.tiff_files import (
-    axes_of_names,
-    calibration,
-    in_order,
-    names_of_channels,
-    shape_of_pixels,
-    unsized,
-    voxel_size,
-)
-from svv.bricks.formats.tiff_packings import by_pillow, decodes_pages, no_unpacker, with_libtiff
-from svv.bricks.source import ArraySource, Box, Level, Source, level_of
-from svv.errors import BadInput
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffFrame, TiffPage, TiffPageSeries
+
+LZW, ZSTD = 5, 50000
+"""Numbers of the packings of bytes that libtiff undoes and tifffile does not."""
+
+BY_PILLOW = {2: (1,), 3: (1,), 4: (1,), 5: (1,), 6: (8,), 7: (8,), 50000: (1,)}
+"""Bits of grey pixels of which Pillow reads whole pages, by the number of the packing: those of faxes, and JPEG."""
+
+WHOLE_BITS = (1, 8, 16, 32, 64)
+"""Bits of values that tifffile separates by itself."""
+
+
+def with_libtiff() -> None:
+    """Let tifffile use Pillow's libtiff for what it cannot unpack, unless imagecodecs is installed."""
+    import tifffile
+
+    if find_spec("imagecodecs") is None and not isinstance(tifffile.TIFF.DECOMPRESSORS, ChainMap):
+        ours: dict[int, Callable[..., Any]] = {number: _unpacker(number) for number in (LZW, ZSTD)}
+        tifffile.TIFF.DECOMPRESSORS = ChainMap(ours, tifffile.TIFF.DECOMPRESSORS)  # type: ignore[arg-type]
+        tifffile.TIFF.UNPREDICTORS = ChainMap({3: _summed}, tifffile.TIFF.UNPREDICTORS)  # type: ignore[arg-type]
+
+
+def decodes_pages(path: Path, one: TiffPage | TiffFrame) -> bool:
+    """Return whether tifffile decodes pages like one of them; otherwise, :func:`by_pillow` does.
+
+    Raises:
+        BadInput: Neither does.
+    """
+    import tifffile
+
+    page = _like(one)
+    packing, predictor = int(page.compression), int(page.predictor)
+    unpacks = packing == 1 or packing in tifffile.TIFF.DECOMPRESSORS
+    adds = predictor == 1 or predictor in tifffile.TIFF.UNPREDICTORS
+    if find_spec("imagecodecs") is not None:
+        if unpacks and adds:
+            return True
+    elif page.samplesperpixel == 1 and page.bitspersample in BY_PILLOW.get(packing, ()):
+        return False
+    elif unpacks and adds and page.bitspersample in WHOLE_BITS:
+        return True
+    raise no_unpacker(path, page)
+
+
+def by_pillow(path: Path, page: TiffPage | TiffFrame) -> NDArray[np.generic]:
+    """Decode a page of a file by Pillow. (height, width)
+
+    Raises:
+        BadInput: Pillow does not read it either.
+    """
+    try:
+        with Image.open(path) as image:
+            image.seek(page.index)
+            image.getexif().pop(274, None)  # the orientation: pages are read as they are stored
+            values = np.asarray(image)
+    except UnidentifiedImageError as error:
+        raise no_unpacker(path, _like(page)) from error
+    if values.shape != page.shape:
+        raise BadInput(f"{path} has pages that lie on their side and are packed as pictures: save them upright.")
+    return ~values if int(_like(page).photometric) == 0 else values  # Pillow makes white the largest value
+
+
+def _like(page: TiffPage | TiffFrame) -> TiffPage:
+    """Return the page that tells how the pixels of a page are stored: itself, or one that is alike."""
+    assert page.keyframe is not None
+    return page.keyframe
+
+
+def no_unpacker(path: Path, page: TiffPage) -> BadInput:
+    """Return the error to raise for a file that is packed in a way that cannot be undone here."""
+    from tifffile import COMPRESSION
+
+    try:
+        how = COMPRESSION(page.compression).name
+    except ValueError:
+        how = f"the method {int(page.compression)}"
+    bits = "" if page.bitspersample in WHOLE_BITS else f" in {page.bitspersample} bits per value"
+    how = f"packed by {how}{bits}" if int(page.compression) != 1 else f"stored{bits}"
+    return BadInput(
+        f"{path} is {how}, which tifffile reads only with the package imagecodecs: pip install imagecodecs, or save "
+        "the file without compression or packed by deflate or LZW, in 8, 16 or 32 bits."
+    )
+
+
+def _unpacker(packing: int) -> Callable[..., bytes]:
+    """Return a function as tifffile wants it, which unpacks a strip or a tile of ``out`` bytes."""
+
+    def unpacked(data: bytes, *, out: int) -> bytes:
+        with Image.open(io.BytesIO(_page_of_bytes(data, packing, out))) as image:
+            return image.tobytes()
+
+    return unpacked
+
+
+def _page_of_bytes(data: bytes, packing: int, size: int) -> bytes:
+    """Return a TIFF file of one row of ``size`` grey pixels of 8 bits, which are packed in ``data``."""
+    fields = {
+        256: size, 257: 1, 258: 8, 259: packing, 262: 1, 273: 8 + 2 + 9 * 12 + 4, 277: 1, 278: 1, 279: len(data),
+    }  # fmt: skip
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in fields.items())
+    return b"II*\0" + struct.pack("<IH", 8, len(fields)) + entries + bytes(4) + data
+
+
+def _summed(data: NDArray[np.generic], axis: int = -2, out: object = None) -> NDArray[np.generic]:
+    """Undo the predictor of real numbers, which stores the differences of their bytes, the highest bytes first.
+
+    Args:
+        data: Rows as they are stored, seen as real numbers in the machine's order of bytes. (..., width, samples)
+        axis: The axis of the pixels of a row, which is the last but one.
+        out: Not used.
+    """
+    *before, width, samples = data.shape
+    size = data.dtype.itemsize
+    stored = np.ascontiguousarray(data).view(np.uint8).reshape(*before, size * width, samples)
+    planes = np.cumsum(stored, axis=-2, dtype=np.uint8).reshape(*before, size, width * samples)
+    values = np.ascontiguousarray(np.moveaxis(planes, -2, -1)).view(data.dtype.newbyteorder(">"))
+    return values.astype(data.dtype).reshape(data.shape)
+
+
+RESOLUTION_UNITS = {2: "inch", 3: "cm", 4: "mm", 5: "um"}
+"""Units of TIFF's resolutions."""
+
+
+NAMED = {
+    **dict.fromkeys(("c", "ch", "chan", "channel", "w", "wavelength"), "c"),
+    **dict.fromkeys(("t", "tp", "time", "timepoint"), "t"),
+    **dict.fromkeys(("z", "slice", "plane", "layer"), "z"),
+}
+"""Axes by the words before numbers in names of files."""
+
+
+def in_order(folder: Path) -> list[Path]:
+    """Return the TIFF files of a folder, slice_2 before slice_10, whether or not the numbers are padded."""
+    files = [f for f in folder.iterdir() if f.suffix.lower() in (".tif", ".tiff")]
+    return sorted(files, key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
+
+
+def axes_of_names(files: Sequence[Path]) -> tuple[list[str], list[int]]:
+    """Return names and lengths of the axes that the numbers in the names of slices stand for, see :func:`in_order`.
+
+    Names such as ``scan_c0_z012.tif`` have a number for the channel and one for the slice. Several numbers that do not
+    make a complete grid, such as dates, mean nothing: the slices are a stack in the order of their names.
+    """
+    parts = [re.split(r"(\d+)", file.stem) for file in files]
+    alone = ["z"], [len(files)]
+    if len({tuple(part[::2]) for part in parts}) != 1:
+        return alone
+    fields = [sorted({int(part[k]) for part in parts}) for k in range(1, len(parts[0]), 2)]
+    varying = [k for k, values in enumerate(fields) if len(values) > 1]
+    shape = [len(fields[k]) for k in varying]
+    if len(varying) < 2 or int(np.prod(shape)) != len(files):
+        return alone
+    words = [re.split(r"[^a-z]+", parts[0][2 * k].lower().rstrip("_-. ="))[-1] for k in varying]
+    names = [NAMED.get(word, word or "number") for word in words]
+    unknown = [k for k, name in enumerate(names) if name not in "ctz"]
+    if "z" not in names and len(unknown) == 1:
+        names[unknown[0]] = "z"
+    return names, shape
+
+
+def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[np.float64]:
+    """Return the size of a voxel along x, y, z as OME-TIFF, ImageJ and tifffile give it, in the unit of x. (3,)
+
+    It is 1 if unknown: TIFF's own resolution says nothing about the distance of slices, so without that it only tells
+    how much longer pixels are than wide.
+
+    Args:
+        opened: A ``tifffile.TiffFile``.
+        series: The image of it.
+        name: Name of the file in messages.
+
+    Raises:
+        BadInput: The sizes have units that cannot be compared.
+    """
+    told = _told(opened, series)
+    given = [axis for axis in "XYZ" if f"PhysicalSize{axis}" in told]
+    if given:
+        sizes = [float(told.get(f"PhysicalSize{axis}", 1.0)) for axis in "XYZ"]
+        known = {axis: str(told.get(f"PhysicalSize{axis}Unit", "µm")) for axis in given}
+        return in_one_unit(sizes, [known.get(axis, known[given[0]]) for axis in "XYZ"], name)
+    if opened.is_imagej or "spacing" in told or "unit" in told:
+        return in_one_unit(*_of_imagej(told, series.keyframe), name)
+    return shape_of_pixels(series.keyframe)
+
+
+def unsized(opened: TiffFile, series: TiffPageSeries) -> str:
+    """Return the axes among x, y, z along which a file tells no size of a voxel.
+
+    ImageJ leaves out a spacing of 1 where pixels have a size.
+    """
+    told = _told(opened, series)
+    given = "".join(axis.lower() for axis in "XYZ" if f"PhysicalSize{axis}" in told)
+    if given:
+        return "".join(axis for axis in "xyz" if axis not in given)
+    sizes, _ = _of_resolution(series.keyframe)
+    known = opened.is_imagej and sizes[0] not in (0.0, 1.0, 1.0 / 72.0)
+    return "" if known or "spacing" in told or "unit" in told else "xyz"
+
+
+def _told(opened: TiffFile, series: TiffPageSeries) -> Mapping[str, Any]:
+    """Return what OME, ImageJ or tifffile tell about an image."""
+    if series.kind == "ome":
+        return _pixels(opened, series).attrib
+    if opened.is_imagej:
+        return opened.imagej_metadata or {}
+    if series.kind == "shaped":  # tifffile's own, with any metadata
+        return next((one for one in opened.shaped_metadata or () if _fits(one, series)), {})
+    return {}
+
+
+def _fits(told: Mapping[str, Any], series: TiffPageSeries) -> bool:
+    """Return whether metadata that tifffile has written belong to an image."""
+    return tuple(told.get("shape", ())) in (tuple(series.shape), tuple(series.get_shape(squeeze=False)))
+
+
+def _of_imagej(told: Mapping[str, Any], page: TiffPage) -> tuple[list[float], list[str | None]]:
+    """Return the sizes along x, y, z, and their units, by the rules of ImageJ's own reader."""
+    sizes, unit = _of_resolution(page)
+    sizes = [size or 1.0 for size in sizes]
+    if "unit" not in told and sizes[0] == 1.0 / 72.0:  # a screen's, which means nothing
+        sizes = [1.0, 1.0]
+    unit = str(told.get("unit") or unit)
+    other = [str(told.get(f"{axis}unit") or unit) for axis in "yz"]
+    spacing = abs(float(told.get("spacing", 1.0))) or 1.0
+    return [*sizes, spacing], [unit, *other]
+
+
+def shape_of_pixels(page: TiffPage) -> NDArray[np.float64]:
+    """Return the size of a voxel along x, y, z, of which a plain page tells only how much longer pixels are. (3,)"""
+    (x, y), _ = _of_resolution(page)
+    return np.array([1.0, y / x if x and y else 1.0, 1.0])
+
+
+def _of_resolution(page: TiffPage) -> tuple[list[float], str]:
+    """Return the width and height of a pixel by a page's resolution, 0 where it tells none, and their unit."""
+    sizes = []
+    for tag in ("XResolution", "YResolution"):
+        value = page.tags[tag].value if tag in page.tags else (0, 1)
+        up, down = (float(x) for x in (value if isinstance(value, tuple) else (value, 1)))
+        sizes.append(down / up if up > 0 and down > 0 else 0.0)
+    unit_tag = int(page.tags["ResolutionUnit"].value) if "ResolutionUnit" in page.tags else 1
+    return sizes, RESOLUTION_UNITS.get(unit_tag, "")
+
+
+def names_of_channels(opened: TiffFile, series: TiffPageSeries, axes: list[str]) -> list[str]:
+    """Return the names of the channels of an OME-TIFF file; nothing unless every channel has one."""
+    if "c" not in axes or not opened.is_ome:
+        return []
+    count = int(series.shape[axes.index("c")])
+    channels = (e for e in _pixels(opened, series).iter() if e.tag.rpartition("}")[2] == "Channel")
+    names = [str(e.get("Name") or "") for e in channels]
+    return names if len(names) == count and all(names) else []
+
+
+def calibration(opened: TiffFile, kind: DTypeLike, name: str) -> tuple[float, float]:
+    """Return gain and shift of the values of an image, as ImageJ calibrates them: gain * stored + shift.
+
+    ImageJ stores signed values of 16 bits, such as those of a CT, as unsigned ones that are 32768 larger, and counts
+    from there; it calibrates no real numbers. Function 20 is none.
+
+    Args:
+        opened: A ``tifffile.TiffFile``.
+        kind: Type of the stored values.
+        name: Name of the file in messages.
+
+    Raises:
+        BadInput: It is calibrated by something else than a straight line.
+    """
+    told = (opened.imagej_metadata or {}) if opened.is_imagej else {}
+    function, kind = int(told.get("cf", 20)), np.dtype(kind)
+    if function == 20 or kind.kind not in "iu" or "c0" not in told:
+        return 1.0, 0.0
+    if function != 0:
+        raise BadInput(
+            f"{name} has values that ImageJ calibrates by a curve (its function {function}), which is not reproduced: "
+            "convert the image in ImageJ to 32 bits (Image > Type), which applies it, and save that."
+        )
+    gain = float(told.get("c1", 1.0))
+    return gain, float(told["c0"]) + (32768.0 * gain if kind == np.int16 else 0.0)
+
+
+def _pixels(opened: TiffFile, series: TiffPageSeries) -> Element:
+    """Return the element ``Pixels`` of an image of an OME-TIFF file."""
+    root = parsed_xml((opened.ome_metadata or "").encode())
+    images = [e for e in root.iter() if e.tag.rpartition("}")[2] == "Pixels"]
+    numbers = {id(s): k for k, s in enumerate(opened.series)}
+    return images[min(numbers.get(id(series), 0), len(images) - 1)]
+
 
 COMPOSITE = 7
 """Most channels of a picture in ImageJ. tifffile calls the slices of a volume channels if nobody names its axes."""

@@ -9,6 +9,7 @@ RGB is gamma-encoded sRGB in [0, 1].
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -17,8 +18,10 @@ from scipy.optimize import linprog
 
 from svv.core.colour.colour import colour_differences
 from svv.core.colour.oklab import oklab_to_rgb, rgb_to_oklab
-from svv.options.figures import VISIONS as VISIONS
-from svv.options.figures import VisionName as VisionName
+
+VisionName = Literal["normal", "protanopia", "deuteranopia", "tritanopia", "grey print"]
+VISIONS: tuple[VisionName, ...] = get_args(VisionName)
+"""Ways in which a picture may be seen."""
 
 COLOUR_VISIONS = VISIONS[:4]
 """The ways of people."""

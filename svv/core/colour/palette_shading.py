@@ -77,7 +77,7 @@ def lit(
 ) -> Tensor:
     """Light a diffuse colour: max(1 + f (a m - 1), 0) c_d + f (c_s - b).
 
-    With f = 1, a = 1 and b = 0 this is equation 4. :func:`svv.fields.radiance.paint_light.lights_of` defines f, a and
+    With f = 1, a = 1 and b = 0 this is equation 4. :func:`svv.fields.scene.paint_light.lights_of` defines f, a and
     b.
 
     Args:

@@ -15,9 +15,9 @@ from vtkmodules.vtkRenderingCore import vtkRenderer
 
 from svv.core.differences import above
 from svv.core.geometry.cameras import Camera
-from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import check_precision, from_array, index_to_world, level_of_image, put_scalars, to_array
 from svv.errors import BadInput
 

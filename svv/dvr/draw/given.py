@@ -12,10 +12,10 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 from vtkmodules.vtkRenderingCore import vtkProp3D, vtkRenderer, vtkVolumeProperty
 
 from svv.core.geometry.given_cameras import Plotter
-from svv.dvr.draw.appearance import without_interpolation
 from svv.dvr.draw.large import LargeVolume, open_volume
 from svv.dvr.draw.plotted import function_of, image_shown
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import without_interpolation
 from svv.dvr.read.grids import Triple, as_volume, from_array, put_assumed
 from svv.dvr.read.meshes import is_mesh, resampled, resampled_said
 from svv.errors import BadInput, Progress, silent

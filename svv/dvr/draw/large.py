@@ -13,26 +13,54 @@ from numpy.typing import DTypeLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bricks.formats.axes import Choice
+from svv.bricks.formats.source import ArraySource, Level, Source, check_finite
 from svv.bricks.opened import open_bricks
-from svv.bricks.source import ArraySource, Level, Source, check_finite
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
-from svv.dvr.draw.appearance import Appearance, without_interpolation
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import STEP, Stage
-from svv.dvr.draw.table_size import ENTRIES, entries_for
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.read.appearance import Appearance, without_interpolation
 from svv.dvr.read.grids import from_array, level_of_image, own_unit_distance, set_geometry, to_array
 from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput, Progress, silent
 from svv.io.files.memory import memory_there
 from svv.measure import usable_cpus
 
-# What draws by bricks loads numba, which would hold up ParaView's window, where nothing may be large: it is imported
-# where it is needed.
 if TYPE_CHECKING:
     from svv.bricks.caster import BrickCaster
+
+ENTRIES = 1 << 14
+"""Number of entries of the table of colours and opacities."""
+
+MOST_ENTRIES, TRIED, UNRESOLVED = 1 << 20, 4096, 0.01
+"""Most entries; number of voxels whose colours and opacities decide how many are needed; and the error, as a fraction
+of the opacity, above which there are too few."""
+
+
+def entries_for(tf: TransferFunction, low: float, high: float, voxels: NDArray[np.number]) -> int:
+    """Return how many entries a table from ``low`` to ``high`` needs to show voxels as the function does.
+
+    More are needed if the function varies at both ends of a wide range, such as on a logarithmic scale.
+    """
+    entries, span = ENTRIES, high - low
+    tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
+    tried = tried[(tried >= low) & (tried <= high)]
+
+    def light(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        opacity = tf.opacity_at(values)[:, None]
+        return np.concatenate([tf.colour_at(values) * opacity, opacity], axis=1)
+
+    exact = light(tried)
+    while span > 0.0 and exact.any() and entries < MOST_ENTRIES:
+        step = span / (entries - 1)
+        error = np.abs(light(low + np.rint((tried - low) / step) * step) - exact)
+        if error.mean() <= UNRESOLVED * exact[:, 3].mean():
+            break
+        entries *= 4
+    return entries
+
 
 VTK_BYTES = 5
 """Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""

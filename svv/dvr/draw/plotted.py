@@ -21,8 +21,8 @@ from vtkmodules.vtkRenderingCore import (
 )
 
 from svv.core.colour.shading import Shading
-from svv.dvr.draw.appearance import Appearance, put
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import (
     ORTHOGONAL_TOLERANCE,
     as_volume,

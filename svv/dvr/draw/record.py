@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.bricks.source import Level
-from svv.dvr.draw.appearance import Appearance
+from svv.bricks.formats.source import Level
 from svv.dvr.functions import slicer
 from svv.dvr.functions.scales import doubled
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance
 from svv.dvr.read.grids import index_to_world, to_array
 from svv.io.views.view_meta import VolumeGrid
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from svv.bricks.source import Level
+from svv.bricks.formats.source import Level
 from svv.core.geometry.cameras import CameraRig
 from svv.dvr.draw.frame import Stage
 from svv.options.making import ViewOptions

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkVersion
 
-from svv.bricks.source import Level
+from svv.bricks.formats.source import Level
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.core.sharing import ALONE
@@ -142,7 +142,7 @@ def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views ar
         shading: Shading of the volume; by default the function's, or a headlight with ParaView's coefficients.
         rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
         nearest: Whether to show each voxel's own value, without interpolation, as labels need; otherwise as the image
-            says (:mod:`svv.dvr.draw.appearance`), and interpolated by default.
+            says (:mod:`svv.dvr.read.appearance`), and interpolated by default.
         name: Name of the volume, for the record; by default its file name.
         kept: Where views are kept while they are drawn, and taken from if they are there. If several processes draw,
             only the first one returns all views; the others' lack those that they did not draw.

@@ -10,9 +10,9 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.differences import above
 from svv.core.interval_text import interval_text
-from svv.dvr.draw.appearance import Appearance
 from svv.dvr.functions.bumps import HUES
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.appearance import Appearance
 from svv.dvr.read.grids import check_precision, to_array
 from svv.errors import BadInput
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
-from svv.bricks.source import Level
+from svv.bricks.formats.source import Level
 from svv.core.colour.shading import Shading
 from svv.core.interval_text import interval_text
 from svv.core.json_values import parsed

@@ -14,8 +14,8 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSet, vtkDataSetAttributes, vtkImageData, vtkRectilinearGrid
 
-from svv.bricks.source import Level
-from svv.dvr.draw.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
+from svv.bricks.formats.source import Level
+from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -49,7 +49,7 @@ def as_volume(
 
     Returns:
         A new image with its own copy of the values. Blanked points or cells stay blanked, and an appearance that the
-        image carries (:mod:`svv.dvr.draw.appearance`) is kept.
+        image carries (:mod:`svv.dvr.read.appearance`) is kept.
 
     Raises:
         BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two

@@ -1,6 +1,6 @@
 """Grids that are no images, resampled to one: unstructured, curvilinear, AMR and hyper tree grids, and blocks of them.
 
-Points of the image outside the cells are blanked (:mod:`svv.dvr.draw.appearance`), so that nothing is drawn there.
+Points of the image outside the cells are blanked (:mod:`svv.dvr.read.appearance`), so that nothing is drawn there.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from vtkmodules.vtkFiltersCore import vtkProbeFilter, vtkThreshold
 from vtkmodules.vtkFiltersExtraction import vtkExtractCellsByType
 from vtkmodules.vtkFiltersHyperTree import vtkHyperTreeGridToUnstructuredGrid
 
-from svv.dvr.draw.appearance import GHOSTS, named
+from svv.dvr.read.appearance import GHOSTS, named
 from svv.dvr.read.grids import check_precision, pick_scalars, put_own_unit_distance, put_scalars
 from svv.errors import BadInput
 from svv.io.files.memory import memory_there

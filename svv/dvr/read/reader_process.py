@@ -26,7 +26,7 @@ from vtkmodules.util.numpy_support import create_vtk_array, get_vtk_array_type, 
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.json_values import Json
-from svv.dvr.draw.appearance import Appearance, put
+from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import assumed_of, own_unit_distance, put_assumed, put_own_unit_distance, to_array
 from svv.dvr.read.vtk_readers import failed
 from svv.errors import BadInput

@@ -14,8 +14,8 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.bricks.formats.axes import Choice
 from svv.bricks.formats.hdf5 import is_hdf5
+from svv.bricks.formats.source import Source
 from svv.bricks.opened import HDF5, HDF5_INSIDE, header_reader, open_bricks
-from svv.bricks.source import Source
 from svv.dvr.read.grids import Triple, as_volume, assumed_of, from_array, put_assumed, rectilinear, set_geometry
 from svv.dvr.read.meshes import is_mesh, resampled, resampled_said
 from svv.dvr.read.other_formats import reader_of

@@ -321,9 +321,9 @@ class UnrestrictedField(nn.Module):
         self.brushed: Brushed | None = None
         """Strokes of which the lattice is made; None if it was painted otherwise."""
         self.edited: dict[Hashable, UnrestrictedField] = {}
-        """The paint with edits of its strokes (:mod:`svv.fields.strokes.stroke_edits`)."""
+        """The paint with edits of its strokes (:mod:`svv.fields.scene.stroke_edits`)."""
         self.painted_in: Callable[[], Any] | None = None
-        """Returns the scene that was painted, if this is its paint at another time step (:mod:`svv.fields.values`)."""
+        """The scene that was painted, if this is its paint at another time step (:mod:`svv.fields.following`)."""
         self._unbaked: Callable[[Floats, float], Floats] | None = None
         self._occupancy = occupancy
         encoding: Encoding

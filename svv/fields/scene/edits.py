@@ -21,14 +21,14 @@ from svv.core.colour.light import Lamp, checked_coefficients
 from svv.core.geometry.cuts import Cut
 from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress
-from svv.fields.radiance.matcaps import check_has_normals, checked_matcap, said_of
-from svv.fields.radiance.occlusion import check_has_extinction
 from svv.fields.scene.history import MOST_CUTS, Edits, History, Step, edits_of, named_alone, restyled, with_edits
+from svv.fields.scene.matcaps import check_has_normals, checked_matcap, said_of
 from svv.fields.scene.model import Model, S
+from svv.fields.scene.occlusion import check_has_extinction
 from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, checked_name, checked_space
 from svv.fields.scene.splitting import piece_at
-from svv.fields.strokes.stroke_edits import checked_edits, said
+from svv.fields.scene.stroke_edits import checked_edits, said
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH
 
 

@@ -19,13 +19,9 @@ from svv.core.geometry.cameras import Camera
 from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress
+from svv.fields.devices.gpu import gpu_errors
 from svv.fields.radiance.cutting import march_uncut
-from svv.fields.radiance.image import draw, image_kernels_of, look_at
-from svv.fields.radiance.kept_views import View, key_of
-from svv.fields.radiance.matcaps import dress
 from svv.fields.radiance.networks import PaletteColours, encode_directions
-from svv.fields.radiance.occlusion import occlude
-from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import (
     Marching,
@@ -39,13 +35,17 @@ from svv.fields.radiance.rendering import (
     on_cpu,
     show_nothing,
 )
+from svv.fields.scene.image import draw, image_kernels_of, look_at
 from svv.fields.scene.joined import members
+from svv.fields.scene.kept_views import View, key_of
+from svv.fields.scene.matcaps import dress
 from svv.fields.scene.model import Model, S, for_colours, of_colour
-from svv.fields.strokes.stroke_opacity import fade_of, followed
+from svv.fields.scene.occlusion import occlude
+from svv.fields.scene.paint_light import lights_of
+from svv.fields.scene.stroke_opacity import fade_of, followed
 from svv.fields.strokes.stroke_paint import shared_width
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of
-from svv.kernels.gpu import gpu_errors
 from svv.kernels.types import Samples
 
 MOVING_JOINED = 1.0 / 16.0

@@ -26,12 +26,12 @@ from svv.errors import BadInput
 from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, RayCaster
+from svv.fields.radiance.time_steps import TimeSteps
+from svv.fields.radiance.value_function import ValueFunction
 from svv.fields.scene.history import History
 from svv.fields.scene.parts import Parts
 from svv.fields.scene.region import Region, of_layer
-from svv.fields.strokes.stroke_edits import UNEDITED, edited_field, edits_of_strokes, entries_of
-from svv.fields.values.time_steps import TimeSteps
-from svv.fields.values.value_function import ValueFunction
+from svv.fields.scene.stroke_edits import UNEDITED, edited_field, edits_of_strokes, entries_of
 from svv.kernels.constants import numbers_on
 from svv.kernels.types import Samples
 
@@ -382,3 +382,25 @@ def for_colours(values: Tensor, here: Tensor | None) -> Tensor:
         (P, ...) if ``here`` is None, otherwise (S, P, ...).
     """
     return values if here is None else values[here]
+
+
+MOST_NAMES = 12
+"""Largest number of regions that are named in words."""
+
+
+def in_words(scene: Model, network: str | None = None) -> str:
+    """Return what a picture of a scene shows, for those who do not see it.
+
+    Args:
+        scene: The scene.
+        network: Network that draws the picture; by default the last one that the scene has.
+
+    Returns:
+        Such as 'A rendering of 2 regions: core, region 1', without regions that are hidden.
+    """
+    kind = "painting" if (network or scene.networks[-1]) == "styled" else "rendering"
+    names = [region.name or f"region {number}" for number, region in enumerate(scene.regions) if not region.hidden]
+    if not names:
+        return f"A {kind} of a scene" + ", all of whose regions are hidden" * bool(scene.regions)
+    said = f"A {kind} of {len(names)} region{'s' * (len(names) > 1)}: {', '.join(names[:MOST_NAMES])}"
+    return said + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")

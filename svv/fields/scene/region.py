@@ -90,7 +90,7 @@ class Region:
     """Number of the transfer function that shows it, in a scene of several (:mod:`svv.fields.scene.joined`)."""
 
     occlusion: float = 0.0
-    """How far places that little light reaches are darkened, in [0, 1] (:mod:`svv.fields.radiance.occlusion`)."""
+    """How far places that little light reaches are darkened, in [0, 1] (:mod:`svv.fields.scene.occlusion`)."""
 
     part_of: int | None = None
     """Number of the region that it was split from; None for a region of the palette."""
@@ -101,7 +101,7 @@ class Region:
     """Space in which the shades of its colour follow ``edited_colour``: ``hsb`` (the paper's) or ``oklab``."""
 
     matcap: str | None = None
-    """Name of its MatCap, or its picture as text (:mod:`svv.fields.radiance.matcaps`), which replaces its colours and
+    """Name of its MatCap, or its picture as text (:mod:`svv.fields.scene.matcaps`), which replaces its colours and
     light."""
 
     outline: float = 0.0

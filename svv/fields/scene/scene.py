@@ -185,7 +185,7 @@ class Scene(Model):
     def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
         """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.
 
-        Nothing becomes more opaque (:mod:`svv.fields.strokes.stroke_opacity`): above 0 pale paint becomes clearer,
+        Nothing becomes more opaque (:mod:`svv.fields.scene.stroke_opacity`): above 0 pale paint becomes clearer,
         below 0 dark paint. Regions without paint or of one colour stay.
 
         Raises:
@@ -308,7 +308,7 @@ class Scene(Model):
     ) -> Self:  # fmt: skip
         """Return the scene with a new variant, which is shown; it replaces an existing one of the same name.
 
-        The regions get the mean light that the light on paint starts from (:mod:`svv.fields.radiance.paint_light`).
+        The regions get the mean light that the light on paint starts from (:mod:`svv.fields.scene.paint_light`).
 
         Args:
             network: The network of its diffuse colours.

@@ -18,7 +18,10 @@ from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.of_values import SLOPES, TABLES, VALUES, fill_base, fill_palette
 from svv.fields.radiance.rendering import Marching
+from svv.fields.radiance.time_steps import TimeSteps
+from svv.fields.radiance.value_function import ValueFunction
 from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
 from svv.fields.scene.history import History, cuts_in
 from svv.fields.scene.joined import members
@@ -27,9 +30,6 @@ from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
 from svv.fields.strokes.kept_strokes import Brushed
-from svv.fields.values.of_values import SLOPES, TABLES, VALUES, fill_base, fill_palette
-from svv.fields.values.time_steps import TimeSteps
-from svv.fields.values.value_function import ValueFunction
 
 Arrays = dict[str, NDArray[np.generic]]
 

@@ -11,11 +11,11 @@ from typing import Any
 
 from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
-from svv.fields.radiance.paint_light import mean_lights
 from svv.fields.scene.history import restyled
 from svv.fields.scene.model import UNNAMED, Model, S, Variant
+from svv.fields.scene.paint_light import mean_lights
 from svv.fields.scene.region import Region
-from svv.fields.strokes.stroke_edits import as_laid
+from svv.fields.scene.stroke_edits import as_laid
 
 LONGEST_NAME = 64
 """Maximum number of characters in a variant's name."""

@@ -1,4 +1,4 @@
-"""Strokes that a scene keeps: evaluation at positions, edits afterwards, opacity.
+"""Strokes that a scene keeps, and their evaluation at positions; their edits are in :mod:`svv.fields.scene`.
 
 How they are laid is in :mod:`svv.train.paint`.
 """

@@ -46,7 +46,7 @@ class Brushed:
     """Colour of each region where no stroke reaches, RGB. (R, 3)"""
     glazes: Mapping[int, float] = field(default_factory=dict)
     """How much the opacity of translucent regions is to follow their strokes. Only known when they are laid: the scene
-    keeps it as an edit of the region (:mod:`svv.fields.strokes.stroke_opacity`)."""
+    keeps it as an edit of the region (:mod:`svv.fields.scene.stroke_opacity`)."""
     lives: Mapping[int, Lives] = field(default_factory=dict)
     """When the strokes of regions live, in a scene with time steps that was followed."""
     _paints: dict[int, StrokePaint] = field(default_factory=dict)

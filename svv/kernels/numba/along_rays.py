@@ -5,7 +5,7 @@ the number of threads: so are results the same.
 
 Letters: S samples, R rays, V vertices, P regions. Samples are in the order of their rays: those of ray r are
 ``first[r]`` to ``first[r + 1]``, of which ``vertex``, ``weight`` and ``cosine`` are those of
-:class:`svv.kernels.region_types.RaySamples`. Indices are uint32: for a signed one, numba would check whether it counts
+:class:`svv.kernels.types.RaySamples`. Indices are uint32: for a signed one, numba would check whether it counts
 from the end. Other numbers are float32.
 """
 

@@ -167,7 +167,7 @@ def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
 def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
     """Light diffuse ``colour`` (S, 3) in place with the output of the lighting MLP (S, 1 or 2).
 
-    ``lights`` (regions, 3): response of each region (:func:`svv.fields.radiance.paint_light.lights_of`).
+    ``lights`` (regions, 3): response of each region (:func:`svv.fields.scene.paint_light.lights_of`).
     """
     columns, one = raw.shape[1], splat(ONE32)
     for block in prange((len(raw) + LANES - 1) // LANES):

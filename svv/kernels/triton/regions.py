@@ -1,4 +1,4 @@
-"""Regions along rays, in Triton: one thread per ray or vertex; see :class:`svv.kernels.region_types.RegionKernels`.
+"""Regions along rays, in Triton: one thread per ray or vertex; see :class:`svv.kernels.types.RegionKernels`.
 
 Each adds up its samples in their order, so results are always the same. Normal equations and blurs are products of
 matrices, which torch computes. Letters: S samples, R rays, V vertices, P regions, Q columns of memberships. ``BLOCK``
@@ -74,7 +74,7 @@ def descend_at_vertices(  # type: ignore[no-untyped-def]
     first, ray, weight, lit, error, neighbours, root, least, light, step, smoothness, momentum, ahead, member,
     following, vertices, count, stride, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Take a step of each vertex (V,); see :meth:`svv.kernels.region_types.RegionKernels.descend`."""
+    """Take a step of each vertex (V,); see :meth:`svv.kernels.types.RegionKernels.descend`."""
     i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     p = tl.arange(0, WIDE)
     there, own = i < vertices, (p < count)[None, :]
@@ -126,7 +126,7 @@ def descend_at_vertices(  # type: ignore[no-untyped-def]
 
 
 def errors(seen: RaySamples, kept: float, light: Tensor, member: Tensor) -> Tensor:
-    """See :meth:`svv.kernels.region_types.RegionKernels.errors`."""
+    """See :meth:`svv.kernels.types.RegionKernels.errors`."""
     error, rays = torch.empty_like(seen.pixel), len(seen.pixel)
     if rays:
         errors_of_rays[(triton.cdiv(rays, BLOCK),)](
@@ -140,7 +140,7 @@ def descend(
     near: VertexSamples, error: Tensor, light: Tensor, step: Tensor, pace: tuple[float, float], ahead: Tensor,
     member: Tensor, following: Tensor,
 ) -> None:  # fmt: skip
-    """See :meth:`svv.kernels.region_types.RegionKernels.descend`."""
+    """See :meth:`svv.kernels.types.RegionKernels.descend`."""
     vertices = len(member)
     descend_at_vertices[(triton.cdiv(vertices, BLOCK),)](
         near.first, near.ray, near.weight, near.lit, error, near.neighbours, near.root, near.least, light, step, *pace,

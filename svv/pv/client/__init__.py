@@ -1,4 +1,4 @@
-"""What runs in ParaView's client: observers, the linked camera, the mouse, clicks, the orbit.
+"""What runs in ParaView's client: capture of a display, the follower of cameras, clicks, masks, the orbit.
 
 The filters that they serve run in ParaView's server: :mod:`svv.pv.filters`.
 """

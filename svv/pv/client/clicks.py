@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
 
-from svv.pv.client.observers import WeakReference, python_proxy
+from svv.pv.observers import WeakReference, python_proxy
 from svv.pv.paraview_types import Proxy, View
 
 CROSS, ARROW = 10, 0
@@ -21,7 +21,7 @@ STILL = 3
 """Pixels that the mouse may move during a click; a longer motion drags the picture."""
 
 FIRST = 2.0
-"""Priority of the observers: before those that pass the mouse on to another view (:mod:`svv.pv.client.mouse`)."""
+"""Priority of the observers: before those that pass the mouse on to another view (:mod:`svv.pv.display.mouse`)."""
 
 Act = Callable[[Proxy, View, Sequence[int]], None]
 """What a click does, given the filter's proxy, the view, and the pixel from the view's lower left."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
-from svv.pv.client.linked_camera import (
+from svv.pv.display.linked_camera import (
     busy,
     follow,
     follower_of,
@@ -24,9 +24,9 @@ from svv.pv.client.linked_camera import (
     view_closed,
     view_to_follow,
 )
-from svv.pv.client.observers import Watched, WeakReference, python_proxy, with_data
-from svv.pv.client.timers import Timer, by_window, window
+from svv.pv.observers import Watched, WeakReference, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy, SMViewProxy
+from svv.pv.timers import Timer, by_window, window
 
 PROPERTY = "FollowCamera"
 

@@ -6,7 +6,7 @@ Client code, for the macro *StyleRF add layer* and for scripts.
 from __future__ import annotations
 
 from svv.errors import BadInput
-from svv.pv.display.capture import shown_as, volume_display
+from svv.pv.client.capture import shown_as, volume_display
 from svv.pv.panel.undo import values_of
 from svv.pv.paraview_types import Proxy
 

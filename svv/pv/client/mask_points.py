@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 
 from svv.pv.client.clicks import Act, pixel_at, place_under, press
-from svv.pv.client.observers import python_proxy, with_data
+from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Display, Property, Proxy, SMProxy, View
 
 KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": ""}

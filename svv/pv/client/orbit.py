@@ -6,7 +6,7 @@ Client code, for the user interface and for scripts.
 from __future__ import annotations
 
 from svv.errors import BadInput
-from svv.pv.client.linked_camera import newest
+from svv.pv.display.linked_camera import newest
 from svv.pv.paraview_types import Proxy
 
 SHOWN = {"StyleRFRender": "Frame", "StyleRFStylizedView": "Frame", "StyleRFViews": "ShownView",

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from svv.pv.client.clicks import pixel_at, place_under, press
-from svv.pv.client.linked_camera import PLACED, camera_numbers, parallel_scale_of, upstream
-from svv.pv.client.observers import python_proxy, with_data
+from svv.pv.display.linked_camera import PLACED, camera_numbers, parallel_scale_of, upstream
+from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Property, Proxy, SMProxy, View
 
 ROWS = {"ClickPart": "Parts", "ClickRegion": "Points", "ClickSame": "Points"}

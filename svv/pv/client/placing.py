@@ -12,8 +12,8 @@ from functools import partial
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
-from svv.pv.client.linked_camera import IMAGES, PLACED, busy, look_through, timed
-from svv.pv.client.observers import python_proxy, with_data
+from svv.pv.display.linked_camera import IMAGES, PLACED, busy, look_through, timed
+from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Display, Proxy, SMViewProxy, View
 
 DISPLAY = "GeometryRepresentation"

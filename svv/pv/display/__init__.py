@@ -1,4 +1,4 @@
-"""How a volume is displayed: which properties are reproduced or refused, and the volume as shown.
+"""How a view shows: what becomes of a display's properties, the volume as shown, the linked camera and its mouse.
 
 The drawing itself is in :mod:`svv.dvr.draw`.
 """

@@ -10,8 +10,8 @@ from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkRenderingCore import vtkVolume
 
-from svv.dvr.draw.appearance import Appearance, put, without_duplicates
 from svv.dvr.draw.plotted import moved, with_outer_halves
+from svv.dvr.read.appearance import Appearance, put, without_duplicates
 from svv.dvr.read.grids import as_volume, index_to_world, pick_scalars
 from svv.errors import BadInput
 from svv.pv.panel_values import DisplayValues, Values, by_name, with_names

@@ -20,7 +20,7 @@ from vtkmodules.vtkParallelCore import vtkMultiProcessController
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.measure import give_memory_back
 from svv.progress import shown
-from svv.pv.client.connection import client_gone
+from svv.pv.connection import client_gone
 from svv.pv.failed import (
     EARLIER,
     FailedBefore,
@@ -39,8 +39,7 @@ from svv.pv.failed import (
 from svv.pv.filters.shown_scene import KEY, mark_scene
 from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.filters.vtk_data import forget_scenes, put_views
-from svv.pv.panel.properties import label_of
-from svv.pv.panel_values import Values, by_name
+from svv.pv.panel_values import Values, by_name, label_of
 from svv.pv.results.time_steps import Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 

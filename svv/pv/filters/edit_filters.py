@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
+from svv.pv.filters.cached import Keeping
 from svv.pv.filters.picking import Click, Picking, point_seen
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
 from svv.pv.panel.first_screen import few_first
 from svv.pv.panel.groups import edit_properties, menu, part_properties, save_properties, takes_scene, takes_scenes
 from svv.pv.panel.properties import button, integer, panel, status, switch, text
-from svv.pv.results.cached import Keeping
 from svv.pv.vtk_types import Data, OutInfo, Request
 
 if TYPE_CHECKING:

@@ -58,7 +58,7 @@ def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tupl
     scene = with_edit(scene, edit_in(values))
     if not values["Say"].strip():
         return scene.as_one_step(before), ()
-    from svv.render.words.say import say
+    from svv.job.words.say import say
 
     spoken = say(scene, values["Say"], progress, paints=False)
     return spoken.scene.as_one_step(before), spoken.understood

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.geometry.cameras import Camera, CameraRig
-from svv.dvr.draw.appearance import GHOSTS
+from svv.dvr.read.appearance import GHOSTS
 from svv.errors import BadInput, Progress
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
@@ -250,7 +250,7 @@ def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, mov
     """
     from svv.dvr.draw.classify import classified_as
     from svv.dvr.functions.transfer_functions import TransferFunction
-    from svv.fields.values.followed_scene import at_volume
+    from svv.fields.following.followed_scene import at_volume
 
     volume = volume_shown(volume_of(data, values), values)
     told = scene.made.get("source", {}).get("tf")
@@ -267,8 +267,8 @@ def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
     Raises:
         BadInput: The file is not a scene file, or it is damaged.
     """
+    from svv.fields.devices.gpu import device_named
     from svv.fields.scene.scene import Scene
-    from svv.kernels.dispatch import device_named
 
     scene = Scene.load(file) if file.exists() else None
     if scene is None or scene.made.get("key") != key_of(now):
@@ -346,9 +346,9 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     Raises:
         BadInput: The scene does not hold the network that the panel asks for, or the device is not available.
     """
+    from svv.fields.devices.gpu import device_named
     from svv.io.pictures.mask_pictures import region_map_overlay
     from svv.io.pictures.output import to_bytes
-    from svv.kernels.dispatch import device_named
     from svv.render.frames import region_colours
     from svv.render.supersampled import supersampled
 

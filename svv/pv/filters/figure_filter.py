@@ -72,13 +72,13 @@ class StyleRFFigure(Filter):
 
     def SaveFigure(self) -> None:
         """Write the figure to a file."""
-        from svv.pv.panel.figures import write
+        from svv.pv.filters.figures import write
 
         self.save("scene", "FigureFile", lambda file: write(self.last("scene"), self.values, file, self.progress))
 
     def _drawn(self, data: Data) -> tuple[NDArray[np.uint8], str]:
         """Return the figure as straight RGBA (height, width, 4) and what to know of it, drawn once for each panel."""
-        from svv.pv.panel.figures import pixels_of
+        from svv.pv.filters.figures import pixels_of
 
         scene = finished_scene_of(data)
         self.kept("scene", object(), lambda: scene)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from paraview.util.vtkAlgorithm import smproxy
 
-from svv.pv.display.volume_display import set_unit_distance
 from svv.pv.filters.base import Filter
 from svv.pv.filters.parallel import DividedInput, do_next_job
+from svv.pv.filters.volume_display import set_unit_distance
 from svv.pv.panel.groups import takes_volume
 from svv.pv.panel.properties import display, number, panel, scalars
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
@@ -30,7 +30,7 @@ class StyleRFPieces(DividedInput):
 @smproxy.filter(group="internal_filters", label="StyleRF Unit Distance", support_reload=False)
 @panel(display(), number("Distance", 1.0, "Opacity unit distance of the fourth component, world units."))
 class StyleRFUnitDistance(Filter):
-    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.display.volume_display)."""
+    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.filters.volume_display)."""
 
     def __init__(self) -> None:
         import paraview.modules.vtkRemotingViews  # noqa: F401  (lets a server's Python know the class of displays)

@@ -8,6 +8,7 @@ from paraview.util.vtkAlgorithm import smproxy
 
 from svv.errors import BadInput
 from svv.io.files.keyed_results import digest_of_file
+from svv.job.looks.offered import LOOKS
 from svv.options.making import PREFIX, DeviceOptions, PaintOptions
 from svv.pv.filters.edit_filters import SceneOutput
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene
@@ -15,10 +16,9 @@ from svv.pv.panel.groups import device, menu, save_properties, takes_scene
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import button, choice, file, panel, status, text
 from svv.pv.vtk_types import Data, OutInfo
-from svv.render.looks.offered import LOOKS
 
 if TYPE_CHECKING:
-    from svv.render.looks.applying import Applied
+    from svv.job.looks.applying import Applied
 
 __all__ = ["StyleRFLook"]
 
@@ -50,9 +50,9 @@ class StyleRFLook(SceneOutput):
         super().__init__(1, 1, "vtkTable")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.kernels.dispatch import device_named
+        from svv.fields.devices.gpu import device_named
+        from svv.job.looks.look import Look
         from svv.pv.filters.editing import told
-        from svv.render.looks.look import Look
 
         scene, values = finished_scene_of(inputs[0]), self.values
         self.kept("input", object(), lambda: scene)
@@ -76,7 +76,7 @@ class StyleRFLook(SceneOutput):
 
     def SaveLook(self) -> None:
         """Write the input's look to a file."""
-        from svv.render.looks.look import Look
+        from svv.job.looks.look import Look
 
         self.save("input", "SaveLookFile", lambda file: Look.of(self.last("input")).save(file))
 

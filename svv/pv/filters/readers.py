@@ -64,7 +64,7 @@ class StyleRFSceneReader(Filter):
         return 1
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.fields.values.followed_scene import at_step, step_at
+        from svv.fields.following.followed_scene import at_step, step_at
 
         scene, told = self._read(), ""
         times, steps, executive = self._times(scene), scene.steps, self.GetExecutive()

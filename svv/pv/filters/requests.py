@@ -37,10 +37,10 @@ def learning(data: vtkDataObject | None, values: Values) -> Request:
     Raises:
         BadInput: The input is not a volume, or the options or the scene file cannot be used.
     """
+    from svv.fields.devices.gpu import device_named
     from svv.io.files.atomic import check_writable
     from svv.job.request import Request
-    from svv.kernels.dispatch import device_named
-    from svv.train.config import settings_of
+    from svv.train.run.config import settings_of
 
     options, now = options_in(TrainOptions, values), training_moment(data, values, None)
     settings_of(options)  # report errors before views are drawn

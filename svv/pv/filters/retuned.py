@@ -98,7 +98,7 @@ def tuned_like(scene: Scene, other: Scene) -> Scene:
         BadInput: It cannot show them.
     """
     from svv.dvr.functions.transfer_functions import TransferFunction
-    from svv.fields.values.other_cells import on_cells
+    from svv.fields.following.other_cells import on_cells
     from svv.job.opacities import with_opacities
 
     mine, its = (one.made.get("source", {}).get("tf") for one in (scene, other))

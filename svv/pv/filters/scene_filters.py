@@ -21,6 +21,7 @@ from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.base import set_image_information
+from svv.pv.filters.cached import FILE, FOUND, LOST
 from svv.pv.filters.picking import Pointing
 from svv.pv.filters.retuned import tuned_like
 from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
@@ -63,7 +64,6 @@ from svv.pv.panel.properties import (
     text,
 )
 from svv.pv.panel_values import Values
-from svv.pv.results.cached import FILE, FOUND, LOST
 from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, name_of, settings_in, source_of
 from svv.pv.results.time_steps import Moment
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request

@@ -16,7 +16,7 @@ import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkTable
 
-from svv.dvr.draw.appearance import named
+from svv.dvr.read.appearance import named
 from svv.errors import BadInput
 from svv.io.files.atomic import atomic_path
 from svv.pv.failed import check_there

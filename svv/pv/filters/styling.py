@@ -76,7 +76,7 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
     Raises:
         BadInput: There is no variant ``shown``.
     """
-    from svv.fields.values.followed_scene import on_cells_of
+    from svv.fields.following.followed_scene import on_cells_of
 
     base, own = digest_of_scene(scene), {}
     if scene.layers:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
-from svv.dvr.draw.appearance import named
+from svv.dvr.read.appearance import named
 from svv.errors import BadInput
 
 MARK = "StyleRF Unfinished"

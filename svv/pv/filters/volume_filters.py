@@ -20,6 +20,7 @@ from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
 from svv.pv.filters import default_function
 from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
+from svv.pv.filters.cached import FILE, LOST, Keeping, Views, views_in, write_views
 from svv.pv.filters.edit_filters import SceneOutput
 from svv.pv.filters.own_edits import edits_of, painted_as_edited, put_edited
 from svv.pv.filters.parallel import DividedInput
@@ -61,7 +62,6 @@ from svv.pv.panel.groups import (
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
-from svv.pv.results.cached import FILE, LOST, Keeping, Views, views_in, write_views
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of, name_of, source_of
 from svv.pv.results.stored import Stored
@@ -290,7 +290,7 @@ class StyleRFVolume(VolumeOutput, Clickable):
         super().__init__(1, 1, "vtkImageData")
 
     def grid_for(self, data: Data | None) -> Grid:
-        from svv.kernels.dispatch import device_named
+        from svv.fields.devices.gpu import device_named
         from svv.render.baking.baked import grid_for
 
         options, scene = options_in(BakeOptions, self.values), scene_of(data)
@@ -298,7 +298,7 @@ class StyleRFVolume(VolumeOutput, Clickable):
         return grid_for(scene, options)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.kernels.dispatch import device_named
+        from svv.fields.devices.gpu import device_named
         from svv.pv.filters.engine import as_cut
         from svv.render.baking.baked import Baker
 

@@ -28,7 +28,7 @@ from vtkmodules.vtkCommonDataModel import (
 
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
-from svv.dvr.draw.appearance import named
+from svv.dvr.read.appearance import named
 from svv.errors import BadInput
 from svv.pv.failed import check_there
 from svv.pv.filters.connected import BAKED, CAMERA, SCENE, VIEWS, what_is

@@ -17,13 +17,13 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 from svv.dvr.parallel.ranks import ranks_here
 from svv.errors import BadInput
 from svv.io.files.cache import Cache
+from svv.pv.filters.cached import FOUND, Keeping
 from svv.pv.filters.parallel import crew_of
 from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.filters.vtk_data import key_of_views, put_drawn, put_stored, time_of
 from svv.pv.live.drawer import Drawn, Gone
 from svv.pv.live.ordered import Ordered, Wanted
 from svv.pv.panel_values import Values, with_names
-from svv.pv.results.cached import FOUND, Keeping
 from svv.pv.results.keys import key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment

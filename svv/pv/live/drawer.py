@@ -262,9 +262,9 @@ class Drawing:
 
     def _scene_for(self, order: DrawOrder) -> Scene:
         """Return the scene that an order is about; it is read once."""
+        from svv.fields.devices.gpu import device_named
         from svv.fields.scene.scene import Scene
         from svv.io.files.cache import Cache
-        from svv.kernels.dispatch import device_named
 
         this = order["file"], order["state"], order["values"]["Device"]
         if self._scene is None or self._is != this:

@@ -9,7 +9,7 @@ import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 
-from svv.dvr.draw.appearance import GHOSTS
+from svv.dvr.read.appearance import GHOSTS
 from svv.io.files.atomic import cannot_write
 from svv.io.files.cache import Cache
 from svv.pv.filters.connected import VIEWS

@@ -50,8 +50,8 @@ def main() -> None:
 def warm(orders: Orders, file: Path) -> None:
     """Load all that a job takes, by doing a whole small one; stop as soon as there is an order. Save its result."""
     from svv.job.compile_ahead import ball_views
-    from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
+    from svv.train.run.config import preset
 
     def hurry(fraction: float, label: str) -> None:
         if not orders.empty:
@@ -84,7 +84,7 @@ class Window:
         Raises:
             BadInput: The panel cannot be obeyed, or the volume differs from what ParaView has.
         """
-        from svv.kernels.dispatch import device_named
+        from svv.fields.devices.gpu import device_named
         from svv.pv.filters.requests import correcting, learning, painting
 
         if "input" in order:

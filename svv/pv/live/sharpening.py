@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from svv.pv.client.connection import server_gone
-from svv.pv.client.linked_camera import busy, follower_of, may_be_late, shows, upstream
-from svv.pv.client.observers import Watched
-from svv.pv.client.timers import Timer, by_window, window
+from svv.pv.connection import server_gone
+from svv.pv.display.linked_camera import busy, follower_of, may_be_late, shows, upstream
+from svv.pv.observers import Watched
+from svv.pv.timers import Timer, by_window, window
 
 BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize", "StyleRFPalette")
 """Filters that learn beside the window (:class:`svv.pv.live.beside.Beside`)."""

@@ -7,7 +7,7 @@ that would make ParaView discard what a view has just been given to show, if it 
 
 from __future__ import annotations
 
-from svv.pv.client.connection import server_gone
+from svv.pv.connection import server_gone
 from svv.pv.paraview_types import SMProxy
 
 KEEPING = ("StyleRFViews", "StyleRFTrain", "StyleRFPalette", "StyleRFStylize", "StyleRFStylizedView")

@@ -41,7 +41,7 @@ from svv.pv.panel.properties import (
     text,
     transfer_function,
 )
-from svv.styles.offered import GALLERY, INKS
+from svv.styles.gallery.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
 TAKE_HELP = (

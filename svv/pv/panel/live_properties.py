@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from svv.pv.panel.properties import Owner, Property, button, hidden, hidden_text, stored, switch
 
-if TYPE_CHECKING:
-    from svv.pv.live.beside import Beside
+
+class Learner(Owner, Protocol):
+    """A filter that learns beside the window."""
+
+    def prepare(self) -> None:
+        """Start what takes long to start."""
 
 
 def live() -> list[Property]:
     """Return the properties and buttons of a filter that learns beside the window (:mod:`svv.pv.live.beside`)."""
 
-    def in_window(self: Beside, value: int) -> None:
+    def in_window(self: Learner, value: int) -> None:
         self.values["InWindow"] = bool(value)
         if value > 1:
             self.prepare()

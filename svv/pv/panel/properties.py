@@ -7,7 +7,6 @@ class the setters that the XML names: they store a changed value, then call ``Mo
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast
@@ -15,7 +14,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from svv.pv.panel.function_edits import marker, observe_for, watch
 from svv.pv.panel.tooltips import with_picture
-from svv.pv.panel_values import Values, by_name
+from svv.pv.panel_values import Values, by_name, label_of
 from svv.pv.paraview_types import Observed
 
 if TYPE_CHECKING:
@@ -85,11 +84,6 @@ def hidden(
         f'panel_visibility="never"{more}>{inside}<Documentation>{escape(help)}</Documentation></{kind}VectorProperty>'
     )
     return Property(name, xml, False if default else "", {f"Set{name}": setter})
-
-
-def label_of(name: str) -> str:
-    """Return the label of a property: 'View Size' for 'ViewSize'. ParaView's Python removes the spaces again."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)
 
 
 def stored(name: str, convert: Callable[..., object]) -> Callable[..., None]:

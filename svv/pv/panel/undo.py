@@ -6,7 +6,7 @@ it remembers the applied values and sets the panel to them, so that the panel al
 
 from __future__ import annotations
 
-from svv.pv.client.observers import Watched, python_proxy, with_data
+from svv.pv.observers import Watched, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy
 
 BUTTONS = {

@@ -21,14 +21,14 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.core.volumes.opacity_code import CODES, LEAST_LOG_DEPTH, codes_of, most_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.networks import PaletteField, encode_directions
-from svv.fields.radiance.occlusion import occlude
-from svv.fields.radiance.paint_light import lights_of
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Rays
 from svv.fields.scene.joined import members
 from svv.fields.scene.model import for_colours, of_colour
+from svv.fields.scene.occlusion import occlude
+from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.stroke_opacity import followed
+from svv.fields.scene.stroke_opacity import followed
 from svv.options.baking import BakeOptions
 from svv.options.making import NetworkName
 from svv.render.baking.baked_volume import BakedVolume, halved, span_all_bytes, summed

@@ -21,12 +21,13 @@ from svv.core.colour.colour_vision import LEAST_DIFFERENCE
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.scene.model import in_words
 from svv.fields.scene.region import checked_line
 from svv.fields.scene.seen_colours import Pair, Seen, seen_in, seen_of
 from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
-from svv.render.colour_check import alike_said, merging, report_on, told_of
 from svv.render.emptiness import SHOW, why_empty
+from svv.render.figures.colour_check import alike_said, merging, report_on, told_of
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import (
     camera_through,
@@ -39,7 +40,6 @@ from svv.render.figures.framing import (
 from svv.render.figures.layout import Line
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
-from svv.render.pictures import in_words
 from svv.render.supersampled import supersampled
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from svv.core.colour.light import NORMAL_SCALE
 from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import Progress, part, silent
 from svv.fields.radiance.encodings import Encoding, SparseLattice
-from svv.fields.radiance.occlusion import is_occluded, occlude
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.occlusion import is_occluded, occlude
 from svv.fields.scene.scene import Scene
 from svv.render.web.harmonics import BANDS, fitted_light, geometry_at, principal
 from svv.render.web.holding_kernels import held

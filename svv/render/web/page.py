@@ -33,15 +33,15 @@ from svv.core.colour.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.interval_text import interval_text
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.radiance.matcaps import picture_of
 from svv.fields.radiance.phong import EXTINCTION_POWER
 from svv.fields.scene.joined import members
+from svv.fields.scene.matcaps import picture_of
+from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.stroke_opacity import strokes_of
+from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
-from svv.render.pictures import in_words
 from svv.render.web.fields import Field, fields_of
 
 SCRIPTS = (

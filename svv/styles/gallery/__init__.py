@@ -19,7 +19,7 @@ from svv.io.files.cache import Cache, cache_folder
 from svv.io.pictures.output import to_bytes, write_png
 from svv.io.pictures.style_picture import SMALLEST, read_style
 from svv.options.making import DRAWN, PREFIX
-from svv.styles.offered import GALLERY
+from svv.styles.gallery.offered import GALLERY
 
 SIZE = 512
 LARGEST = 1024

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from svv.styles.gallery.subjects import hills, still_life
-from svv.styles.textures import Canvas, Dab, Floats, from_hex, rank, smooth, spectrum_noise
+from svv.styles.gallery.textures import Canvas, Dab, Floats, from_hex, rank, smooth, spectrum_noise
 
 
 def paper_grain(rng: Generator, n: int, size: float) -> Floats:

@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinat
 
 from svv.styles.gallery.drawings import paper_grain
 from svv.styles.gallery.subjects import flowers, hills
-from svv.styles.textures import Canvas, Dab, Floats, from_hex, ramp, rank, smooth, spectrum_noise
+from svv.styles.gallery.textures import Canvas, Dab, Floats, from_hex, ramp, rank, smooth, spectrum_noise
 
 
 def watercolour(rng: Generator, n: int) -> Floats:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from svv.styles.gallery.drawings import mixed, paper_grain, streamed
 from svv.styles.gallery.subjects import flowers, hills, sea
-from svv.styles.textures import Floats, from_hex, rank, smooth
+from svv.styles.gallery.textures import Floats, from_hex, rank, smooth
 
 
 def woodcut(rng: Generator, n: int) -> Floats:

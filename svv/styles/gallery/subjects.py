@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from svv.styles.textures import Floats, smooth
+from svv.styles.gallery.textures import Floats, smooth
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Extinction as a function of a volume's values, while it is learned; see :mod:`svv.fields.values.of_values`.
+"""Extinction as a function of a volume's values, while it is learned; see :mod:`svv.fields.radiance.of_values`.
 
 It starts as the mean extinction over the values within half a cell (pre-integrated classification, Engel et al. 2001).
 
@@ -13,7 +13,7 @@ from torch import Tensor
 
 from svv.core.rays.extinction import EMPTY_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.core.volumes.classified import ValueGrid
-from svv.fields.values.of_values import SLOPE_RANGE, SLOPES, VALUES, Places, looked_up
+from svv.fields.radiance.of_values import SLOPE_RANGE, SLOPES, VALUES, Places, looked_up
 
 BETAS = 0.9, 0.99
 """Decay rates of Adam's moments."""

@@ -16,11 +16,10 @@ from svv.fields.radiance.networks import BaseField, FieldSettings
 from svv.fields.radiance.occupancy import Occupancy, carve, largest_in, least_extinction
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU, kernels_of
-from svv.train.base.tomography import extinction_from
-from svv.train.base.tomography_there import TomographyThere
-from svv.train.config import ReconstructSettings
+from svv.train.base.tomography import TomographyThere, extinction_from
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Arrays
+from svv.train.run.config import ReconstructSettings
 from svv.train.run.views_there import views_on
 
 MOST_CELLS = 256

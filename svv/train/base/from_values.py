@@ -19,13 +19,13 @@ from torch import Tensor, nn
 from svv.core.volumes.classified import ValueGrid
 from svv.fields.radiance.networks import CONSTANT_HARMONIC, BaseField, FieldSettings, PaletteField
 from svv.fields.radiance.occupancy import Occupancy
-from svv.fields.values.of_values import Places, features_at, fill_palette
+from svv.fields.radiance.of_values import Places, features_at, fill_palette
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train.base.extinction_table import ExtinctionTable
 from svv.train.base.first_extinction import Beginning
 from svv.train.base.reconstruct import Reconstruction
-from svv.train.config import ReconstructSettings
+from svv.train.run.config import ReconstructSettings
 
 FEATURES = 4
 """Features of a vertex: for the base network value and normal; for the palette network two of the value, and zeros."""

@@ -23,9 +23,9 @@ from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Room, Samples, TrainingKernels
 from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
-from svv.train.config import ReconstructSettings
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
+from svv.train.run.config import ReconstructSettings
 from svv.train.run.gradients import sum_gradients
 from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
 from svv.train.run.sample_room import SampleRoom

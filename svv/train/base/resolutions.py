@@ -12,7 +12,7 @@ from svv.core.geometry.cameras import Camera
 from svv.fields.radiance.networks import FieldSettings
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.scene import Scene
-from svv.train.config import ReconstructSettings, StylizeSettings
+from svv.train.run.config import ReconstructSettings, StylizeSettings
 
 USUAL = ReconstructSettings()
 """Settings of most presets."""

@@ -18,7 +18,7 @@ from svv.fields.scene.model import for_colours, of_colour
 from svv.fields.scene.scene import Scene
 from svv.kernels.types import Samples
 from svv.train.base.resolutions import paint_pixel, paint_resolutions
-from svv.train.config import MatchSettings
+from svv.train.run.config import MatchSettings
 from svv.train.run.loop import falling, network_adam
 
 DISTILLATION_SIZE = 256

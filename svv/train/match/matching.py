@@ -15,13 +15,13 @@ from svv.errors import Progress, part
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.styles.features import FeatureNetwork
-from svv.train.config import MatchSettings
 from svv.train.match.distil import Distillation
 from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from svv.train.match.stylize import Stylization
 from svv.train.paint.painting import Remarks
 from svv.train.paint.plan import Order
 from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import MatchSettings
 from svv.train.run.loop import Loop
 from svv.train.run.previews import Previews, Show
 

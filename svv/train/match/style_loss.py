@@ -22,7 +22,7 @@ from svv.core.images.nnfm import (
     total_variation,
 )
 from svv.styles.features import STRIDE
-from svv.train.quilt.pieces import resized
+from svv.train.paint.pieces import resized
 
 LEAST_SHARE = 0.3
 """Fraction of foreground above which a cell of the feature map is matched."""

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from svv.core.colour.colour import lab_to_rgb
 from svv.core.strokes.strokes import Brush, Strokes
 from svv.styles.hand import Hand
-from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import Brushwork
+from svv.train.paint.styled_views import StyledView
 from svv.train.paint.surface_form import Floats, Form, tangents
 from svv.train.paint.techniques import TECHNIQUES
 from svv.train.paint.visible_surface import surface_of

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from svv.errors import BadInput, Progress, part, silent
 from svv.options.making import DRAWN
 from svv.styles.gallery import open_style
-from svv.styles.offered import INKS, Layer
+from svv.styles.gallery.offered import INKS, Layer
 from svv.train.paint import ink_kernels as numba_inking
+from svv.train.paint.quilt import LIGHT
 from svv.train.paint.surface_form import Floats, Form
-from svv.train.quilt.quilt import LIGHT
 
 PAPER = (0.97, 0.955, 0.92)
 """Colour of paper, which is not inked: warm white, RGB."""

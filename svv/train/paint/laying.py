@@ -13,15 +13,15 @@ from svv.errors import Progress, part
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.train.base.resolutions import paint_pixel
-from svv.train.config import StylizeSettings
-from svv.train.match.contrast import match_contrast, stroke_scales
+from svv.train.paint.contrast import match_contrast, stroke_scales
 from svv.train.paint.ink import PAPER
 from svv.train.paint.painting import Remarks, Start, painted_field, painted_start
+from svv.train.paint.pieces import PieceSettings, PieceStyle, piece_styles
 from svv.train.paint.pieces_apart import keep_pieces_apart
 from svv.train.paint.plan import Order
 from svv.train.paint.style_choice import mean_colour
-from svv.train.quilt.pieces import PieceSettings, PieceStyle, piece_styles
 from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import StylizeSettings
 from svv.train.run.previews import Previews, Show
 
 PIECES_LAID = 0.9

@@ -1,7 +1,7 @@
 """In which manner a style is painted: by brush strokes, or by pieces of its picture.
 
 Strokes show the hand of a painter, and prints are printed block by block. What has no such hand is better shown by
-pieces (:mod:`svv.train.quilt.quilt`): the smooth parts of photographs would become strokes that nobody painted, and
+pieces (:mod:`svv.train.paint.quilt`): the smooth parts of photographs would become strokes that nobody painted, and
 stones, halftone dots and textures would lose their shapes.
 """
 

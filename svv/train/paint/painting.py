@@ -2,7 +2,7 @@
 
 The paper's unrestricted colour network learns its colours by matching features view by view
 (:mod:`svv.train.match.matching`), and each view puts its strokes elsewhere. Here, strokes and pieces
-(:class:`svv.train.quilt.quilt.Quilt`) are laid once, the same from every side, on a lattice that stores the colours
+(:class:`svv.train.paint.quilt.Quilt`) are laid once, the same from every side, on a lattice that stores the colours
 themselves.
 """
 
@@ -29,12 +29,12 @@ from svv.fields.scene.model import for_colours, of_colour
 from svv.fields.scene.scene import Scene
 from svv.fields.strokes.kept_strokes import NOBODY, Brushed
 from svv.styles.hand import Hand
-from svv.train.match.stylize import UNSEEN, StyledView, visible_from
 from svv.train.paint.ink import SURFACE, Drawing, Ink
+from svv.train.paint.pieces import PieceStyle, resized
+from svv.train.paint.quilt import RADIUS, Manner, Quilt
 from svv.train.paint.stroke_painting import Brushing, PaintedRegion, stroke_width
+from svv.train.paint.styled_views import UNSEEN, StyledView, visible_from
 from svv.train.paint.surface_form import Form, form_of
-from svv.train.quilt.pieces import PieceStyle, resized
-from svv.train.quilt.quilt import RADIUS, Manner, Quilt
 
 MOST_VERTICES = 3_000_000
 """Approximate maximum number of vertices of a painting: each takes three bytes in the scene file."""

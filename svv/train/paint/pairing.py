@@ -20,7 +20,7 @@ from svv.fields.scene.joined import members
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import seen_of
 from svv.styles.families import Family, features_of, joined
-from svv.train.match.stylize import visible_from
+from svv.train.paint.styled_views import visible_from
 from svv.train.paint.view_pixels import ViewPixels
 
 GLANCES, GLANCE = 6, 64

@@ -13,10 +13,10 @@ from svv.errors import Progress
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
-from svv.train.match.stylize import visible_from
 from svv.train.paint.ink import Style
 from svv.train.paint.legibility import Legibility
 from svv.train.paint.painting import owners_of
+from svv.train.paint.styled_views import visible_from
 from svv.train.paint.view_pixels import ViewPixels
 
 VIEWS, SIDE, MOST = 5, 128, 400

@@ -11,9 +11,9 @@ from svv.core.colour.colour import lab_to_rgb
 from svv.errors import Progress, part
 from svv.fields.scene.scene import Scene
 from svv.styles.hand import Hand
-from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import CLEAR, Brushwork, Painter
 from svv.train.paint.fog import sky_of, washed
+from svv.train.paint.styled_views import StyledView
 from svv.train.paint.surface_form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
 from svv.train.paint.toning import Laid, toned
 from svv.train.paint.visible_surface import VisibleSurface, visible_surface

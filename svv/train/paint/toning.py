@@ -20,9 +20,9 @@ from svv.core.colour.colour import lab_to_rgb
 from svv.core.strokes.strokes import Strokes
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.styles.hand import Hand
-from svv.train.match.stylize import StyledView
 from svv.train.paint.brushwork import LIFTED, Brushwork
 from svv.train.paint.legibility import FEWEST, Legibility, Move
+from svv.train.paint.styled_views import StyledView
 from svv.train.paint.techniques import TECHNIQUES
 from svv.train.paint.view_pixels import ViewPixels
 

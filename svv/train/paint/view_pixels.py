@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.train.match.stylize import StyledView
+from svv.train.paint.styled_views import StyledView
 
 SHOWN = 0.02
 """Weight in a pixel from which a region is seen there."""

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
-from svv.train.match.stylize import StyledView
 from svv.train.paint import ink_kernels as numba_inking
 from svv.train.paint import tracing_kernels as numba_tracing
+from svv.train.paint.quilt import LIGHT
+from svv.train.paint.styled_views import StyledView
 from svv.train.paint.surface_form import Floats, Form, tangents
-from svv.train.quilt.quilt import LIGHT
 
 SIDE = 0.4
 """Side of the cubes with at most one point each, in widths of a stroke."""

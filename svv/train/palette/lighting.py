@@ -14,12 +14,12 @@ from svv.fields.radiance.networks import FieldSettings, encode_directions
 from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, regions_for
 from svv.train.palette.recolour import recolour
 from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
 from svv.train.run.batches import RayPool
+from svv.train.run.config import RecolourSettings
 from svv.train.run.loop import Running
 
 RAYS = 16384

@@ -16,21 +16,21 @@ from svv.core.volumes.classified import ValueGrid
 from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, encode_directions, learning
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.of_values import colours_of
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, march, not_hidden
 from svv.fields.scene.scene import Scene
-from svv.fields.values.of_values import colours_of
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Owned, Room, Samples, TrainingKernels
 from svv.train.base.from_values import colours_told, palette_given
-from svv.train.config import RecolourSettings
 from svv.train.palette.ranges import Labelled, shares_of
 from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
+from svv.train.run.config import RecolourSettings
 from svv.train.run.gradients import sum_gradients
 from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
 from svv.train.run.network_adam import Group

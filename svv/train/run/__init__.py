@@ -1,4 +1,4 @@
-"""What every stage of training runs on: the loop, checkpoints, batches of rays, the optimiser, ranks.
+"""What every stage of training runs on: settings, the loop, checkpoints, batches of rays, ranks, reports.
 
 What a stage learns is beside it: ``base``, ``palette``, ``paint``, ``match``.
 """

@@ -20,7 +20,7 @@ from svv.fields.scene.scene import Scene
 from svv.io.files.worker import Worker
 from svv.io.views.viewset import ViewSet
 from svv.options.making import TrainOptions
-from svv.train.report import Report
+from svv.train.run.report import Report
 
 COMMAND = "from svv.job.learning_process import main; main()"
 """What the process runs."""

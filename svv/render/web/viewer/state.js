@@ -31,7 +31,7 @@ function sharesOf(state, header) {
   return state.regions.map((_, k) => (styleOf(state, header, k) === null ? 0 : state.strength * header.regions[k].strength));
 }
 
-// How each region responds to light: factor, scale of the shade, less specular (svv/fields/radiance/paint_light.py, lights_of).
+// How each region responds to light: factor, scale of the shade, less specular (svv/fields/scene/paint_light.py, lights_of).
 function lightsOf(state, header) {
   return sharesOf(state, header).map((share, k) => {
     const { lighting, mean_light: mean } = header.regions[k], f = state.light * lighting;

@@ -1,0 +1,334 @@
+"""Copy how a volume is displayed from the client's active view into a filter's panel.
+
+Only the client knows the views, so this is client code: it sets properties, which ParaView then sends to the server
+like any others. ``paraview.simple`` and ``servermanager`` are imported only when they are needed: in a program that
+is just starting, importing them would create an additional session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
+from typing import Any
+
+from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
+
+from svv.errors import BadInput
+from svv.pv.client import follow_property, mask_points, part_picking, placing, strict
+from svv.pv.client.strict import failure_of
+from svv.pv.display import linked_camera
+from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
+from svv.pv.display.shown import PLAIN
+from svv.pv.failed import in_window
+from svv.pv.filters.default_function import colours_of
+from svv.pv.filters.volume_display import as_volume, set_looks
+from svv.pv.live.sharpening import BESIDE, watch_learning
+from svv.pv.observers import Watched, WeakReference, observe, python_proxy, with_data
+from svv.pv.panel.cached_names import KEEPING, take_names
+from svv.pv.panel.undo import watch
+from svv.pv.paraview_types import Display, Observer, Proxy, SMProxy, SMProxyManager, SMSessionProxyManager, View
+
+CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
+"""Filters that read a volume's display."""
+
+BUTTONS = ("StyleRFEdit", "StyleRFPalette")
+"""Filters with buttons that set their panel (:mod:`svv.pv.panel.undo`)."""
+
+TAKE = ("TakeWhatIsShownNow", "TakeAsEdited")
+"""Buttons, of one meaning, after which what a display has changed is captured."""
+
+FOLLOWED = ("Camera", "ParallelScale", "ImageSize")
+"""Properties that are set while an image follows a view."""
+
+_captured: Watched[tuple[WeakReference[SMProxy], dict[str, object]]] = Watched()
+"""The display that each filter has captured last, and what it was like."""
+
+_applied: list[SMProxy] = []
+"""Waiting filters while what is applied to them is passed on."""
+
+OF_VIEWS = (
+    ("EndEvent", follow_property.view_drawn),
+    ("StartEvent", set_looks),
+    ("StartEvent", placing.render_pictures),
+)
+"""What is called when a 3D view is drawn, by event."""
+
+IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader", "StyleRFStylize")
+"""Filters and readers whose output is an image of colours."""
+
+DISPLAY = "UniformGridRepresentation"
+"""XML name of the representation with which ParaView shows a ``vtkImageData`` in a 3D view."""
+
+COEFFICIENTS = ("Diffuse", "Specular", "SpecularPower")
+"""Properties of how a display is lit."""
+
+UNKNOWN = (
+    "How the volume is shown could not be read ({error}): show it as a volume in the active view, and please report "
+    "this."
+)
+
+SEEN = "StyleRF.seen"
+"""Annotation of a representation that has been set up once; afterwards it is left to the user."""
+
+
+def volume_display(source: Proxy, view: View | None = None) -> Display:
+    """Return the representation that shows a source as a volume.
+
+    Args:
+        source: Proxy of a source or filter, as in ``paraview.simple``.
+        view: View that shows it; by default the active view, then any other.
+
+    Raises:
+        BadInput: No view shows it as a volume.
+    """
+    for display in _volume_displays(source, view):
+        return display
+    raise BadInput(
+        "No view shows the input as a volume: set its representation to Volume in the active view, which gives it a "
+        "transfer function."
+    )
+
+
+def _volume_displays(source: Proxy, view: View | None = None) -> Iterator[Display]:
+    """Yield the representations that show a source as a volume, once for each view, those of the active one first."""
+    source = getattr(source, "SMProxy", source)
+    from paraview import simple
+
+    first = view or simple.GetActiveView()
+    for candidate in [first, *(other for other in simple.GetRenderViews() if other != first)]:
+        for display in () if candidate is None else candidate.Representations:
+            given = getattr(display, "Input", None)
+            kind = getattr(display, "Representation", "")
+            if given is not None and given.SMProxy == source and kind == "Volume":
+                yield display
+
+
+def shown_as(display: Display) -> dict[str, object]:
+    """Return how a representation shows a volume, as values for the filters' properties, by property name.
+
+    Args:
+        display: Proxy of a representation.
+
+    Raises:
+        BadInput: It shows the volume in a way that is not supported; the message says what to do.
+    """
+    refused = refused_by(display)
+    if refused:
+        raise BadInput(refused)
+    table = display.LookupTable
+    if table is None:
+        raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
+    # Representations of unstructured grids have neither light nor some of the other properties.
+    shade = int(getattr(display, "Shade", 0))
+    light = next(map(light_of, _views_of(display)), "") if shade else ""
+    if light == LIGHTS:
+        raise BadInput(LIGHTS)
+    if display.ScalarOpacityFunction is not None:
+        table.ScalarOpacityFunction = display.ScalarOpacityFunction
+    names = {name: name_in(display, name) for name in (*COEFFICIENTS, *PLAIN)}
+    return {
+        "TransferFunction": table,
+        "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
+        "OpacityUnitDistance": display.ScalarOpacityUnitDistance,
+        "Shade": shade,
+        "Ambient": 0.0 if light == LIGHT_KIT else getattr(display, "Ambient", 0.0),
+        "Notice": light,
+        **{name: value_of(display, own) for name, own in names.items() if own is not None},
+    }
+
+
+def _views_of(display: Display) -> list[View]:
+    """Return the 3D views with a representation."""
+    from paraview import simple
+
+    return [view for view in simple.GetRenderViews() if display in view.Representations]
+
+
+def capture(filter: Proxy, view: View | None = None) -> None:
+    """Copy how the display of a filter's input shows it to the filter's panel: transfer function, shading, place ...
+
+    Args:
+        filter: Proxy of a StyleRF filter.
+        view: View that shows its input; by default the active view.
+
+    Raises:
+        BadInput: The input is not shown as a volume, or in a way that is not supported; the filter then refuses to draw
+            it, for the same reason.
+    """
+    _take(filter, volume_display(filter.Input, view), {})
+
+
+@with_data("string0")
+def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
+    """Capture what has changed in the display of a filter's input since the last time; an observer of its buttons.
+
+    What was changed in the panel alone stays. If the input is no longer shown as a volume, all does, and also if a
+    state was loaded that shows it in several views: it does not say from which one the filter has its panel.
+    """
+    filter = python_proxy(proxy)
+    if name not in TAKE:
+        if waits(filter) and _is_applied(filter, name):
+            _applied.append(proxy)  # what is set now would not be passed on
+        return
+    known = _captured.get(proxy)
+    displays = list(_volume_displays(filter.Input))
+    same = [display for display in displays if known is not None and known[0].Get() is display.SMProxy]
+    if same or known is not None or filter.TransferFunction is None or len(displays) == 1:
+        _capture_first(filter, same or displays, {} if known is None else known[1])
+
+
+def waits(filter: Proxy) -> bool:
+    """Return whether a filter in the window has failed for want of a transfer function, and so waits for *Apply*.
+
+    Capturing one would let it learn as soon as a view is drawn, which nobody has asked for.
+    """
+    return in_window() and filter.TransferFunction is None and bool(failure_of(filter))
+
+
+def applied(proxy: SMProxy, event: str) -> None:
+    """Capture the display of a waiting filter's input once all that was applied has been passed on; an observer."""
+    if proxy in _applied:
+        _applied.remove(proxy)
+        filter = python_proxy(proxy)
+        _capture_first(filter, _volume_displays(filter.Input), {})
+
+
+def _is_applied(filter: Proxy, name: str) -> bool:
+    """Return whether a property is one that *Apply* passes on, and not one that following a view sets."""
+    shown = filter.SMProxy.GetProperty(name)
+    return name not in FOLLOWED and shown is not None and shown.GetPanelVisibility() != "never"
+
+
+def default_colours() -> str:
+    """Return the colours that this ParaView gives arrays by itself (:func:`svv.pv.filters.default_function`)."""
+    session = vtkSMProxyManager.GetProxyManager().GetActiveSessionProxyManager()
+    table = session.NewProxy("lookup_tables", "PVLookupTable")
+    points, space = table.GetProperty("RGBPoints"), table.GetProperty("ColorSpace")
+    numbers = [points.GetElement(number) for number in range(points.GetNumberOfElements())]
+    return colours_of(numbers, space.GetElement(0))
+
+
+def _capture_first(filter: Proxy, displays: Iterable[Display], before: Mapping[str, object]) -> None:
+    """Capture the first display, if any, as far as it differs from before.
+
+    Whatever goes wrong must not keep others from being set up.
+    """
+    try:
+        for display in islice(displays, 1):
+            _take(filter, display, before)
+    except BadInput:
+        pass  # the filter reports what is missing when it is applied
+    except Exception as error:
+        filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
+
+
+def _take(filter: Proxy, display: Display, before: Mapping[str, object]) -> None:
+    """Give a filter what of its display differs from before."""
+    try:
+        shown = shown_as(display)
+    except BadInput as error:
+        filter.Refusal = str(error)
+        raise
+    filter.Refusal, filter.DefaultColours = "", default_colours()
+    now = {**shown, "TransferFunction": display.LookupTable.SMProxy.GetGlobalIDAsString()}
+    for name, value in shown.items():
+        if name not in before or before[name] != now[name]:
+            setattr(filter, name, value)
+    _captured.put(filter.SMProxy, (WeakReference(display.SMProxy), now))
+
+
+OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
+    (CAPTURED, "UpdatePropertyEvent", capture_changes),
+    (CAPTURED, "UpdateEvent", applied),
+    (KEEPING, "UpdateDataEvent", take_names),
+    (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
+    (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
+    (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
+    (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),
+)
+"""What makes buttons and properties of filters work: the filters, an event, and what is called then."""
+
+
+def watch_new_filters() -> None:
+    """Set up every StyleRF filter when it is created, and capture the display of its input if it has one.
+
+    A new filter has no transfer function; capturing one saves the user from linking it by hand, both in the window and
+    in scripts. The plugin calls this in the client.
+    """
+    manager = vtkSMProxyManager.GetProxyManager()
+    # A plugin loaded at startup runs before the session exists, and connecting to a server creates another session.
+    manager.AddObserver(manager.ActiveSessionChanged, _session_changed)
+    _watch_session(manager.GetActiveSessionProxyManager())
+
+
+def _session_changed(manager: SMProxyManager, *_: object) -> None:
+    _watch_session(manager.GetActiveSessionProxyManager())
+
+
+def _watch_session(session: SMSessionProxyManager | None) -> None:
+    if session is not None:
+        strict.install()
+        observe(session, "RegisterEvent", _registered)
+
+
+def _registered(session: SMSessionProxyManager, *_: object) -> None:
+    strict.install()
+    for name in CAPTURED:
+        # The event does not identify the proxy, but a new one has no transfer function yet.
+        for filter in _proxies(session, name):
+            if filter.TransferFunction is None and filter.Input is not None and not waits(filter):
+                _capture_first(filter, _volume_displays(filter.Input), {})
+    for name in BUTTONS:
+        for filter in _proxies(session, name):
+            watch(filter)
+    for names, event, do in OBSERVERS:
+        for filter in (filter for name in names for filter in _proxies(session, name)):
+            observe(filter.SMProxy, event, do)
+    loading = bool(session.GetInLoadXMLState())
+    for name in BESIDE:
+        for filter in _proxies(session, name):
+            watch_learning(filter, loading)
+    for name in linked_camera.IMAGES:
+        for filter in _proxies(session, name):
+            follow_property.begin(filter, loading)
+    for view in _proxies(session, "RenderView", "views"):
+        for event, do in OF_VIEWS:
+            observe(view.SMProxy, event, do)
+    for display in _new_displays(session, placing.DISPLAY):
+        if not loading:  # a state defines how its data is displayed
+            placing.as_placed(display)
+    for display in _new_displays(session, DISPLAY):
+        if loading or as_volume(display):
+            continue
+        if display.Input.SMProxy.GetXMLName() in IMAGES:
+            as_it_is(display)
+
+
+def _new_displays(session: SMSessionProxyManager, kind: str) -> Iterator[Display]:
+    """Yield the representations of a kind that have not been seen before."""
+    for display in _proxies(session, kind, "representations"):
+        if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
+            display.SMProxy.SetAnnotation(SEEN, "1")
+            yield display
+
+
+def as_it_is(display: Display) -> None:
+    """Show an image's colours directly, not through a colour map."""
+    display.Representation = "Slice"
+    display.ColorArrayName = ["POINTS", "RGBA"]
+    display.MapScalars = 0
+
+
+def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") -> list[Any]:
+    from paraview import servermanager  # before Python meets any proxy, because it lets it know their classes
+
+    iterator = vtkSMProxyIterator()
+    iterator.SetSessionProxyManager(session)
+    iterator.SetModeToOneGroup()
+    iterator.Begin(group)
+    found = []
+    while not iterator.IsAtEnd():
+        if iterator.GetProxy().GetXMLName() == kind:
+            found.append(servermanager._getPyProxy(iterator.GetProxy()))
+        iterator.Next()
+    return found

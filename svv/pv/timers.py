@@ -1,0 +1,59 @@
+"""ParaView's window: whether there is one and it is at work, and timers, from which client code may draw views."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
+
+from svv.pv.observers import WeakReference
+
+
+class Timer:
+    """One-shot timer of a window; whoever starts it keeps it until it has gone off, because VTK does not.
+
+    Args:
+        interactor: The window's interactor.
+        pause: Milliseconds until it goes off.
+        do: Called then.
+    """
+
+    def __init__(self, interactor: vtkRenderWindowInteractor, pause: int, do: Callable[[], None]) -> None:
+        self._interactor = WeakReference(interactor)
+        self._do, self._observer = do, self._tick
+        self._tag = interactor.AddObserver("TimerEvent", self._observer)
+        self._id = interactor.CreateOneShotTimer(pause)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the window still exists."""
+        return self._interactor.Get() is not None
+
+    def _tick(self, *_: object) -> None:
+        interactor = self._interactor.Get()
+        interactor.RemoveObserver(self._tag)
+        interactor.DestroyTimer(self._id)
+        self._do()
+
+
+def window() -> vtkRenderWindowInteractor | None:
+    """Return the interactor of one of the window's views; None if there is no window (in a script), or no view."""
+    from paraview import simple
+
+    for view in simple.GetRenderViews():
+        interactor = view.GetInteractor()
+        if interactor is not None and interactor.GetClassName().startswith("QVTK"):  # only Qt's has an event loop
+            return interactor
+    return None
+
+
+def by_window() -> bool:
+    """Return whether this is called by the window itself, and not by a script."""
+    frame: Any = sys._getframe()
+    while frame is not None:
+        if not str(frame.f_globals.get("__package__")).startswith(str(__package__)):
+            return False
+        frame = frame.f_back
+    return True

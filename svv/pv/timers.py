@@ -50,10 +50,12 @@ def window() -> vtkRenderWindowInteractor | None:
 
 
 def by_window() -> bool:
-    """Return whether this is called by the window itself, and not by a script."""
+    """Return whether the window itself has called, and not a script.
+
+    The outermost function tells: of the window's calls, that is one of ours, which may have called others that come
+    back here. Choosing a volume's function registers proxies, and each of them is an event of its own.
+    """
     frame: Any = sys._getframe()
-    while frame is not None:
-        if not str(frame.f_globals.get("__package__")).startswith(str(__package__)):
-            return False
+    while frame.f_back is not None:
         frame = frame.f_back
-    return True
+    return str(frame.f_globals.get("__package__")).startswith(str(__package__))

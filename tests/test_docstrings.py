@@ -33,7 +33,7 @@ def failures(test: doctest.DocTest) -> list[str]:
 
 
 @pytest.fixture
-def in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def in_a_folder(tmp_path: Path, broad_strokes: None, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Examples write files, and train as briefly as tests do."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(PRESETS, "draft", SHORT)

@@ -153,6 +153,7 @@ def folder(tmp_path: Path, filled: Path, broad_strokes: None, monkeypatch: pytes
     monkeypatch.setenv("SVV_CACHE", str(tmp_path / "cache"))
     monkeypatch.setitem(PRESETS, "draft", SHORT)
     monkeypatch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
+    monkeypatch.setattr("pyvista.global_theme.window_size", [256, 192])
     monkeypatch.setattr(svv, "paint", partial(svv.paint, preset="draft", n=16, size=56, tell=lambda _: None))
     return tmp_path
 

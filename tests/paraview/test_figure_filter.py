@@ -45,6 +45,10 @@ pixels = image(figure)
 said = f"{pixels.shape[1]} x {pixels.shape[0]} pixels. Regions look alike: "
 assert status(figure).startswith(said), status(figure)
 np.save(sys.argv[2] + "/figure.npy", pixels)
+figure.SeenWith = "grey print"
+grey = image(figure)
+assert (grey[..., 0] == grey[..., 2]).all() and grey.shape == pixels.shape
+figure.SeenWith = "normal"
 figure.FigureFile = sys.argv[2] + "/figure.svg"
 figure.SMProxy.InvokeCommand("SaveFigure")
 assert status(figure).startswith("Saved as"), status(figure)
@@ -62,10 +66,6 @@ figure.VolumeRendering = 0
 figure.Width = 5.0
 figure.UpdatePipeline()
 assert "must lie between 20 and 1000 mm" in status(figure), status(figure)
-figure.Width = 60.0
-figure.SeenWith = "grey print"
-grey = image(figure)
-assert (grey[..., 0] == grey[..., 2]).all() and grey.shape == pixels.shape
 
 from svv.pv.panel.figures import _file_of, add_figure
 SaveData(sys.argv[2] + "/volume.vti", Wavelet())

@@ -25,8 +25,8 @@ outputs = {
     "flat": Wavelet(WholeExtent=[-5, 5, -5, 5, 0, 0]), "rows": PlotOverLine(Input=volume),
 }
 outputs = {name: outputs[name] for name in chosen}
-for given in outputs.values():
-    (given.Proxy if isinstance(given, sm.OutputPort) else given).UpdatePipeline()
+for name, given in outputs.items():
+    {"cameras": views, "mask": masks}.get(name, given).UpdatePipeline()
 """
 
 PAIRS = """

@@ -154,7 +154,9 @@ def test_a_ball_agrees_with_any_cameras_that_look_at_it() -> None:
         check(with_matrices(MATRICES @ OPENCV), ball)
 
 
-@pytest.mark.parametrize(("views", "size"), [(8, 64), (12, 96), (16, 48)])
+@pytest.mark.parametrize(
+    ("views", "size"), [(8, 64), *(pytest.param(*other, marks=pytest.mark.slow) for other in ((12, 96), (16, 48)))]
+)
 def test_a_light_on_the_camera_does_not_contradict_it(views: int, size: int) -> None:
     """What is brightest moves over the surface with the light, and its outline with it; alpha stays."""
     source = vtkRTAnalyticSource()

@@ -179,8 +179,7 @@ def test_strokes_lie_on_the_surface_and_end_at_its_rim(hand: Hand) -> None:
     assert np.linalg.norm(around.strokes.where - 0.5, axis=1) == pytest.approx(0.2, abs=0.15 * WIDTH)
 
 
-def test_thin_bodies_get_thin_strokes() -> None:
-    hand = measure_hand(gallery_picture("oil", 300))
+def test_thin_bodies_get_thin_strokes(hand: Hand) -> None:
     thin, thick = (Painter(hand, tube(r), EMPTY, 64, WIDTH, 0.004, 0).size for r in (0.02, 0.2))
     assert np.median(thin) < 0.8 < np.median(thick)
     for size in (thin, thick):

@@ -116,10 +116,15 @@ def test_help_comes_without_the_heavy_libraries() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_shows_examples(command: str) -> None:
-    done = run(*command.split(), "--help", env={**os.environ, "COLUMNS": "200"})
-    assert done.returncode == 0
-    assert f"svv {command}" in done.stdout.split("Examples")[1]
+def test_every_command_shows_examples(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(sys, "argv", ["svv", *command.split(), "--help"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert not ended.value.code
+    assert f"svv {command}" in capsys.readouterr().out.split("Examples")[1]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -24,15 +24,16 @@ MODULES = sorted(
 PARSER, FINDER = doctest.DocTestParser(), doctest.DocTestFinder(recurse=True)
 
 
-def run(test: doctest.DocTest) -> None:
+def failures(test: doctest.DocTest) -> list[str]:
+    """What is said of the examples that print something else than they say."""
     said: list[str] = []
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
     runner.run(test, out=said.append)
-    assert runner.failures == 0, "".join(said)
+    return said if runner.failures else []
 
 
 @pytest.fixture
-def in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def in_a_folder(tmp_path: Path, broad_strokes: None, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Examples write files, and train as briefly as tests do."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(PRESETS, "draft", SHORT)
@@ -47,12 +48,17 @@ def test_every_public_name_has_an_example_that_is_true(name: str, balls: Scene, 
     values = {"svv": svv, "np": np, "scene": balls, "views": balls_views()}
     test = PARSER.get_doctest(text, values, f"svv.{name}", None, None)
     assert [e for e in test.examples if doctest.SKIP not in e.options], f"svv.{name} has no example"
-    run(test)
+    assert failures(test) == []
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_other_examples_are_true(module: str, in_a_folder: Path) -> None:
+def test_other_examples_are_true(in_a_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     public = {f"{one.__module__}.{one.__qualname__}" for one in (getattr(svv, name) for name in svv.PUBLIC)}
-    for test in FINDER.find(importlib.import_module(module), extraglobs={"np": np}):
-        if test.name not in public:
-            run(test)
+    assert MODULES
+    wrong = []
+    for module in MODULES:
+        (in_a_folder / module).mkdir()
+        monkeypatch.chdir(in_a_folder / module)
+        for test in FINDER.find(importlib.import_module(module), extraglobs={"np": np}):
+            if test.name not in public:
+                wrong += failures(test)
+    assert not wrong, "".join(wrong)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
@@ -155,7 +156,9 @@ def test_wet_brushes_stay_in_their_wash_when_packed() -> None:
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        *dict.fromkeys(("impasto", "oil", "pastel", "charcoal", "mosaic", "screen-print", "stipple"), "oil").items(),
+        ("impasto", "oil"), ("mosaic", "oil"),
+        *(pytest.param(name, "oil", marks=pytest.mark.slow)
+          for name in ("oil", "pastel", "charcoal", "screen-print", "stipple")),
         ("woodcut", "print"), ("watercolour", "watercolour"), ("ink-wash", "ink-wash"), ("pointillism", "dots"),
     ],
 )  # fmt: skip
@@ -191,9 +194,15 @@ def test_pictures_without_a_hand_are_oil(name: str) -> None:
 # --- laying ----------------------------------------------------------------------------------------------------------
 
 
+@cache
+def hand_of(picture: str) -> Hand:
+    """The hand of a picture of the gallery."""
+    return measure_hand(gallery_picture(picture, 300))
+
+
 def laid(name: HandName, picture: str = "oil", alpha: float = 1.0) -> tuple[Painter, Brushwork]:
     """A ball of some opacity painted in a hand."""
-    hand: Hand = replace(measure_hand(gallery_picture(picture, 300)), technique=name)
+    hand: Hand = replace(hand_of(picture), technique=name)
     surface = ball()
     surface = replace(surface, alpha=np.full(len(surface), alpha, np.float32))
     painter = Painter(hand, surface, EMPTY, 64, WIDTH, 0.004, 0)
@@ -279,7 +288,7 @@ def test_rims_and_teeth_are_as_large_as_the_washes_below_the_lines() -> None:
 
 
 def test_oil_is_painted_as_it_is_measured() -> None:
-    hand = measure_hand(gallery_picture("oil", 300))
+    hand = hand_of("oil")
     _, work = laid("oil")
     assert work.brush.relief == pytest.approx(np.clip(hand.relief / 9.0, 0.08, 0.55))
     assert replace(work.brush, relief=0.3, dry=0.1, mixed=0.4) == Brush()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gc
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -95,15 +96,21 @@ def test_the_third_image_of_a_view_marches_no_ray(name: str, marched: list[int])
     assert_same(brighter.render(camera), fresh(scene.edited(1, lighting=1.5), camera))
 
 
+@pytest.fixture(scope="module")
+def scenes() -> Mapping[str, Scene]:
+    """One of each for all examples, of whose images some are kept."""
+    return {name: make() for name, make in SCENES.items()}
+
+
 @settings(max_examples=25)
 @given(
     edits=st.lists(st.tuples(st.integers(0, 2), FACTORS, FACTORS, COLOURS), max_size=4),
     name=st.sampled_from(["cube", "lit", "painted"]),
 )
 def test_after_any_edits_an_image_is_the_one_of_which_nothing_is_known(
-    edits: list[tuple[int, float, float, tuple[float, float, float] | None]], name: str
+    scenes: Mapping[str, Scene], edits: list[tuple[int, float, float, tuple[float, float, float] | None]], name: str
 ) -> None:
-    scene, camera = _SHARED[name], cube_camera(12)
+    scene, camera = scenes[name], cube_camera(12)
     for _ in range(2):
         scene.render(camera)
     for region, lighting, opacity, colour in edits:
@@ -111,9 +118,6 @@ def test_after_any_edits_an_image_is_the_one_of_which_nothing_is_known(
         scene = scene.edited(region, lighting=lighting, opacity=opacity, colour=colour)
         scene.render(camera)
         assert_same(scene.render(camera), fresh(scene, camera))
-
-
-_SHARED = {name: make() for name, make in SCENES.items()}
 
 
 @pytest.mark.parametrize("part", ["density", "features", "palette", "weights"])

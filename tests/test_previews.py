@@ -20,25 +20,23 @@ from svv.train.run import previews
 from svv.train.run.config import MatchSettings, Preset
 from svv.train.run.report import Report
 from tests.balls import MATCHED, SHORT
-from tests.cube import cube_paint, cube_scene
-
-CUBE = cube_scene()
-PAINT = cube_paint(CUBE, 1)
+from tests.cube import cube_paint
 
 
 @given(step=st.floats(0.01, 3.0), cost=st.floats(0.0, 2.0))
-def test_they_come_early_and_then_take_a_hundredth_of_the_time(step: float, cost: float) -> None:
+def test_they_come_early_and_then_take_a_hundredth_of_the_time(cube: Scene, step: float, cost: float) -> None:
+    paint = cube_paint(cube, 1)
     now, shown = [100.0], []
 
     def show(scene: Scene) -> None:
         shown.append(now[0])
         now[0] += cost
 
-    made = previews.Previews(show, lambda colours: CUBE, clock=lambda: now[0])
+    made = previews.Previews(show, lambda colours: cube, clock=lambda: now[0])
     now[0] += 2.0  # styles are read
     while now[0] < 700.0:
         now[0] += step
-        made.look(PAINT)
+        made.look(paint)
     assert previews.FIRST <= shown[0] - 102.0 - step <= previews.FIRST + step + 1e-6
     assert made.seconds == pytest.approx([t + cost - 100.0 for t in shown])
     waits = np.diff(shown) - cost
@@ -91,12 +89,12 @@ def test_they_show_the_painting_come_and_leave_it_as_it_is(
     assert away[0] > 1.5 * away[-2] and away[-1] == 0.0
 
 
-def test_a_file_holds_the_last_of_them(tmp_path: Path) -> None:
+def test_a_file_holds_the_last_of_them(cube: Scene, tmp_path: Path) -> None:
     path = tmp_path / "now.png"
     show = previews_in(path)
     pictures = []
     for paint in (1, 2):
-        show(CUBE.painted(cube_paint(CUBE, paint), {0: "a", 1: "a", 2: "a"}, {}))
+        show(cube.painted(cube_paint(cube, paint), {0: "a", 1: "a", 2: "a"}, {}))
         pictures.append(np.asarray(Image.open(path)))
     assert pictures[0].shape == (SHOWN_SIZE, SHOWN_SIZE, 3) and (pictures[0][0, 0] == 255).all()
     assert (pictures[0] != pictures[1]).any()

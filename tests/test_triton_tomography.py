@@ -62,7 +62,7 @@ def test_what_is_slightly_wrong_is_found(name: str) -> None:
         CHECKS[name](cast(Any, broken), DEVICE, 0)
 
 
-@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("parallel", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_card_carves_the_hull_of_the_cpu(parallel: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of pictures that are shrunk, and of frames that cut off what they show."""
     monkeypatch.setattr(occupancy, "MASK_SIZE", 20)
@@ -76,7 +76,7 @@ def test_a_card_carves_the_hull_of_the_cpu(parallel: bool, monkeypatch: pytest.M
         assert 0.0 < expected.fraction < 1.0
 
 
-@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("parallel", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_rounds_are_those_of_the_cpu(parallel: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tomography, "COARSEST", 16)
     views: ViewSet = views_of(orbit(8, parallel), blobs)

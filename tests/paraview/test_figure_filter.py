@@ -40,11 +40,15 @@ def test_a_figure_is_an_image_and_a_file(pvpython, tmp_path: Path) -> None:
     pvpython(
         HEAD
         + """
-figure = StyleRFFigure(Input=scene, Dpi=100, Width=60.0, Legend="right")
+figure = StyleRFFigure(Input=scene, Dpi=50, Width=60.0, Legend="right")
 pixels = image(figure)
 said = f"{pixels.shape[1]} x {pixels.shape[0]} pixels. Regions look alike: "
 assert status(figure).startswith(said), status(figure)
 np.save(sys.argv[2] + "/figure.npy", pixels)
+figure.SeenWith = "grey print"
+grey = image(figure)
+assert (grey[..., 0] == grey[..., 2]).all() and grey.shape == pixels.shape
+figure.SeenWith = "normal"
 figure.FigureFile = sys.argv[2] + "/figure.svg"
 figure.SMProxy.InvokeCommand("SaveFigure")
 assert status(figure).startswith("Saved as"), status(figure)
@@ -62,10 +66,6 @@ figure.VolumeRendering = 0
 figure.Width = 5.0
 figure.UpdatePipeline()
 assert "must lie between 20 and 1000 mm" in status(figure), status(figure)
-figure.Width = 60.0
-figure.SeenWith = "grey print"
-grey = image(figure)
-assert (grey[..., 0] == grey[..., 2]).all() and grey.shape == pixels.shape
 
 from svv.pv.filters.figures import _file_of, add_figure
 SaveData(sys.argv[2] + "/volume.vti", Wavelet())
@@ -89,7 +89,7 @@ else:
         tmp_path / "scene.svv", tmp_path,
     )  # fmt: skip
     pixels = np.load(tmp_path / "figure.npy")
-    assert pixels.shape[1] == round(60 / 25.4 * 100) and len(np.unique(pixels.reshape(-1, 4), axis=0)) > 100
+    assert pixels.shape[1] == round(60 / 25.4 * 50) and len(np.unique(pixels.reshape(-1, 4), axis=0)) > 100
     assert ">bone<" in (tmp_path / "figure.svg").read_text()
     Image.fromarray(pixels).save(tmp_path / "figure.png")
 

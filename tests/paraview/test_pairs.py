@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import pytest
+
 from tests.paraview.filter_script import VOLUME
 
 MADE = """
@@ -20,8 +24,9 @@ outputs = {
     "mask": OutputPort(masks, 1), "baked": baked, "placed": placed, "figure": figure,
     "flat": Wavelet(WholeExtent=[-5, 5, -5, 5, 0, 0]), "rows": PlotOverLine(Input=volume),
 }
-for made in (image, stylized, views, masks, baked, placed, figure, outputs["flat"], outputs["rows"]):
-    made.UpdatePipeline()
+outputs = {name: outputs[name] for name in chosen}
+for name, given in outputs.items():
+    {"cameras": views, "mask": masks}.get(name, given).UpdatePipeline()
 """
 
 PAIRS = """
@@ -78,9 +83,19 @@ VOLUMES = {
 """What filters of volumes say of what is none."""
 
 
-def test_each_filter_takes_each_output_or_says_what_to_connect(inside) -> None:
-    said = inside(VOLUME + MADE + PAIRS)
+USUAL = ("scene", "view", "mask", "baked", "rows")
+"""One output of each kind."""
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [USUAL, pytest.param([name for name in WHAT if name not in USUAL], marks=pytest.mark.slow)],
+    ids=["one of each kind", "all others"],
+)
+def test_each_filter_takes_each_output_or_says_what_to_connect(inside, chosen: Sequence[str]) -> None:
+    said = inside(f"chosen = {chosen!r}\n" + VOLUME + MADE + PAIRS)
     assert "connect StyleRF Views as the second input" in said.pop("no views")
+    assert {pair.split(", ")[0] for pair in said} == set(chosen)
     wrong: dict[str, object] = {}
     for pair, found in said.items():
         name, kind = pair.split(", ")

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from svv.io.views.viewset import ViewSet as ViewSet
     from svv.job.looks.look import Look as Look
     from svv.job.painting import paint as paint
+    from svv.job.scene_training import train_scene as train_scene
     from svv.job.volume_panels import volume_panel as volume_panel
     from svv.job.words.say import say as say
     from svv.options.figures import FigureOptions as FigureOptions
@@ -53,7 +54,6 @@ if TYPE_CHECKING:
     from svv.train.paint.ink import StyleInput as StyleInput
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
-    from svv.train.pipeline import train_scene as train_scene
     from svv.train.run.learning import Learning as Learning
 
 PUBLIC = {
@@ -92,7 +92,7 @@ PUBLIC = {
     "say": "svv.job.words.say",
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
-    "train_scene": "svv.train.pipeline",
+    "train_scene": "svv.job.scene_training",
     "volume_panel": "svv.job.volume_panels",
     "widget": "svv.render.show",
     "write_html": "svv.render.web.page",

@@ -148,9 +148,8 @@ def without(graph: Mapping[str, AbstractSet[str]], left: Sequence[tuple[str, str
     return {node: {other for other in others if (node, other) not in left} for node, others in graph.items()}
 
 
-LEFT = (("svv.pv.filters", "svv.pv.live"), ("svv.train.run", "svv.job"))
+LEFT = (("svv.pv.filters", "svv.pv.live"),)
 """Arrows upwards that are still there; this list must become shorter, never longer.
 
-Filters start what learns beside the window, which runs filters. The process of a training in the background is named as
-text by what starts it.
+Filters start what learns beside the window, which makes their requests.
 """

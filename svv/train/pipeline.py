@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, overload
 
 import numpy as np
 import torch
@@ -35,7 +34,6 @@ from svv.train.paint.styles_kept import with_styles_kept
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.config import VALUES, MatchSettings, Preset, given
-from svv.train.run.learning import Learning
 from svv.train.run.previews import Show
 from svv.train.run.report import Report, report_on
 from svv.train.training import Training
@@ -43,28 +41,10 @@ from svv.train.training import Training
 LEAST_VIEWS = 3
 
 
-@overload
-def train_scene(
-    views: ViewSet,
-    options: TrainOptions | Preset | str = ...,
-    progress: Progress = ...,
-    checkpoint: Path | None = ...,
-    *,
-    background: Literal[False] = ...,
-    **changes: object,
-) -> tuple[Scene, Report]: ...
-
-
-@overload
-def train_scene(
-    views: ViewSet,
-    options: TrainOptions | str = ...,
-    progress: Progress = ...,
-    checkpoint: Path | None = ...,
-    *,
-    background: Literal[True],
-    **changes: object,
-) -> Learning: ...
+def check_enough(views: ViewSet) -> None:
+    """Raise BadInput if there are too few views to train on."""
+    if len(views.cameras) < LEAST_VIEWS:
+        raise BadInput(f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (usually 92).")
 
 
 def train_scene(
@@ -72,48 +52,11 @@ def train_scene(
     options: TrainOptions | Preset | str = TrainOptions(),
     progress: Progress = silent,
     checkpoint: Path | None = None,
-    *,
-    background: bool = False,
     **changes: object,
-) -> tuple[Scene, Report] | Learning:
-    """Train a scene: base field, palette and palette colour network (stages 1 and 2).
-
-    Args:
-        views: Training views.
-        options: How to train. The name of a preset, or custom settings, mean the default options with these settings.
-            On a CPU, the same views, options and number of threads give the same scene (without a time limit); a GPU
-            sums in a different order each time.
-        progress: Called several times a second; stops the training when it raises.
-        checkpoint: File to save to regularly, and to resume from if it exists. The caller removes it once the scene
-            is saved.
-        background: Whether to return at once, and train in a process of its own. The result is then a
-            :class:`svv.Learning`, which gives sketches while they are better than nothing, and the scene; it calls no
-            ``progress``, and removes the ``checkpoint`` itself.
-        changes: Fields of the options to change, by name, such as ``time_limit=60``.
-
-    Returns:
-        The scene, and a report: ``seconds`` per stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
-        ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (None on a CPU, as is ``gpu``), ``seed``, ``preset``,
-        ``encoding``, ``lighting`` (the light of the scene: ``network``, ``phong`` or ``none``), ``notes`` (why the
-        model has its size), ``learned_from`` (``volume and views`` or ``views only``) and ``warnings`` (what may be
-        wrong with the views, or with regions found in them). Regions found in views alone have a ``confidence`` each,
-        in [0, 1].
-
-    Raises:
-        BadInput: There are fewer than 3 views, none shows anything, no point is visible in all of them, they contradict
-            their cameras, an option does not exist, or the time limit is not above 0.
-
-    >>> trained, report = svv.train_scene(views, "draft", time_limit=2.0)
-    >>> trained.networks, sorted(report["seconds"])
-    (('base', 'pcn'), ['base', 'check', 'extinction', 'hull', 'palette', 'pcn', 'sampling', 'total'])
-    """
+) -> tuple[Scene, Report]:
+    """Train a scene in this process; arguments, result and errors are those of :func:`svv.train_scene`."""
     asked, chosen = given(TrainOptions, options, changes)
-    if len(views.cameras) < LEAST_VIEWS:
-        raise BadInput(f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (usually 92).")
-    if background:
-        if isinstance(options, Preset):
-            raise BadInput("In the background, training takes the name of a preset, with change=... for its settings.")
-        return Learning(views, asked, checkpoint)
+    check_enough(views)
     device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed
     if asked.views_only:
         views = replace(views, classified=None)

@@ -1,12 +1,10 @@
 """Training in the background: a process of its own, as a script or a notebook sees it.
 
-The process runs :mod:`svv.job.learning_process`. It has a low priority, ends with the process that started it, and
-gives its results in files.
+The process has a low priority, ends with the process that started it, and gives its results in files.
 """
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 import weakref
@@ -21,9 +19,6 @@ from svv.io.files.worker import Worker
 from svv.io.views.viewset import ViewSet
 from svv.options.making import TrainOptions
 from svv.train.run.report import Report
-
-COMMAND = "from svv.job.learning_process import main; main()"
-"""What the process runs."""
 
 STATE, RESULT, PAGE, VIEWS = "state.svv", "scene.svv", "page.html", "views"
 """Files in the process's folder with the newest sketch, the result and their page for browsers, and the folder there
@@ -42,6 +37,7 @@ class Learning:
     object is deleted.
 
     Args:
+        command: The program of the process, with its arguments.
         views: Training views.
         options: How to train.
         checkpoint: File to save to regularly, and to resume from if it exists; it is removed when the scene is there.
@@ -53,8 +49,10 @@ class Learning:
     >>> learning.stop()  # or scene, report = learning.wait()
     """
 
-    def __init__(self, views: ViewSet, options: TrainOptions, checkpoint: Path | None = None) -> None:
-        self._worker = Worker([sys.executable, "-c", COMMAND])
+    def __init__(
+        self, command: Sequence[str], views: ViewSet, options: TrainOptions, checkpoint: Path | None = None
+    ) -> None:
+        self._worker = Worker(command)
         self._end = weakref.finalize(self, self._worker.stop)
         self._failed, self._stopped, self._asked = "", False, False
         self._read: tuple[int, Scene] | None = None

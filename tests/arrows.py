@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from functools import cache
 from pathlib import Path
@@ -141,15 +141,3 @@ def components(graph: Mapping[str, AbstractSet[str]]) -> list[list[str]]:
         if node not in number:
             visit(node)
     return found
-
-
-def without(graph: Mapping[str, AbstractSet[str]], left: Sequence[tuple[str, str]]) -> dict[str, set[str]]:
-    """Return a graph without some arrows."""
-    return {node: {other for other in others if (node, other) not in left} for node, others in graph.items()}
-
-
-LEFT = (("svv.pv.filters", "svv.pv.live"),)
-"""Arrows upwards that are still there; this list must become shorter, never longer.
-
-Filters start what learns beside the window, which makes their requests.
-"""

@@ -9,7 +9,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData, vtkTable
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh, depth_mesh
 from svv.errors import BadInput
-from svv.pv.filters.vtk_data import drawn_in, put_drawn, put_image, put_mesh
+from svv.pv.work.vtk_data import drawn_in, put_drawn, put_image, put_mesh
 
 POSE = look_at((3.0, 1.0, 2.0), (0.1, 0.2, 0.0))
 CAMERAS = [Camera(POSE, 0.6, 12, 9), Camera.orthographic(POSE, 2.5, 12, 9), Camera(POSE, 0.6, 12, 9, None, (2.0, 3.5))]

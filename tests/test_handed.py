@@ -18,8 +18,8 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.dvr.read.appearance import GHOSTS
 from svv.errors import BadInput
-from svv.pv.filters.vtk_data import time_of
 from svv.pv.live.handed import hand_over, taken
+from svv.pv.work.vtk_data import time_of
 
 
 def volume() -> vtkImageData:

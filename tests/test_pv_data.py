@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hn
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData
 
-from svv.pv.filters.vtk_data import camera_of, digest_of, put_cameras, put_image
+from svv.pv.work.vtk_data import camera_of, digest_of, put_cameras, put_image
 
 FLOATS = st.floats(-1e6, 1e6, width=32) | st.sampled_from([np.nan, np.inf, -np.inf])
 IMAGES = hn.arrays(np.float32, st.tuples(st.integers(1, 5), st.integers(1, 5)), elements=FLOATS) | hn.arrays(

@@ -16,20 +16,20 @@ from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.io.files.keyed_results import digest
 from svv.io.scene_file import read_scene_file, read_scene_header
-from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
-from svv.pv.filters.vtk_data import finished_scene_of, put_scene, put_stored, scene_of
 from svv.pv.results import expected
 from svv.pv.results.keys import digest_of_scene, name_of
 from svv.pv.results.stored import Stored
+from svv.pv.work.unfinished import NotYetThere, is_unfinished, mark_unfinished
+from svv.pv.work.vtk_data import finished_scene_of, put_scene, put_stored, scene_of
 from tests.cube import cube_paint, cube_scene
 
 LIGHT = """
 import sys
-import svv.dvr.draw.glance, svv.pv.filters.vtk_data, svv.pv.results.stored
+import svv.dvr.draw.glance, svv.pv.work.vtk_data, svv.pv.results.stored
 from pathlib import Path
 stored, content = svv.pv.results.stored.Stored.and_content(Path(sys.argv[1]))
 from vtkmodules.vtkCommonDataModel import vtkTable
-svv.pv.filters.vtk_data.put_stored(stored, content, vtkTable())
+svv.pv.work.vtk_data.put_stored(stored, content, vtkTable())
 print([name for name in ("torch", "numba") if name in sys.modules])
 """
 

@@ -82,7 +82,7 @@ def views_of(input, caster="cpu"):
 
 def difference(input, caster="cpu"):
     "Mean difference of our views from ParaView's pictures, levels of 255; the status if there are no views."
-    from svv.pv.filters.vtk_data import views_of as in_memory
+    from svv.pv.work.vtk_data import views_of as in_memory
     made = views_of(input, caster)
     views = in_memory(made.GetClientSideObject().GetOutputDataObject(0))
     if views is None:
@@ -361,7 +361,7 @@ show(input)
 said["after the mesh"] = str(views_of(input).Status)
 
 from svv.pv.client import capture
-from svv.pv.filters import engine
+from svv.pv.work import engine
 real = capture.shown_as
 capture.shown_as = lambda display: [][0]
 said["capture failed"] = str(views_of(input).Status)

@@ -28,7 +28,7 @@ def differ(one, other):
 
 WORK = """
 import numpy as np
-from svv.pv.filters import engine, styling
+from svv.pv.work import engine, styling
 counted = []
 def counting(module, name):
     plain = getattr(module, name)

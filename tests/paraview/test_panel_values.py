@@ -13,7 +13,7 @@ from svv.options.described import described
 from svv.options.figures import VisionName
 from svv.options.making import DeviceName, PresetName
 from svv.pv import panel_values
-from svv.pv.filters import base
+from svv.pv.work import base
 
 names = dict(vars(panel_values), VisionName=VisionName, DeviceName=DeviceName, PresetName=PresetName,
              vtkImplicitFunction=object, vtkDiscretizableColorTransferFunction=object, PVDataRepresentation=object)

@@ -258,7 +258,7 @@ def test_what_looks_at_a_view_looks_at_its_time(pvpython, tmp_path) -> None:
 from pathlib import Path
 from svv.fields.scene.scene import Scene
 from svv.pv import scripts
-from svv.pv.filters.vtk_data import time_of
+from svv.pv.work.vtk_data import time_of
 from svv.pv.display.linked_camera import follow, stop_following
 at(animation, 1.5)
 SaveState(sys.argv[1] + "/state.pvsm")

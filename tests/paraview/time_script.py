@@ -10,7 +10,7 @@ BLOB = (
     VOLUME
     + f"""
 import numpy as np
-from svv.pv.filters import engine
+from svv.pv.work import engine
 from svv.pv.display.linked_camera import fit, show_image
 times = {TIMES}
 counted = []

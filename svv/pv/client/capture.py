@@ -20,13 +20,13 @@ from svv.pv.display import linked_camera
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.display.shown import PLAIN
 from svv.pv.failed import in_window
-from svv.pv.filters.default_function import colours_of
-from svv.pv.filters.volume_display import as_volume, set_looks
 from svv.pv.live.sharpening import BESIDE, watch_learning
 from svv.pv.observers import Watched, WeakReference, observe, python_proxy, with_data
 from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
 from svv.pv.paraview_types import Display, Observer, Proxy, SMProxy, SMProxyManager, SMSessionProxyManager, View
+from svv.pv.work.default_function import colours_of
+from svv.pv.work.volume_display import as_volume, set_looks
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -200,7 +200,7 @@ def _is_applied(filter: Proxy, name: str) -> bool:
 
 
 def default_colours() -> str:
-    """Return the colours that this ParaView gives arrays by itself (:func:`svv.pv.filters.default_function`)."""
+    """Return the colours that this ParaView gives arrays by itself (:func:`svv.pv.work.default_function`)."""
     session = vtkSMProxyManager.GetProxyManager().GetActiveSessionProxyManager()
     table = session.NewProxy("lookup_tables", "PVLookupTable")
     points, space = table.GetProperty("RGBPoints"), table.GetProperty("ColorSpace")

@@ -73,7 +73,7 @@ def set_point(paint: Proxy, place: Sequence[float], button: str) -> None:
 
 def _without_nearest(rows: dict[str, Property], at: tuple[int, int]) -> None:
     """Remove the point that is nearest to a pixel from the properties' texts."""
-    from svv.pv.filters.style_masks import points_in
+    from svv.pv.work.style_masks import points_in
 
     known = [(kind, point) for kind, row in rows.items() for point in points_in(row.GetData() or "", kind)]
     if not known:

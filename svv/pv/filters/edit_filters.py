@@ -1,52 +1,27 @@
 """The filters under Filters > StyleRF that change a scene at once: its edits, and several scenes in one.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.filters.editing` and
+Each class is a list of properties and a few calls into :mod:`svv.pv.work.editing` and
 :mod:`svv.fields.scene.joined`. ParaView shows its docstring as help.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
 
-from svv.errors import BadInput
-from svv.pv.filters.cached import Keeping
-from svv.pv.filters.picking import Click, Picking, point_seen
-from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_scene, scene_of
 from svv.pv.panel.first_screen import few_first
 from svv.pv.panel.groups import edit_properties, menu, part_properties, save_properties, takes_scene, takes_scenes
 from svv.pv.panel.properties import button, integer, panel, status, switch, text
 from svv.pv.vtk_types import Data, OutInfo, Request
+from svv.pv.work.cached import SceneOutput
+from svv.pv.work.picking import Click, Picking, point_seen
+from svv.pv.work.vtk_data import finished_scene_of, key_of_scene, scene_of
 
 if TYPE_CHECKING:
-    from svv.fields.scene.scene import Scene
+    pass
 
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
-
-
-class SceneOutput(Keeping):
-    """A filter whose output is a scene, which it can also save."""
-
-    def give(self, scene: Scene, table: Data) -> None:
-        """Put a scene into an output table, and remember it for Save Scene."""
-        self.kept("given", object(), lambda: scene)
-        put_scene(scene, table)
-
-    def SaveScene(self) -> None:
-        """Write the scene to a file."""
-
-        def write(file: Path) -> None:
-            if self.unfinished:
-                raise BadInput("The scene is still being learned: save it when it is there.")
-            self.last("given").save(file)
-
-        self.save("given", "SaveFile", write)
-
-    def before(self, outputs: list[Data]) -> None:
-        if self.last("given") is not None:
-            put_scene(self.last("given"), outputs[0])
 
 
 @smproxy.filter(label="StyleRF Edit", support_reload=False)
@@ -93,7 +68,7 @@ class StyleRFEdit(SceneOutput, Picking):
         return "" if scene is None else point_seen(scene, seen)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.editing import as_edited, told
+        from svv.pv.work.editing import as_edited, told
 
         scene, understood = as_edited(scene_of(inputs[0]), self.values, self.progress)
         self.give(scene, outputs[0])
@@ -120,7 +95,7 @@ class StyleRFJoin(SceneOutput):
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.scene.joined import joined, members, named, relit
-        from svv.pv.filters.editing import told
+        from svv.pv.work.editing import told
 
         given = [self.GetInputDataObject(0, number) for number in range(self.GetNumberOfInputConnections(0))]
         scenes = [finished_scene_of(data) for data in given]

@@ -9,12 +9,12 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput, Cancelled
 from svv.options.figures import FigureOptions
-from svv.pv.filters.base import Filter, set_image_information
-from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene, put_image
 from svv.pv.panel.groups import keep_input_visible, menu, seen_with, takes_scene
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import button, file, number, numbers, panel, status, switch
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.work.base import Filter, set_image_information
+from svv.pv.work.vtk_data import finished_scene_of, key_of_scene, put_image
 
 __all__ = ["StyleRFFigure"]
 
@@ -64,7 +64,7 @@ class StyleRFFigure(Filter):
         return 1
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import as_seen_with
+        from svv.pv.work.engine import as_seen_with
 
         pixels, said = self._drawn(inputs[0])
         put_image(outputs[0], {"RGBA": as_seen_with(pixels, self.values["SeenWith"])})

@@ -22,12 +22,12 @@ from svv.io.files.atomic import write_json
 from svv.io.files.temporary import work_folder
 from svv.options.figures import FigureOptions
 from svv.pv.display.linked_camera import camera_numbers, parallel_scale_of, upstream
-from svv.pv.filters.shown_scene import KEY
-from svv.pv.filters.vtk_data import camera_of
 from svv.pv.launch.programs import PYTHON
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 from svv.pv.paraview_types import Proxy, View
+from svv.pv.work.shown_scene import KEY
+from svv.pv.work.vtk_data import camera_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from paraview.util.vtkAlgorithm import smproxy
 
-from svv.pv.filters.base import Filter
-from svv.pv.filters.parallel import DividedInput, do_next_job
-from svv.pv.filters.volume_display import set_unit_distance
 from svv.pv.panel.groups import takes_volume
 from svv.pv.panel.properties import display, number, panel, scalars
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.work.base import Filter
+from svv.pv.work.parallel import DividedInput, do_next_job
+from svv.pv.work.volume_display import set_unit_distance
 
 __all__ = ["StyleRFPieces", "StyleRFUnitDistance"]
 
@@ -18,7 +18,7 @@ __all__ = ["StyleRFPieces", "StyleRFUnitDistance"]
 @panel(scalars())
 @takes_volume
 class StyleRFPieces(DividedInput):
-    """Lend a script the ranks among which a volume is divided (svv.pv.filters.parallel); it is in no menu."""
+    """Lend a script the ranks among which a volume is divided (svv.pv.work.parallel); it is in no menu."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
@@ -30,7 +30,7 @@ class StyleRFPieces(DividedInput):
 @smproxy.filter(group="internal_filters", label="StyleRF Unit Distance", support_reload=False)
 @panel(display(), number("Distance", 1.0, "Opacity unit distance of the fourth component, world units."))
 class StyleRFUnitDistance(Filter):
-    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.filters.volume_display)."""
+    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.work.volume_display)."""
 
     def __init__(self) -> None:
         import paraview.modules.vtkRemotingViews  # noqa: F401  (lets a server's Python know the class of displays)

@@ -10,12 +10,12 @@ from svv.errors import BadInput
 from svv.io.files.keyed_results import digest_of_file
 from svv.job.looks.offered import LOOKS
 from svv.options.making import PREFIX, DeviceOptions, PaintOptions
-from svv.pv.filters.edit_filters import SceneOutput
-from svv.pv.filters.vtk_data import finished_scene_of, key_of_scene
 from svv.pv.panel.groups import device, menu, save_properties, takes_scene
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import button, choice, file, panel, status, text
 from svv.pv.vtk_types import Data, OutInfo
+from svv.pv.work.cached import SceneOutput
+from svv.pv.work.vtk_data import finished_scene_of, key_of_scene
 
 if TYPE_CHECKING:
     from svv.job.looks.applying import Applied
@@ -52,7 +52,7 @@ class StyleRFLook(SceneOutput):
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.devices.gpu import device_named
         from svv.job.looks.look import Look
-        from svv.pv.filters.editing import told
+        from svv.pv.work.editing import told
 
         scene, values = finished_scene_of(inputs[0]), self.values
         self.kept("input", object(), lambda: scene)

@@ -9,11 +9,11 @@ from paraview.util.vtkAlgorithm import smproperty, smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput
-from svv.pv.filters.base import Filter, ViewsOutput, set_image_information
-from svv.pv.filters.vtk_data import finished_scene_of, put_scene
 from svv.pv.panel.groups import takes_scene
 from svv.pv.panel.properties import file, panel, shown_view, status
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.work.base import Filter, ViewsOutput, set_image_information
+from svv.pv.work.vtk_data import finished_scene_of, put_scene
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -29,7 +29,7 @@ NOT = " The transfer function has been edited since. {why} Take What Is Shown No
 
 def can_be_retuned(scene: Scene | Stored, data: vtkDataObject | None) -> bool:
     """Return whether a scene can show other opacities: it knows its volume's values, or was learned from ``data``."""
-    from svv.pv.filters.engine import is_whole_volume
+    from svv.pv.work.engine import is_whole_volume
 
     known = scene.follows_time if isinstance(scene, Stored) else None not in (scene.values, scene.steps)
     return known or (scene.made.get("learned_from") == "volume and views" and is_whole_volume(data))
@@ -78,7 +78,7 @@ def retuned(scene: Scene | Stored, values: Values, data: vtkDataObject | None) -
     from svv.fields.scene.scene import Scene
     from svv.job.opacities import with_opacities
     from svv.pv.display.shown import volume_shown
-    from svv.pv.filters.engine import transfer_function_of, volume_of
+    from svv.pv.work.engine import transfer_function_of, volume_of
 
     whole = Scene.load(scene.path) if isinstance(scene, Stored) else scene
     try:

@@ -1,7 +1,7 @@
 """The filters under Filters > StyleRF that learn anew of a scene: its palette and its paintings.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.filters.editing`,
-:mod:`svv.pv.filters.style_masks`, :mod:`svv.pv.filters.styling` and :mod:`svv.pv.filters.engine`. ParaView shows its
+Each class is a list of properties and a few calls into :mod:`svv.pv.work.editing`,
+:mod:`svv.pv.work.style_masks`, :mod:`svv.pv.work.styling` and :mod:`svv.pv.work.engine`. ParaView shows its
 docstring as help.
 """
 
@@ -20,11 +20,7 @@ from svv.errors import BadInput, Progress
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
 from svv.options.making import PaintOptions, PaletteOptions
-from svv.pv.filters.base import set_image_information
-from svv.pv.filters.cached import FILE, FOUND, LOST
-from svv.pv.filters.picking import Pointing
 from svv.pv.filters.retuned import tuned_like
-from svv.pv.filters.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 from svv.pv.live.handed import file_of_views
 from svv.pv.live.scene_beside import SceneBeside
 from svv.pv.panel.first_screen import few_first, picked, titled, without
@@ -67,6 +63,10 @@ from svv.pv.panel_values import Values
 from svv.pv.results.keys import digest_of_edits, digest_of_listed, digest_of_scene, name_of, settings_in, source_of
 from svv.pv.results.time_steps import Moment
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.work.base import set_image_information
+from svv.pv.work.cached import FILE, FOUND, LOST
+from svv.pv.work.picking import Pointing
+from svv.pv.work.vtk_data import finished_scene_of, key_of_views, put_image, views_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -74,11 +74,6 @@ if TYPE_CHECKING:
 
 PAINTING = "painting "
 """Prefix of the slots in which StyleRF Stylize keeps paintings; the painting's name follows."""
-
-NO_VIEWS = (
-    "Training the regions again takes the views that the scene was trained on: connect StyleRF Views as the second "
-    "input, or choose the transforms_train.json of the views under Views File."
-)
 
 __all__ = ["StyleRFPalette", "StyleRFStylize"]
 
@@ -144,8 +139,8 @@ class StyleRFPalette(SceneBeside, Pointing):
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.job.request import learn
-        from svv.pv.filters.editing import correction_in
-        from svv.pv.filters.requests import correcting
+        from svv.pv.work.editing import correction_in
+        from svv.pv.work.requests import correcting
 
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
         self.kept("before", object(), lambda: scene)
@@ -212,6 +207,8 @@ class StyleRFPalette(SceneBeside, Pointing):
 
     def _file(self) -> Path:
         if not self.values["ViewsFile"]:
+            from svv.pv.work.requests import NO_VIEWS
+
             raise BadInput(NO_VIEWS)
         return Path(self.values["ViewsFile"])
 
@@ -294,10 +291,10 @@ class StyleRFStylize(SceneBeside):
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.job.request import paint as painted
-        from svv.pv.filters.requests import painting as request_of
-        from svv.pv.filters.style_files import files_of, lost_file, style_key
-        from svv.pv.filters.style_masks import write_masks
-        from svv.pv.filters.styling import Painting, goes_on, paintings_on, starts_from
+        from svv.pv.work.requests import painting as request_of
+        from svv.pv.work.style_files import files_of, lost_file, style_key
+        from svv.pv.work.style_masks import write_masks
+        from svv.pv.work.styling import Painting, goes_on, paintings_on, starts_from
 
         scene, values = finished_scene_of(inputs[0]), self.values
         base = digest_of_scene(scene)  # edits before this filter do not change what is painted, only how it is shown
@@ -353,7 +350,7 @@ class StyleRFStylize(SceneBeside):
 
     def _begin_with_paintings(self, scene: Scene, base: str) -> None:
         """Restore the paintings that a saved state refers to."""
-        from svv.pv.filters.styling import Painting
+        from svv.pv.work.styling import Painting
 
         for slot, name in self.stated().items():
             if not slot.startswith(PAINTING) or self.last(slot) is not None:
@@ -378,8 +375,8 @@ class StyleRFStylize(SceneBeside):
         return " ".join(map(str, (*taken.shape[::-1], *size)))
 
     def _preview(self) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.integer], tuple[int, int]]:
-        from svv.pv.filters.style_files import style_key
-        from svv.pv.filters.style_masks import preview
+        from svv.pv.work.style_files import style_key
+        from svv.pv.work.style_masks import preview
 
         key = (style_key(self.values), self.values["ShownMask"])
         return self.kept("preview", key, lambda: preview(self.values, self.progress))

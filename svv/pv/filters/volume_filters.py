@@ -1,6 +1,6 @@
 """Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.filters.scene_filters` has the others.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.filters.engine`. ParaView shows its docstring as
+Each class is a list of properties and a few calls into :mod:`svv.pv.work.engine`. ParaView shows its docstring as
 help.
 """
 
@@ -18,30 +18,7 @@ from svv.io.files.keyed_results import digest
 from svv.job.orders import LEARNED
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
-from svv.pv.filters import default_function
-from svv.pv.filters.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
-from svv.pv.filters.cached import FILE, LOST, Keeping, Views, views_in, write_views
-from svv.pv.filters.edit_filters import SceneOutput
-from svv.pv.filters.own_edits import edits_of, painted_as_edited, put_edited
-from svv.pv.filters.parallel import DividedInput
-from svv.pv.filters.picking import Clickable
-from svv.pv.filters.resampled import told as told_of
 from svv.pv.filters.retuned import as_edited_since
-from svv.pv.filters.shown_scene import ShownScene, mark_scene, shown_in
-from svv.pv.filters.unfinished import mark_unfinished
-from svv.pv.filters.vtk_data import (
-    drawn_in,
-    key_of_scene,
-    numbers_of,
-    put_baked,
-    put_camera,
-    put_drawn,
-    put_mesh,
-    put_no_views,
-    put_scene,
-    put_stored,
-    scene_of,
-)
 from svv.pv.live.beside import Beside, DrawnBeside
 from svv.pv.live.ordered import SHARPENS, Ordered
 from svv.pv.panel.first_screen import stylized_view_properties
@@ -67,6 +44,28 @@ from svv.pv.results.keys import key_in, key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.work import default_function
+from svv.pv.work.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
+from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in, write_views
+from svv.pv.work.own_edits import edits_of, painted_as_edited, put_edited
+from svv.pv.work.parallel import DividedInput
+from svv.pv.work.picking import Clickable
+from svv.pv.work.resampled import told as told_of
+from svv.pv.work.shown_scene import ShownScene, mark_scene, shown_in
+from svv.pv.work.unfinished import mark_unfinished
+from svv.pv.work.vtk_data import (
+    drawn_in,
+    key_of_scene,
+    numbers_of,
+    put_baked,
+    put_camera,
+    put_drawn,
+    put_mesh,
+    put_no_views,
+    put_scene,
+    put_stored,
+    scene_of,
+)
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -105,7 +104,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
         return 1
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import draw_views, moment_of, volume_of
+        from svv.pv.work.engine import draw_views, moment_of, volume_of
 
         now, folder = moment_of(inputs[0], self.values, time_asked_for(self)), self.values["Folder"]
 
@@ -169,8 +168,8 @@ class StyleRFTrain(DividedInput, Beside):
         super().__init__(1, 1, "vtkTable")
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import followed, follows, regions_said, training_moment
-        from svv.pv.filters.requests import learning
+        from svv.pv.work.engine import followed, follows, regions_said, training_moment
+        from svv.pv.work.requests import learning
 
         present, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
         now = self.settled(present)
@@ -236,7 +235,7 @@ class StyleRFRender(ImageOutput, Clickable):
         super().__init__(1, 1, "vtkImageData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.filters.engine import camera_for, draw, emptiness_of
+        from svv.pv.work.engine import camera_for, draw, emptiness_of
 
         scene = scene_of(inputs[0])
         camera = camera_for(scene.rig, self.values)
@@ -299,7 +298,7 @@ class StyleRFVolume(VolumeOutput, Clickable):
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.devices.gpu import device_named
-        from svv.pv.filters.engine import as_cut
+        from svv.pv.work.engine import as_cut
         from svv.render.baking.baked import Baker
 
         options = options_in(BakeOptions, self.values)
@@ -345,7 +344,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
     def result(  # long: one step after the other
         self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
     ) -> str:
-        from svv.pv.filters.engine import (
+        from svv.pv.work.engine import (
             camera_for,
             draw,
             emptiness_of,
@@ -355,9 +354,9 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
             regions_said,
             training_moment,
         )
-        from svv.pv.filters.requests import learning
-        from svv.pv.filters.style_files import files_of, lost_file, style_key
-        from svv.pv.filters.styling import parts_said
+        from svv.pv.work.requests import learning
+        from svv.pv.work.style_files import files_of, lost_file, style_key
+        from svv.pv.work.styling import parts_said
 
         values = self.values
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]

@@ -17,10 +17,6 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 from svv.dvr.parallel.ranks import ranks_here
 from svv.errors import BadInput
 from svv.io.files.cache import Cache
-from svv.pv.filters.cached import FOUND, Keeping
-from svv.pv.filters.parallel import crew_of
-from svv.pv.filters.unfinished import mark_unfinished
-from svv.pv.filters.vtk_data import key_of_views, put_drawn, put_stored, time_of
 from svv.pv.live.drawer import Drawn, Gone
 from svv.pv.live.ordered import Ordered, Wanted
 from svv.pv.panel_values import Values, with_names
@@ -28,6 +24,10 @@ from svv.pv.results.keys import key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment
 from svv.pv.vtk_types import Data, OutInfo
+from svv.pv.work.cached import FOUND, Keeping
+from svv.pv.work.parallel import crew_of
+from svv.pv.work.unfinished import mark_unfinished
+from svv.pv.work.vtk_data import key_of_views, put_drawn, put_stored, time_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -157,7 +157,7 @@ class Beside(Keeping):
 
     def found_in(self, file: Path, now: Moment) -> Scene | Stored | None:
         """Return the scene in the user's file, as :meth:`kept_as` does; None if it is something else."""
-        from svv.pv.filters.engine import scene_in
+        from svv.pv.work.engine import scene_in
 
         if self.headers and self._lives():
             found = Stored.read(file) if file.exists() else None
@@ -209,8 +209,8 @@ class Beside(Keeping):
 
     def handed(self, values: Values) -> tuple[Values, Callable[[Path], None]]:
         """Return the values for the process, and what writes the input to a new folder: a volume."""
-        from svv.pv.filters.engine import transfer_function_of, volume_of
         from svv.pv.live.handed import hand_over
+        from svv.pv.work.engine import transfer_function_of, volume_of
 
         values = {**values, "TransferFunction": transfer_function_of(self.values).to_dict()}
         image, time = volume_of(self.data, self.values), time_of(self.data)
@@ -257,8 +257,8 @@ class DrawnBeside(Beside):
 
     def drawn_beside(self, data: Data, image: Data, drawn: Drawn | None) -> None:
         """Output an image that another process has drawn, or at first the volume as ParaView shows it."""
-        from svv.pv.filters.engine import size_of
         from svv.pv.live.glimpse import enlarged, glanced
+        from svv.pv.work.engine import size_of
 
         arrays, camera = glanced(self, data) if drawn is None else (drawn.arrays, drawn.camera)
         if drawn is not None:

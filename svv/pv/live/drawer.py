@@ -20,12 +20,12 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled, silent
 from svv.io.files.worker import Orders, Worker, be_worker, say
 from svv.pv.failed import sentence_on
-from svv.pv.filters.own_edits import edits_of, painted_as_edited
 from svv.pv.launch.programs import pvpython_here
 from svv.pv.live.glimpse import Arrays, drawn_small
 from svv.pv.live.messages import DrawnOf, DrawOrder
 from svv.pv.panel.groups import EDITS
 from svv.pv.panel_values import Values, with_names
+from svv.pv.work.own_edits import edits_of, painted_as_edited
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -277,7 +277,7 @@ class Drawing:
 
     def _draw(self, scene: Scene, order: DrawOrder) -> None:
         """Draw a small image, and then the sharp one; only one of them while the camera moves."""
-        from svv.pv.filters.engine import camera_for, draw
+        from svv.pv.work.engine import camera_for, draw
 
         values, number, moving = order["values"], order["number"], bool(order["values"]["Moving"])
         scene = self._as_edited(scene, order)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from svv.core.geometry.cameras import Camera
 from svv.errors import Progress
-from svv.pv.filters.base import Filter
 from svv.pv.panel_values import Values
 from svv.pv.vtk_types import Data
+from svv.pv.work.base import Filter
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -25,7 +25,7 @@ LONGEST = 200
 
 def drawn_small(scene: Scene, values: Values, progress: Progress) -> tuple[Arrays, Camera]:
     """Return the image of a scene as a panel's values ask, with fewer pixels, and the camera that it is meant for."""
-    from svv.pv.filters.engine import camera_for, draw
+    from svv.pv.work.engine import camera_for, draw
 
     camera = camera_for(scene.rig, values)
     return draw(scene, small(camera), {**values, "Moving": True}, progress), camera
@@ -35,7 +35,7 @@ def glanced(filter: Filter, data: Data | None) -> tuple[Arrays, Camera]:
     """Return an image of a volume that a filter has not learned yet, as ParaView draws it, and its camera."""
     from svv.dvr.draw.glance import Glance
     from svv.pv.display.shown import volume_shown
-    from svv.pv.filters.engine import camera_for, moment_of, shading_of, transfer_function_of, volume_of
+    from svv.pv.work.engine import camera_for, moment_of, shading_of, transfer_function_of, volume_of
 
     values = filter.values
     now = moment_of(data, values, None)

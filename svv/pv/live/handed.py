@@ -12,10 +12,10 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 from svv.dvr.read.appearance import GHOSTS
 from svv.io.files.atomic import cannot_write
 from svv.io.files.cache import Cache
-from svv.pv.filters.connected import VIEWS
-from svv.pv.filters.vtk_data import content_of, put_scene, time_of
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import name_of
+from svv.pv.work.connected import VIEWS
+from svv.pv.work.vtk_data import content_of, put_scene, time_of
 
 WARM = "warm.svv"
 """File in a learner's folder with a small scene, drawing which loads all that it takes."""

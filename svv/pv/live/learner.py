@@ -1,6 +1,6 @@
 """The process that learns beside ParaView's window: a learner (:mod:`svv.job.learner`) in pvpython, at low priority.
 
-It makes the requests that the filters in ParaView would make (:mod:`svv.pv.filters.requests`), so its results are the
+It makes the requests that the filters in ParaView would make (:mod:`svv.pv.work.requests`), so its results are the
 same, and keeps them in the cache under the names under which those filters look for them.
 """
 
@@ -22,9 +22,9 @@ from svv.io.files.cache import Cache
 from svv.io.files.worker import Orders, be_worker
 from svv.job.orders import Order
 from svv.pv.failed import sentence_on
-from svv.pv.filters.vtk_data import scene_of
 from svv.pv.live.handed import WARM, taken
 from svv.pv.panel_values import Values
+from svv.pv.work.vtk_data import scene_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -85,7 +85,7 @@ class Window:
             BadInput: The panel cannot be obeyed, or the volume differs from what ParaView has.
         """
         from svv.fields.devices.gpu import device_named
-        from svv.pv.filters.requests import correcting, learning, painting
+        from svv.pv.work.requests import correcting, learning, painting
 
         if "input" in order:
             self._given = taken(Path(order["input"]))
@@ -141,8 +141,8 @@ class Window:
 
     def _check_seen_alike(self, order: Order, values: Values) -> None:
         """Refuse to learn under a name that another volume, or another display of it, has."""
-        from svv.pv.filters.engine import training_moment
         from svv.pv.results.keys import name_of, source_of
+        from svv.pv.work.engine import training_moment
 
         if Cache.of_user().holds(order["scene"]):  # which may have been learned of an earlier state of the volume
             return
@@ -154,7 +154,7 @@ class Window:
         """Return what reads the views that a panel names; they are read again only if they are others."""
         from svv.io.views.transforms import split_of
         from svv.io.views.viewset import ViewSet
-        from svv.pv.filters.scene_filters import NO_VIEWS
+        from svv.pv.work.requests import NO_VIEWS
 
         def read(progress: Progress) -> ViewSet:
             if not values["ViewsFile"]:

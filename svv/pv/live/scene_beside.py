@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from svv.pv.filters.edit_filters import SceneOutput
-from svv.pv.filters.unfinished import mark_unfinished
 from svv.pv.live.beside import Beside
 from svv.pv.live.handed import hand_over_scene
 from svv.pv.live.ordered import Ordered
 from svv.pv.panel_values import Values
 from svv.pv.results.stored import Stored
 from svv.pv.vtk_types import Data
+from svv.pv.work.cached import SceneOutput
+from svv.pv.work.unfinished import mark_unfinished
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

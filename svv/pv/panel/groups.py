@@ -60,7 +60,7 @@ AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
 """Places where StyleRF Edit can put the light."""
 COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
 OF_SCENE = '<InputArrayDomain name="of_scene" attribute_type="field" number_of_components="16"/>'
-"""Domain of data that are of a scene (:data:`svv.pv.filters.shown_scene.KEY`)."""
+"""Domain of data that are of a scene (:data:`svv.pv.work.shown_scene.KEY`)."""
 ADDED = 3
 """Number of colours that the panel of StyleRF Palette can add at once."""
 

@@ -54,7 +54,7 @@ class ShownVolume(Drawn):
         Raises:
             BadInput: The data is no grid, or it is empty.
         """
-        from svv.pv.filters.engine import views_key, volume_of
+        from svv.pv.work.engine import views_key, volume_of
 
         # Number and size of the views have their defaults here, because the job records them itself.
         return {"shown": views_key(volume_of(self.data, self.values), self.values)}
@@ -62,21 +62,21 @@ class ShownVolume(Drawn):
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> vtkImageData:
         """Return the volume after checking it; it is in memory already."""
         from svv.pv.display.shown import volume_shown
-        from svv.pv.filters.engine import volume_of
+        from svv.pv.work.engine import volume_of
 
         return volume_shown(volume_of(self.data, self.values), self.values, "The volume")
 
     def how(self) -> dict[str, object]:
         """Return transfer function and shading as they are shown."""
-        from svv.pv.filters.engine import shading_of, transfer_function_of
+        from svv.pv.work.engine import shading_of, transfer_function_of
 
         return {"tf": transfer_function_of(self.values), "shading": shading_of(self.values), "rescale": False}
 
     def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
         from svv.dvr.parallel.crew_views import make_crew_views
-        from svv.pv.filters.engine import shading_of, transfer_function_of
-        from svv.pv.filters.parallel import crew_of
+        from svv.pv.work.engine import shading_of, transfer_function_of
+        from svv.pv.work.parallel import crew_of
 
         crew = crew_of(self.data)
         if crew is None:
@@ -88,7 +88,7 @@ class ShownVolume(Drawn):
         """Render the volume as views were drawn, with all ranks that have a part of it."""
         from svv.dvr.functions.transfer_functions import TransferFunction
         from svv.dvr.parallel.crew_views import render_crew_views
-        from svv.pv.filters.parallel import crew_of
+        from svv.pv.work.parallel import crew_of
 
         crew = crew_of(self.data)
         if crew is None:
@@ -122,12 +122,12 @@ def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Resu
     """Do work on the volume that a representation shows; with several ranks, all of them draw it.
 
     Raises:
-        BadInput: As :func:`shown_volume` and :func:`svv.pv.filters.parallel.on_all_ranks`.
+        BadInput: As :func:`shown_volume` and :func:`svv.pv.work.parallel.on_all_ranks`.
     """
     from paraview import simple
 
     from svv.pv.display.shown import DIVIDED, chosen_of
-    from svv.pv.filters.parallel import on_all_ranks
+    from svv.pv.work.parallel import on_all_ranks
 
     volume = shown_volume(display)
     if ranks_here() is None:
@@ -260,7 +260,7 @@ def table_of(filter: Proxy) -> list[dict[str, str]]:
 def camera_of_view(view: View, width: int, height: int) -> Camera:
     """Return the camera of a 3D view, for images of the given width and height in pixels."""
     from svv.pv.display.linked_camera import camera_numbers, parallel_scale_of
-    from svv.pv.filters.vtk_data import camera_of
+    from svv.pv.work.vtk_data import camera_of
 
     return camera_of(camera_numbers(view), width, height, parallel_scale_of(view))
 

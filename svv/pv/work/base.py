@@ -36,12 +36,12 @@ from svv.pv.failed import (
     reason_of,
     sentence_on,
 )
-from svv.pv.filters.shown_scene import KEY, mark_scene
-from svv.pv.filters.unfinished import NotYetThere, is_unfinished, mark_unfinished
-from svv.pv.filters.vtk_data import forget_scenes, put_views
 from svv.pv.panel_values import Values, by_name, label_of
 from svv.pv.results.time_steps import Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.work.shown_scene import KEY, mark_scene
+from svv.pv.work.unfinished import NotYetThere, is_unfinished, mark_unfinished
+from svv.pv.work.vtk_data import forget_scenes, put_views
 
 if TYPE_CHECKING:
     from svv.io.views.viewset import ViewSet

@@ -14,19 +14,25 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import Progress
 from svv.options.making import DeviceOptions, PaintOptions, PaletteOptions, TrainOptions, ViewOptions
-from svv.pv.filters.editing import correction_in
-from svv.pv.filters.engine import draw_views, training_moment, volume_of
-from svv.pv.filters.style_masks import sources_of
-from svv.pv.filters.styling import styles_of
-from svv.pv.filters.vtk_data import time_of, views_of
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import digest_of_scene, key_of
+from svv.pv.work.editing import correction_in
+from svv.pv.work.engine import draw_views, training_moment, volume_of
+from svv.pv.work.style_masks import sources_of
+from svv.pv.work.styling import styles_of
+from svv.pv.work.vtk_data import time_of, views_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
     from svv.job.request import Paint, Request, Styles
+
+
+NO_VIEWS = (
+    "Training the regions again takes the views that the scene was trained on: connect StyleRF Views as the second "
+    "input, or choose the transforms_train.json of the views under Views File."
+)
 
 
 def learning(data: vtkDataObject | None, values: Values) -> Request:

@@ -24,16 +24,16 @@ from svv.options.figures import VISIONS, VisionName
 from svv.options.making import DeviceOptions, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.display.shown import CROPS_INDICES, DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.failed import check_there, pressing
-from svv.pv.filters import resampled
-from svv.pv.filters.base import ORBIT
-from svv.pv.filters.connected import BAKED, OF_SCENE, is_baked, is_flat, what_is
-from svv.pv.filters.parallel import crew_of
-from svv.pv.filters.vtk_data import camera_of, digest_of, key_of_views, time_of
 from svv.pv.panel.groups import COLOURS, IN_COLOUR
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import key_of
 from svv.pv.results.time_steps import Moment
+from svv.pv.work import resampled
+from svv.pv.work.base import ORBIT
+from svv.pv.work.connected import BAKED, OF_SCENE, is_baked, is_flat, what_is
+from svv.pv.work.parallel import crew_of
+from svv.pv.work.vtk_data import camera_of, digest_of, key_of_views, time_of
 
 if TYPE_CHECKING:
     from svv.core.colour.shading import Shading
@@ -284,7 +284,7 @@ def regions_said(scene: Scene | Stored) -> str:
 
 def as_cut(volume: BakedVolume, values: Values) -> BakedVolume:
     """Return a baked volume, cut as the panel asks."""
-    from svv.pv.filters.vtk_data import evaluated
+    from svv.pv.work.vtk_data import evaluated
     from svv.render.baking.cut import cut
 
     function, sign = values["CutBy"], 1.0 if values["Invert"] else -1.0

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.options.making import NetworkName, RenderOptions
-from svv.pv.filters.base import Filter
-from svv.pv.filters.vtk_data import scene_of
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
+from svv.pv.work.base import Filter
+from svv.pv.work.vtk_data import scene_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -105,7 +105,7 @@ def point_seen(scene: Scene, seen: Click, network: NetworkName | None = None) ->
     Raises:
         BadInput: Nothing is visible there.
     """
-    from svv.pv.filters.engine import camera_for
+    from svv.pv.work.engine import camera_for
 
     if "said" in seen:
         raise BadInput(seen["said"])
@@ -127,7 +127,7 @@ class Pointing(Picking):
     ClickRegion = ClickSame
 
     def answer(self, seen: Click) -> str:
-        from svv.pv.filters.editing import check_pointed
+        from svv.pv.work.editing import check_pointed
 
         scene = self.last("before")
         if scene is None:

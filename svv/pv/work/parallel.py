@@ -13,9 +13,9 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.dvr.parallel.ranks import ranks_here
 from svv.errors import BadInput
-from svv.pv.filters.base import Filter
 from svv.pv.paraview_types import Proxy
 from svv.pv.vtk_types import InInfo, OutInfo, Request
+from svv.pv.work.base import Filter
 
 if TYPE_CHECKING:
     from svv.dvr.parallel.crew import Crew

@@ -20,8 +20,8 @@ from svv.dvr.read.appearance import named
 from svv.errors import BadInput
 from svv.io.files.atomic import atomic_path
 from svv.pv.failed import check_there
-from svv.pv.filters.connected import SCENE
-from svv.pv.filters.unfinished import is_unfinished
+from svv.pv.work.connected import SCENE
+from svv.pv.work.unfinished import is_unfinished
 
 KEY, LENGTH = "StyleRF Scene Key", 16
 """Field data of images of scenes, and its number of components. Scenes' tables have it, too, for the menus: ParaView
@@ -39,7 +39,7 @@ class ShownScene:
     """The scene of an image.
 
     Args:
-        fill: Fills an empty table with it (:func:`svv.pv.filters.vtk_data.put_scene`); called when a filter asks for
+        fill: Fills an empty table with it (:func:`svv.pv.work.vtk_data.put_scene`); called when a filter asks for
             it first.
     """
 

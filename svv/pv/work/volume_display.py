@@ -8,9 +8,9 @@ time, so that what the user changes stays.
 from __future__ import annotations
 
 from svv.core.volumes.opacity_code import most_with, opacity_points
-from svv.pv.filters.connected import BAKED, OPACITY, UNIT_DISTANCE
 from svv.pv.observers import Watched, python_proxy
 from svv.pv.paraview_types import Display, Proxy, PVDataRepresentation, SMProxy, SMViewProxy
+from svv.pv.work.connected import BAKED, OPACITY, UNIT_DISTANCE
 
 SET = "StyleRF.look"
 """Annotation of a display: the look that it was last given."""

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from svv.errors import BadInput, Progress
 from svv.io.pictures.mask_file import Mask
-from svv.pv.filters.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel_values import Values, region_row
 from svv.pv.results.keys import digest_of_scene
+from svv.pv.work.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from svv.errors import BadInput, Progress, silent
-from svv.pv.filters.unfinished import mark_unfinished
-from svv.pv.filters.vtk_data import put_scene, put_stored
 from svv.pv.panel.groups import EDITS
 from svv.pv.panel_values import Values, by_name, with_names
 from svv.pv.results.stored import Stored
+from svv.pv.work.unfinished import mark_unfinished
+from svv.pv.work.vtk_data import put_scene, put_stored
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkTable
@@ -39,11 +39,11 @@ def painted_as_edited(scene: Scene, edits: Values, progress: Progress = silent) 
     """Return a scene with edits of :func:`edits_of`, and what to say about them, after a space.
 
     Raises:
-        BadInput: As :func:`svv.pv.filters.editing.as_edited`.
+        BadInput: As :func:`svv.pv.work.editing.as_edited`.
     """
     if not edits:
         return scene, ""
-    from svv.pv.filters.editing import as_edited
+    from svv.pv.work.editing import as_edited
 
     edited, understood = as_edited(scene, edits, progress)
     steps = edited.history.past[len(scene.history.past) :]

@@ -17,10 +17,12 @@ from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.cache import Cache
 from svv.pv.failed import pressing
-from svv.pv.filters.base import Filter
 from svv.pv.results.keys import key_in, name_of, settings_in, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
+from svv.pv.vtk_types import Data
+from svv.pv.work.base import Filter
+from svv.pv.work.vtk_data import put_scene
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -178,6 +180,29 @@ class Keeping(Filter):
             return f"The input has changed since this state was saved; to use the new input, {again}."
         verb = "are" if kind == "views" else "is"
         return f"The {kind} that this state was saved with {verb} missing from {place.folder}: {again}."
+
+
+class SceneOutput(Keeping):
+    """A filter whose output is a scene, which it can also save."""
+
+    def give(self, scene: Scene, table: Data) -> None:
+        """Put a scene into an output table, and remember it for Save Scene."""
+        self.kept("given", object(), lambda: scene)
+        put_scene(scene, table)
+
+    def SaveScene(self) -> None:
+        """Write the scene to a file."""
+
+        def write(file: Path) -> None:
+            if self.unfinished:
+                raise BadInput("The scene is still being learned: save it when it is there.")
+            self.last("given").save(file)
+
+        self.save("given", "SaveFile", write)
+
+    def before(self, outputs: list[Data]) -> None:
+        if self.last("given") is not None:
+            put_scene(self.last("given"), outputs[0])
 
 
 def read_views(folder: Path, progress: Progress = silent) -> Views:

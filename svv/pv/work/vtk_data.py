@@ -31,10 +31,10 @@ from svv.core.geometry.depth_mesh import DepthMesh
 from svv.dvr.read.appearance import named
 from svv.errors import BadInput
 from svv.pv.failed import check_there
-from svv.pv.filters.connected import BAKED, CAMERA, SCENE, VIEWS, what_is
-from svv.pv.filters.shown_scene import table_of
-from svv.pv.filters.unfinished import NotYetThere, is_unfinished
 from svv.pv.results.keys import digest_of_views
+from svv.pv.work.connected import BAKED, CAMERA, SCENE, VIEWS, what_is
+from svv.pv.work.shown_scene import table_of
+from svv.pv.work.unfinished import NotYetThere, is_unfinished
 
 if TYPE_CHECKING:
     from svv.fields.scene.region import Region

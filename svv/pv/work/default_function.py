@@ -11,8 +11,8 @@ import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
 from svv.pv.failed import in_script, pressing
-from svv.pv.filters.parallel import crew_of
 from svv.pv.panel_values import Values
+from svv.pv.work.parallel import crew_of
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction

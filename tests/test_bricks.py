@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -103,6 +105,40 @@ def test_an_interrupted_pyramid_goes_on_where_it_stopped(
     os.utime(tmp_path / "v.npy", (1, 1))
     with_pyramid(Counted(values), tmp_path / "v.npy", silent)
     assert Counted.boxes == 12, "the file changed, its pyramid did not"
+
+
+def test_one_makes_a_pyramid_and_the_others_wait_or_are_stopped(tmp_path: Path, cache: Path) -> None:
+    values = np.random.default_rng(0).integers(0, 255, (70, 70, 70)).astype(np.uint8)
+    np.save(tmp_path / "v.npy", values)
+    begun, may_go_on = Event(), Event()
+    heard: list[str] = []
+
+    class Counted(ArraySource):
+        boxes = 0
+
+        def read(self, level: int, start: Any, stop: Any) -> NDArray[Any]:
+            Counted.boxes += 1
+            begun.set()
+            assert may_go_on.wait(60)
+            return super().read(level, start, stop)
+
+    def stopped(_: float, label: str) -> None:
+        heard.append(label)
+        raise KeyboardInterrupt
+
+    def waiting(_: float, label: str) -> None:
+        heard.append(label)
+        may_go_on.set()
+
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(with_pyramid, Counted(values), tmp_path / "v.npy", silent)
+        assert begun.wait(60)
+        with pytest.raises(KeyboardInterrupt):
+            with_pyramid(Counted(values), tmp_path / "v.npy", stopped)
+        second = with_pyramid(Counted(values), tmp_path / "v.npy", waiting)
+    assert set(heard) == {"Waiting for another process that makes the same pyramid"}
+    assert Counted.boxes == 2, "it was made twice"
+    assert second.range == first.result().range
 
 
 def test_a_full_disk_and_an_unreachable_chunk_are_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,6 +26,7 @@ from svv.core.colour.colour_vision import (
 )
 from svv.core.colour.distinct import distinct_palette
 from svv.core.colour.oklab import rgb_to_oklab, shift_in_oklab
+from svv.core.colour.srgb import encoded, linear
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import Seen, seen_in
@@ -54,6 +55,13 @@ def test_a_grey_print_keeps_luminance_alone() -> None:
     grey = simulated(COLOURS, "grey print")
     assert np.ptp(grey, axis=1).max() < 1e-12
     np.testing.assert_array_equal(simulated(COLOURS, "normal"), COLOURS)
+
+
+def test_the_curve_of_srgb_is_that_of_colour_science() -> None:
+    colour = pytest.importorskip("colour")
+    levels = np.linspace(0.0, 1.0, 4097)
+    np.testing.assert_allclose(linear(levels), colour.models.eotf_sRGB(levels), atol=1e-12)
+    np.testing.assert_allclose(encoded(levels), colour.models.eotf_inverse_sRGB(levels), atol=1e-12)
 
 
 def test_oklab_is_that_of_colour_science() -> None:

@@ -333,12 +333,13 @@ def test_python_names_parts(cube: Scene) -> None:
     assert any("bands is divided among the regions: Region 0 has its" in note for note in report["notes"])
 
 
-def test_the_page_of_results_shows_the_parts(painted: tuple[Scene, Any], cube: Scene) -> None:
-    from svv.job.page import _table
+def test_the_page_of_results_shows_the_parts(painted: tuple[Scene, Any], cube: Scene, tmp_path: Path) -> None:
+    from svv.job.page import Page, write_page
     from svv.job.result import _shared
 
     (table,) = _shared(Scene.from_bytes(painted[0].to_bytes()))
-    text, one = _table(table), painted[1]["divided"]["0"]
+    write_page(tmp_path / "page.html", Page("Title", "Text.", (), None, [table]))
+    text, one = (tmp_path / "page.html").read_text(), painted[1]["divided"]["0"]
     assert text.count("<i style=") == 9 and all(f'background:{code}"' in text for code in one["colours"])
     assert one["part"] in text and "Region 2" in text and _shared(cube) == []
 

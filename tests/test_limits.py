@@ -9,9 +9,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from svv.ending import NO_ADDRESSES, NO_MEMORY
+from svv.errors import BadInput
+from svv.io.files import memory
+from svv.io.files.declared_sizes import arrays_of_npz, check_fits
 from svv.io.files.memory import LEAST, memory_there
 from tests.cube import cube_scene
 
@@ -74,6 +78,50 @@ def test_the_memory_of_control_groups_counts(files: dict[str, str], least: int |
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(content)
     assert memory_there(tmp_path) == (least or memory_there(tmp_path / "nothing"))
+
+
+@pytest.fixture
+def container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A control group that limits the memory to 1000 bytes."""
+    (tmp_path / "proc/self").mkdir(parents=True)
+    (tmp_path / "proc/self/cgroup").write_text("0::/\n")
+    (tmp_path / "sys/fs/cgroup").mkdir(parents=True)
+    (tmp_path / "sys/fs/cgroup/memory.max").write_text("1000\n")
+    of_groups = memory._of_groups
+    monkeypatch.setattr(memory, "_of_groups", lambda _: of_groups(tmp_path))
+
+
+@pytest.mark.usefixtures("container")
+def test_what_files_declare_is_compared_with_the_container_not_the_host(tmp_path: Path) -> None:
+    check_fits(1000, "It")
+    with pytest.raises(BadInput, match=r"It declares .* more than this computer's \(or this container's\) memory"):
+        check_fits(1001, "It")
+    for name, array in (("small", np.zeros((8, 8, 8), np.uint8)), ("large", np.zeros((11, 11, 11), np.uint8))):
+        np.savez(tmp_path / f"{name}.npz", a=array)
+        with (tmp_path / f"{name}.npz").open("rb") as file:
+            if name == "small":
+                assert set(arrays_of_npz(file, ["a"], [], ["a"], "It")) == {"a"}
+            else:
+                with pytest.raises(BadInput, match="It declares"):
+                    arrays_of_npz(file, ["a"], [], ["a"], "It")
+
+
+@pytest.mark.usefixtures("container")
+def test_headers_for_vtk_are_compared_with_the_container_not_the_host(tmp_path: Path) -> None:
+    pytest.importorskip("vtkmodules")
+    from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLImageDataWriter
+
+    from svv.dvr.read.grids import from_array
+    from svv.dvr.read.vtk_readers import run
+
+    for size in (8, 11):
+        writer = vtkXMLImageDataWriter()
+        writer.SetFileName(str(tmp_path / f"{size}.vti"))
+        writer.SetInputData(from_array(np.arange(size**3).astype(np.uint8).reshape(size, size, size)))
+        writer.Write()
+    assert run(vtkXMLImageDataReader(), tmp_path / "8.vti").GetNumberOfPoints() == 512
+    with pytest.raises(BadInput, match="gives 11 x 11 x 11 voxels, more than this computer's"):
+        run(vtkXMLImageDataReader(), tmp_path / "11.vti")
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def test_a_notebook_keeps_the_regions_names_as_the_text_of_the_picture(cube: Sce
     data, metadata = formatters.DisplayFormatter().format(shown)
     assert set(data) == {"image/png", "text/html", "text/plain"}
     html = data["text/html"]
-    assert '<img alt="A rendering of 1 region: bone &quot;A&quot; &amp; &lt;b&gt;" ' in html
+    assert '<img alt="A rendering of 1 region: bone &#34;A&#34; &amp; &lt;b&gt;" ' in html
     assert b64decode(html.partition("base64,")[2].partition('"')[0]) == data["image/png"]
     assert metadata == {"image/png": {"alt": 'A rendering of 1 region: bone "A" & <b>'}}
     np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(data["image/png"]))), np.asarray(shown))

@@ -15,7 +15,7 @@ from paraview import simple
 from PIL import Image
 
 from svv.fields.scene.scene import Scene
-from svv.pv.scripts.__init__ import camera_of_view
+from svv.pv.scripts.__init__.__init__ import camera_of_view
 
 ROUNDS = 15
 

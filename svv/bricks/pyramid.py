@@ -7,16 +7,16 @@ stopped.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numba import njit
 from numpy.typing import NDArray
 
@@ -26,6 +26,7 @@ from svv.bricks.opened import data_files
 from svv.errors import Progress
 from svv.io.files.atomic import atomic_path, cannot_write, make_folder, sync_folder
 from svv.io.files.cache import Cache, bytes_in, cache_folder
+from svv.io.files.keyed_results import digest
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -44,6 +45,9 @@ BOX_BYTES = 32 << 20
 
 NOTE_EVERY = 5.0
 """Seconds between two times at which finished boxes are noted; later ones are made again if the process dies."""
+
+WAIT = 0.2
+"""Seconds for which a process waits for another one before it tells so, again and again."""
 
 FORMAT = "1"
 """Number at the end of pyramids' names; changes with their layout."""
@@ -91,17 +95,22 @@ def with_pyramid(
         BadInput: A part of the volume cannot be read, a value is not finite, or the pyramid cannot be written.
     """
     cache, name = pyramids(), _name(source, path, (*part, "labels") if labels else part)
-    if not cache.holds(name):
-        unfinished = cache.folder / f".{name}"
+    unfinished, made = cache.folder / f".{name}", False
+    while not cache.holds(name):
         try:
             make_folder(unfinished)
-            with _alone(unfinished, progress):
+            with FileLock(unfinished / "lock").acquire(timeout=WAIT):  # ends with the process, however that ends
                 if not cache.holds(name):  # another process may have made it in the meantime
                     _build(source, unfinished, progress, labels)
                     sync_folder(unfinished)
                     os.replace(unfinished, cache.folder / name)
+                    made = True
+        except Timeout:
+            progress(0.0, "Waiting for another process that makes the same pyramid")
         except OSError as error:
-            raise cannot_write(unfinished, error) from error
+            if not cache.holds(name):  # otherwise, the folder has just got its name
+                raise cannot_write(unfinished, error) from error
+    if made:
         cache.trim(cache.folder / name)
     folder = cache.folder / name
     with suppress(OSError):  # belongs to another user: it will merely appear older than it is
@@ -121,8 +130,7 @@ def _name(source: Source, path: Path, part: Sequence[object]) -> str:
     about = [(os.path.relpath(f, path), f.stat().st_size, f.stat().st_mtime_ns) for f in files if f.is_file()]
     level = source.levels[0]
     read = (source.dtype.str, level.shape, level.axes.tolist(), level.origin.tolist(), source.name, *part)
-    hashes = [hashlib.sha256(repr(text).encode()).hexdigest()[:20] for text in ((str(path.resolve()), about), read)]
-    return f"pyramid-{hashes[0]}-{hashes[1]}-{FORMAT}"
+    return f"pyramid-{digest(str(path.resolve()), about)}-{digest(*read)}-{FORMAT}"
 
 
 def _levels(source: Source) -> list[Level]:
@@ -218,25 +226,6 @@ def _claim(path: Path, size: int) -> None:
             os.posix_fallocate(file.fileno(), 0, size)
         else:
             file.truncate(size)
-
-
-@contextmanager
-def _alone(folder: Path, progress: Progress) -> Iterator[None]:
-    """Wait until no other process makes the same pyramid; the lock ends with the process, however that ends."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: two processes would make it twice, with the same result
-        yield
-        return
-    with (folder / "lock").open("w") as file:
-        while True:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                progress(0.0, "Waiting for another process that makes the same pyramid")
-                time.sleep(0.2)
-        yield
 
 
 def _readable(size: float) -> str:

@@ -6,15 +6,14 @@ import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
-from urllib.parse import quote
 
 from PIL import Image
 
 from svv._version import __version__
 from svv.io.files.atomic import atomic_path
 from svv.progress import duration
+from svv.render.html import filled
 
 JPEG_QUALITY = 90
 
@@ -80,16 +79,8 @@ def write_page(path: Path, page: Page) -> None:
     Raises:
         BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
     """
-    body = [
-        f"<header><h1>{escape(page.title)}</h1><p>{escape(page.text)}</p></header>",
-        _numbers(page.numbers),
-        _movie(page.movie, page.title) if page.movie else "",
-        _link(*page.link) if page.link else "",
-        *(_picture(part) if isinstance(part, Picture) else _table(part) for part in page.parts),
-        _facts(page.facts),
-        f"<footer>Made by svv {escape(__version__)}</footer>",
-    ]
-    text = _FRAME.format(title=escape(page.title), style=_STYLE, body="\n".join(body))
+    movie = base64.b64encode(page.movie.read_bytes()).decode() if page.movie else ""
+    text = filled(_TEMPLATE, page=page, movie=movie, embedded=_embedded, version=__version__)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -107,67 +98,22 @@ def cost_table(costs: Sequence[dict[str, object]]) -> Table:
     return Table("Time and memory", text, ("Stage", "Time", "Peak memory"), rows)
 
 
-def _numbers(numbers: Sequence[tuple[str, str]]) -> str:
-    cards = "".join(f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>" for value, name in numbers)
-    return f'<div class="numbers">{cards}</div>' if cards else ""
-
-
-def _movie(file: Path, title: str) -> str:
-    data = base64.b64encode(file.read_bytes()).decode()
-    label = escape(f"{title}, seen from all around")
-    source = f"data:video/mp4;base64,{data}"
-    return f'<video controls autoplay loop muted playsinline aria-label="{label}" src="{source}"></video>'
-
-
-def _link(file: Path, text: str) -> str:
-    return f'<p class="link"><a href="{escape(quote(file.name))}">{escape(text)}</a></p>'
-
-
-def _picture(picture: Picture) -> str:
+def _embedded(picture: Picture) -> str:
+    """Return the address of a picture that carries it."""
     buffer = io.BytesIO()
     kind = "PNG" if picture.drawing else "JPEG"
     with Image.open(picture.file) as image:
         image.convert("RGB").save(buffer, format=kind, quality=JPEG_QUALITY)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return (
-        f"<section><h2>{escape(picture.heading)}</h2><p>{escape(picture.text)}</p>"
-        f'<img alt="{escape(picture.heading)}" src="data:image/{kind.lower()};base64,{data}"></section>'
-    )
+    return f"data:image/{kind.lower()};base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def _table(table: Table) -> str:
-    def cell(index: int, value: str) -> str:
-        mark = f'<i style="background:{escape(value)}"></i>' if index in table.swatch and value else ""
-        return f"<td>{mark}{escape(value)}</td>"
-
-    head = "".join(f"<th>{escape(name)}</th>" for name in table.columns)
-    rows = "".join(f"<tr>{''.join(cell(i, v) for i, v in enumerate(row))}</tr>" for row in table.rows)
-    return (
-        f"<section><h2>{escape(table.heading)}</h2><p>{escape(table.text)}</p>"
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></section>'
-    )
-
-
-def _facts(facts: Sequence[tuple[str, str]]) -> str:
-    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
-    return f"<section><h2>How it was made</h2><dl>{rows}</dl></section>" if rows else ""
-
-
-_FRAME = """<!doctype html>
+_TEMPLATE = """<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>{style}</style>
-</head>
-<body><main>
-{body}
-</main></body>
-</html>
-"""
-
-_STYLE = """
+<title>{{ page.title }}</title>
+<style>
 :root { --ink: #1d2733; --soft: #5c6977; --line: #e3e8ee; --accent: #0f5c8c; --paper: #fff; --ground: #f4f6f8 }
 * { box-sizing: border-box }
 body { margin: 0; background: var(--ground); color: var(--ink);
@@ -202,4 +148,27 @@ dt { color: var(--soft) }
 dd { margin: 0; overflow-wrap: anywhere }
 footer { color: var(--soft); font-size: 14px; margin-top: 24px }
 @media (max-width: 640px) { main { padding: 24px 12px } dl { grid-template-columns: 1fr } dd { margin-bottom: 8px } }
+</style>
+</head>
+<body><main>
+<header><h1>{{ page.title }}</h1><p>{{ page.text }}</p></header>
+{% if page.numbers %}<div class="numbers">
+{%- for value, name in page.numbers %}<div><b>{{ value }}</b><span>{{ name }}</span></div>{% endfor %}</div>{% endif %}
+{% if movie %}<video controls autoplay loop muted playsinline aria-label="{{ page.title }}, seen from all around"
+src="data:video/mp4;base64,{{ movie }}"></video>{% endif %}
+{% if page.link %}<p class="link"><a href="{{ page.link[0].name | urlencode }}">{{ page.link[1] }}</a></p>{% endif %}
+{% for part in page.parts %}<section><h2>{{ part.heading }}</h2><p>{{ part.text }}</p>
+{%- if part.columns is defined %}<div class="scroll"><table><thead><tr>
+{%- for name in part.columns %}<th>{{ name }}</th>{% endfor %}</tr></thead><tbody>
+{%- for row in part.rows %}<tr>
+{%- for value in row %}<td>
+{%- if loop.index0 in part.swatch and value %}<i style="background:{{ value }}"></i>{% endif %}{{ value }}</td>
+{%- endfor %}</tr>{% endfor %}</tbody></table></div>
+{%- else %}<img alt="{{ part.heading }}" src="{{ embedded(part) }}">{% endif %}</section>
+{% endfor %}
+{% if page.facts %}<section><h2>How it was made</h2><dl>
+{%- for name, value in page.facts %}<dt>{{ name }}</dt><dd>{{ value }}</dd>{% endfor %}</dl></section>{% endif %}
+<footer>Made by svv {{ version }}</footer>
+</main></body>
+</html>
 """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import re
 import shutil
@@ -21,6 +20,7 @@ from svv.errors import BadInput, Progress, part, silent
 from svv.io.cinema.shot import BESIDE, view_angle
 from svv.io.cinema.table import TABLE
 from svv.io.files.atomic import atomic_path, cannot_write, make_folder, sync_folder, write_json
+from svv.io.files.keyed_results import digest
 from svv.io.pictures.output import to_bytes, write_depth_png, write_png
 from svv.options.cinema import ExportOptions
 from svv.options.described import chosen
@@ -96,7 +96,7 @@ def _only_ours(folder: Path) -> bool:
 
 def _begin(staging: Path, scene: Scene, options: ExportOptions) -> None:
     """Make the folder of the files that are being written, empty unless it has some of this database."""
-    key = {"scene": hashlib.sha256(scene.to_bytes(whole=False)).hexdigest(), "options": chosen(options)}
+    key = {"scene": digest(scene.to_bytes(whole=False)), "options": chosen(options)}
     if _key_of(staging) != key:
         shutil.rmtree(staging, ignore_errors=True)
         make_folder(staging)

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import WHITE
+from svv.core.colour.colour import WHITE, rgb_to_lab
 from svv.core.colour.colour_vision import (
     COLOUR_VISIONS,
     LEAST_DIFFERENCE,
@@ -121,8 +121,6 @@ def _strokes_apart(scene: Scene, visions: Sequence[VisionName], least: float, ba
 
     The range of a painting is that of the strokes of all its regions.
     """
-    from skimage.color import rgb2lab
-
     paint = scene.paint_shown
     assert paint is not None and paint.brushed is not None
     views = visible_from(scene, scene.rig.orbit(181, VIEW_SIZE, frames=FRAMES), silent)
@@ -133,9 +131,9 @@ def _strokes_apart(scene: Scene, visions: Sequence[VisionName], least: float, ba
         own = paint.brushed.regions[k if k in paint.brushed.regions else root]
         strokes[k], mine = own[0], pixels.region == k
         if mine.any():
-            labs[k] = rgb2lab(pixels.mixed(k, StrokePaint(*own, 1.0 / paint.resolutions[-1])(pixels.where[mine])))
+            labs[k] = rgb_to_lab(pixels.mixed(k, StrokePaint(*own, 1.0 / paint.resolutions[-1])(pixels.where[mine])))
             means[k] = labs[k][np.unique(pixels.pixel[mine])].mean(0)
-    every = rgb2lab(np.concatenate([one.colour for one in strokes.values()]))
+    every = rgb_to_lab(np.concatenate([one.colour for one in strokes.values()]))
     low, high = np.quantile(every[:, 0], (0.03, 0.97)).tolist()
     gamut = low, high, float(np.quantile(np.hypot(every[:, 1], every[:, 2]), 0.97))
     flats = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)

@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from html import escape
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -24,6 +23,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.model import in_words
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
+from svv.render.html import filled
 from svv.render.pictures import Picture
 from svv.render.supersampled import supersampled
 from svv.train.run.learning import Learning
@@ -126,7 +126,8 @@ class _Shown(Image.Image):
     def _repr_html_(self) -> str:
         """Return HTML, which is preferred: JupyterLab and most templates of nbconvert ignore the text of a PNG."""
         data = base64.b64encode(super()._repr_png_() or b"").decode()
-        return f'<img alt="{escape(self.alt)}" style="max-width: 100%" src="data:image/png;base64,{data}">'
+        picture = '<img alt="{{ alt }}" style="max-width: 100%" src="data:image/png;base64,{{ data }}">'
+        return filled(picture, alt=self.alt, data=data)
 
     def _repr_jpeg_(self) -> None:
         """Offer no JPEG, which would be a third copy."""

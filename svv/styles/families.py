@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
 
-from svv.core.colour.colour import lab_to_rgb, to_hex
+from svv.core.colour.colour import lab_to_rgb, rgb_to_lab, to_hex
 from svv.core.colour.colour_names import colour_name
 from svv.core.colour.colour_vision import oklab
 from svv.core.images.segmentation import partitions
@@ -138,13 +138,12 @@ def areas_of(picture: NDArray[np.floating], families: Sequence[Family], mask: Ma
         families: Families of its strokes, not empty.
         mask: Part of the picture that was divided, (H, W); None for all of it.
     """
-    from skimage.color import rgb2lab
     from skimage.transform import resize
 
     small, hand = _reduced(picture), families[0].hand
     height, width = small.shape[:2]
     places = np.stack(np.meshgrid(np.arange(width), np.arange(height)[::-1]), -1).reshape(-1, 2) / max(height, width)
-    pixels = np.concatenate([TOGETHER * places, features_of(rgb2lab(small).reshape(-1, 3))], 1)
+    pixels = np.concatenate([TOGETHER * places, features_of(rgb_to_lab(small).reshape(-1, 3))], 1)
     own = np.full(len(hand.places), -1)
     for number, one in enumerate(families):
         own[one.own] = number

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, zoom
 from scipy.spatial import cKDTree
 
+from svv.core.colour.colour import rgb_to_lab
 from svv.core.images.structure_tensor import StructureTensor, structure_tensor
 from svv.errors import BadInput
 from svv.options.making import HandName
@@ -327,8 +328,6 @@ def _half_lag(lines: Floats) -> float:
 
 def _checked(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the picture in CIELAB and its mask; raises BadInput as :func:`measure_hand` does."""
-    from skimage.color import rgb2lab
-
     values = np.asarray(picture, np.float32)
     if values.ndim != 3 or values.shape[2] != 3 or min(values.shape[:2]) < SMALLEST:
         raise BadInput(f"A style picture needs three channels and at least {SMALLEST} x {SMALLEST} pixels.")
@@ -339,7 +338,7 @@ def _checked(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None) -> t
         raise BadInput("The mask and the style picture differ in size: make the mask from that picture.")
     if not inside.any():
         raise BadInput("The mask is empty: select the part of the picture to learn from.")
-    return np.asarray(rgb2lab(values.clip(0.0, 1.0)), np.float32), inside
+    return np.asarray(rgb_to_lab(values.clip(0.0, 1.0)), np.float32), inside
 
 
 def _reduced(values: Floats, factor: float) -> Floats:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import lab_to_rgb
+from svv.core.colour.colour import lab_to_rgb, rgb_to_lab
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.stroke_edits import PALETTE_SIZE, luminance
 from svv.styles.gallery import open_style
@@ -77,10 +77,8 @@ def mixed(colours: Sequence[Sequence[float]]) -> Palette:
     Args:
         colours: RGB in [0, 1]. (C, 3)
     """
-    from skimage.color import rgb2lab
-
     given = np.asarray(_sorted(np.asarray(colours, np.float64)))
-    lab = rgb2lab(given)
+    lab = rgb_to_lab(given)
     at = np.linspace(0.0, len(lab) - 1.0, PALETTE_SIZE)
     between = np.stack([np.interp(at, np.arange(len(lab)), column) for column in lab.T], 1)
     return _sorted(lab_to_rgb(between))

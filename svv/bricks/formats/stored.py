@@ -221,4 +221,6 @@ def bad_header(file: Path, error: Exception) -> BadInput:
 def too_large(file: Path, sides: Sequence[int]) -> BadInput:
     """Return the error to raise for a header that asks for more memory than there is."""
     shape = " x ".join(str(side) for side in sides)
-    return BadInput(f"The header of {file} gives {shape} voxels, more than this computer's memory can hold.")
+    return BadInput(
+        f"The header of {file} gives {shape} voxels, more than this computer's (or this container's) memory can hold."
+    )

@@ -7,7 +7,7 @@ brightness, all in [0, 1]; hue is a circle on which 0 and 1 are the same red.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -145,10 +145,30 @@ def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDAr
     Returns:
         Differences >= 0; 1 is just about noticeable. (A, B)
     """
-    from skimage.color import deltaE_ciede2000, rgb2lab  # takes half a second, so imported only here
+    first, second = (rgb_to_lab(np.clip(np.asarray(c, np.float64), 0.0, 1.0)) for c in (a, b))
+    return lab_differences(first[:, None], second[None])
 
-    first, second = (rgb2lab(np.clip(np.asarray(c, np.float64), 0.0, 1.0)[None])[0] for c in (a, b))
-    return np.asarray(deltaE_ciede2000(first[:, None], second[None]), np.float64)
+
+def lab_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return CIEDE2000 of CIELAB colours one by one. (..., 3), (..., 3) -> (...)
+
+    scikit-image has the formula and the conversions below. colour-science, the reference in the tests, has the same
+    values, but takes two seconds more to import, and imports matplotlib, which is not ParaView's.
+    """
+    from skimage.color import deltaE_ciede2000  # takes half a second, so imported only here
+
+    return np.asarray(deltaE_ciede2000(a, b), np.float64)
+
+
+def rgb_to_lab(rgb: NDArray[np.floating]) -> NDArray[Any]:
+    """Return CIELAB (D65, 2 degrees) of sRGB in [0, 1], float32 of float32. (..., 3)
+
+    >>> rgb_to_lab(np.array([1.0, 0.0, 0.0])).round(1).tolist()
+    [53.2, 80.1, 67.2]
+    """
+    from skimage.color import rgb2lab
+
+    return np.asarray(rgb2lab(rgb))
 
 
 def lab_to_rgb(lab: NDArray[np.floating]) -> NDArray[np.float32]:

@@ -18,6 +18,7 @@ from scipy.optimize import linprog
 
 from svv.core.colour.colour import colour_differences
 from svv.core.colour.oklab import oklab_to_rgb, rgb_to_oklab
+from svv.core.colour.srgb import encoded, linear
 
 VisionName = Literal["normal", "protanopia", "deuteranopia", "tritanopia", "grey print"]
 VISIONS: tuple[VisionName, ...] = get_args(VisionName)
@@ -50,16 +51,6 @@ def simulated(rgb: NDArray[np.floating], vision: VisionName) -> Array:
     if vision == "normal":
         return colours
     return encoded(np.clip(linear(colours) @ np.array(MATRICES[vision]).T, 0.0, 1.0))
-
-
-def linear(rgb: NDArray[np.floating]) -> Array:
-    """Return linear RGB of sRGB (IEC 61966-2-1)."""
-    return np.where(rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0.0) + 0.055) / 1.055) ** 2.4)
-
-
-def encoded(light: NDArray[np.floating]) -> Array:
-    """Invert :func:`linear`."""
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0) ** (1.0 / 2.4) - 0.055)
 
 
 def oklab(rgb: NDArray[np.floating]) -> Array:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.colour.light import LEAST_COSINE
+from svv.core.colour.srgb import encoded
 
 SIDE = 256
 """Side of the pictures in pixels."""
@@ -80,8 +81,7 @@ def matcap_picture(name: str, side: int = SIDE) -> NDArray[np.float32]:
     place = place / np.maximum(np.linalg.norm(place, axis=1, keepdims=True), 1.0)
     depth = np.sqrt(np.maximum(1.0 - np.square(place).sum(1), 0.0))
     colour = MATCAPS[name][0](np.column_stack([place, depth]))
-    srgb = np.where(colour <= 0.0031308, 12.92 * colour, 1.055 * np.maximum(colour, 1e-9) ** (1 / 2.4) - 0.055)
-    found = np.clip(srgb, 0.0, 1.0).reshape(side, side, 3).astype(np.float32)
+    found = np.clip(encoded(colour), 0.0, 1.0).reshape(side, side, 3).astype(np.float32)
     found.setflags(write=False)
     return found
 

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
+from svv.core.colour.srgb import linear
+
 Array = NDArray[np.float64]
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
@@ -87,13 +89,12 @@ def _errors(test: NDArray[np.floating], reference: NDArray[np.floating]) -> Arra
 def _opponents(srgb: NDArray[np.floating]) -> Array:
     """Convert to YyCxCz: Y = 116 Y/Yn - 16, Cx = 500 (X/Xn - Y/Yn), Cz = 200 (Y/Yn - Z/Zn). (h, w, 3) -> (3, h, w)."""
     srgb = np.moveaxis(np.clip(srgb.astype(np.float64), 0, 1), 2, 0)
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    return _of_ratios(_ratios(linear))
+    return _of_ratios(_ratios(linear(srgb)))
 
 
-def _ratios(linear: Array) -> Array:
+def _ratios(light: Array) -> Array:
     """Return X/Xn, Y/Yn and Z/Zn of linear sRGB. (3, ...)"""
-    return np.tensordot(RGB_TO_XYZ / WHITE[:, None], linear, 1)
+    return np.tensordot(RGB_TO_XYZ / WHITE[:, None], light, 1)
 
 
 def _of_ratios(ratios: Array) -> Array:

@@ -17,6 +17,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import spsolve
 
+from svv.core.colour.colour import rgb_to_lab
+
 Points = Sequence[tuple[float, float]]
 """Points (x, y) in pixels: x to the right, y down, (0, 0) the corner of the first pixel."""
 Labels = NDArray[np.int64]
@@ -51,9 +53,7 @@ def superpixels(picture: NDArray[np.floating], count: int = SUPERPIXELS) -> Labe
 
 def looks(picture: NDArray[np.floating], labels: Labels) -> NDArray[np.float64]:
     """Describe superpixels by mean CIELAB and the deviation of lightness at two sizes of detail. (K, 5)"""
-    from skimage.color import rgb2lab
-
-    lab = rgb2lab(np.clip(picture, 0, 1))
+    lab = rgb_to_lab(np.clip(picture, 0, 1))
     side = (labels.size / (labels.max() + 1)) ** 0.5
     light = lab[..., 0]
     fine, coarse = gaussian_filter(light, 0.08 * side), gaussian_filter(light, 0.35 * side)

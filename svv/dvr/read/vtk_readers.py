@@ -24,6 +24,7 @@ from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm, vtkStreamingDemandD
 from svv.bricks.formats.axes import Choice, check_alone, picked
 from svv.bricks.formats.stored import damaged, too_large
 from svv.errors import BadInput
+from svv.io.files.memory import memory_there
 
 EVEN = 4 * float(np.finfo(np.float32).eps)
 """Relative tolerance of even steps: files store coordinates in single precision."""
@@ -137,7 +138,6 @@ def check_size(reader: vtkAlgorithm, file: Path) -> None:
 
 
 def check_memory(size: Sequence[int], bytes_each: int, file: Path) -> None:
-    """Reject a volume of ``size`` voxels along x, y, z that exceeds this computer's memory."""
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
-    if size[0] * size[1] * size[2] * bytes_each > memory:
+    """Reject a volume of ``size`` voxels along x, y, z that exceeds the memory that this process may use."""
+    if size[0] * size[1] * size[2] * bytes_each > memory_there():
         raise too_large(file, size)

@@ -15,7 +15,6 @@ Letters: S samples, P palette colours, Z zones, N parts.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.fields.scene.region import Region
+from svv.io.files.keyed_results import digest
 
 MOST_ZONES = 256
 """Maximum number of zones, whose numbers are bytes."""
@@ -58,10 +58,7 @@ class Parts:
     @cached_property
     def digest(self) -> str:
         """Hash of the zones and of their table."""
-        content = hashlib.blake2b(repr((self.cells, self.zone.shape, self.inside.shape)).encode(), digest_size=16)
-        content.update(self.zone.data)
-        content.update(np.ascontiguousarray(self.inside).data)
-        return content.hexdigest()
+        return digest(self.cells, self.zone, self.inside)
 
     def regions_at(self, position: Tensor, colours: int, parents: Sequence[int]) -> Tensor:
         """Return the region to which each palette colour belongs at box coordinates. (S, 3) -> (S, P) int64

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.colour.colour import LUMA
+from svv.core.colour.srgb import linear
 from svv.core.strokes.strokes import Brush, Floats, Strokes
 from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
@@ -107,9 +108,7 @@ def luminance(colours: NDArray[np.floating]) -> NDArray[np.float64]:
     >>> luminance(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])).round(3).tolist()
     [0.0, 1.0]
     """
-    values = np.asarray(colours, np.float64)
-    linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
-    return np.asarray(linear @ np.array(LUMA))
+    return np.asarray(linear(np.asarray(colours, np.float64)) @ np.array(LUMA))
 
 
 def edits_of_strokes(region: Region) -> tuple[object, ...]:

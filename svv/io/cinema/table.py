@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import itertools
 import math
 import re
@@ -14,6 +13,7 @@ from pathlib import Path
 from svv.core.json_values import list_in, object_in, parsed, text_in
 from svv.errors import BadInput
 from svv.io.files.atomic import is_file
+from svv.io.files.keyed_results import digest
 from svv.io.views.transforms import MOST_MISSING, leaves
 
 TABLE, INFO = "data.csv", "info.json"
@@ -65,7 +65,7 @@ class Table:
             if name and is_file(self.folder / name)
             for stat in [(self.folder / name).stat()]
         ]
-        return hashlib.sha256(repr((self.columns, stats)).encode()).hexdigest()
+        return digest(self.columns, stats)
 
     def column(self, *names: str) -> list[str] | None:
         """Return the first column that has one of the names, in any case; None if there is none."""

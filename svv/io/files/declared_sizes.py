@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
-import sys
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.errors import BadInput
+from svv.io.files.memory import memory_there
 
 MOST_NUMBERS = 1 << 16
 """Most numbers of an array that describes others."""
@@ -25,23 +24,12 @@ MOST_INFLATED = 1032
 """Largest factor by which deflate can shrink."""
 
 
-def memory() -> int:
-    """Return the bytes that this process may hold: the computer's memory, or the process's limit if that is smaller."""
-    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 1 << 40
-    if sys.platform == "win32":
-        return there
-    import resource
-
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return there if limit == resource.RLIM_INFINITY else min(there, limit)
-
-
 def check_fits(declared: int, what: str) -> None:
     """Raise BadInput if ``what`` declares more bytes than memory can hold."""
-    if declared > memory():
+    if declared > memory_there():
         raise BadInput(
-            f"{what} declares {declared / 1e9:.3g} GB, more than this computer's memory can hold: it is damaged, or "
-            "needs a larger computer."
+            f"{what} declares {declared / 1e9:.3g} GB, more than this computer's (or this container's) memory can "
+            "hold: it is damaged, or needs more memory."
         )
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFile
 
+from svv.core.colour.srgb import encoded, linear
+
 USUAL = 0.43, 0.48
 """Exponents that writers give for sRGB: 1/2.2 is 0.45455."""
 
@@ -28,16 +30,14 @@ def exponent_of(image: Image.Image) -> float | None:
 
 def as_srgb(levels: Array, exponent: float) -> Array:
     """Return levels of sRGB (IEC 61966-2-1) for levels that are a power of light, all in [0, 1]."""
-    light = np.power(levels, 1.0 / exponent)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.power(light, 1.0 / 2.4) - 0.055)
+    return encoded(np.power(levels, 1.0 / exponent))
 
 
 def stored(exponent: float | None) -> NDArray[np.uint8]:
     """Return the 8-bit level that a file stored for each of sRGB. (256,)"""
     levels = np.arange(256) / 255.0
     if exponent is not None:
-        light = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
-        levels = np.power(light, exponent)
+        levels = np.power(linear(levels), exponent)
     return np.rint(255.0 * levels).astype(np.uint8)
 
 

@@ -7,7 +7,6 @@ again.
 
 from __future__ import annotations
 
-import hashlib
 import weakref
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -30,6 +29,7 @@ from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
 from svv.dvr.read.appearance import named
 from svv.errors import BadInput
+from svv.io.files.keyed_results import digest
 from svv.pv.failed import check_there
 from svv.pv.results.keys import digest_of_views
 from svv.pv.work.connected import BAKED, CAMERA, SCENE, VIEWS, what_is
@@ -64,7 +64,7 @@ def put_scene(scene: Scene, table: vtkTable) -> None:
     _put_regions(scene.regions, table)
     content = scene.to_bytes()
     table.GetFieldData().AddArray(named(SCENE, np.frombuffer(content, np.uint8)))
-    _keep(_digest(content), scene)
+    _keep(digest(np.frombuffer(content, np.uint8)), scene)
 
 
 def put_stored(stored: Stored, content: bytes, table: vtkTable) -> None:
@@ -159,7 +159,7 @@ def digest_of(array: vtkDataArray) -> str:
     if place not in _digests:
         if len(_digests) >= KNOWN:
             _digests.clear()
-        _digests[place] = _digest(np.ascontiguousarray(vtk_to_numpy(array)).data)
+        _digests[place] = digest(vtk_to_numpy(array))
     return _digests[place]
 
 
@@ -174,10 +174,6 @@ def forget_scenes() -> None:
     """Release the unpacked scenes and the cached hashes."""
     _scenes.clear()
     _digests.clear()
-
-
-def _digest(content: bytes | memoryview) -> str:
-    return hashlib.blake2b(content, digest_size=16).hexdigest()
 
 
 # --- images ---------------------------------------------------------------------------------------------------------

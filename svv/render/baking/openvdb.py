@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from svv._version import __version__
+from svv.core.colour.srgb import linear
 from svv.core.volumes.opacity_code import depths
 from svv.errors import BadInput, Progress, silent
 from svv.io import openvdb_script
@@ -121,9 +122,8 @@ def grids_of(volume: BakedVolume, unit: float = 1.0) -> tuple[NDArray[np.float32
     codes = volume.rgba[..., 3].transpose(2, 1, 0)
     density = (depths(volume.most) / (volume.grid.unit_distance / unit)).astype(np.float32)[codes]
     near = maximum_filter(codes > 0, 3)
-    levels = np.arange(256) / 255.0
-    linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    colour = linear[volume.rgba[..., :3].transpose(2, 1, 0, 3)] * near[..., None]
+    levels = linear(np.arange(256) / 255.0).astype(np.float32)
+    colour = levels[volume.rgba[..., :3].transpose(2, 1, 0, 3)] * near[..., None]
     return np.ascontiguousarray(density), np.ascontiguousarray(colour)
 
 

@@ -9,16 +9,14 @@ import json
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 
 from svv.core.colour.colour import WHITE
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import sketch_of
+from svv.render.html import filled, viewer_file
 from svv.render.web.page import html_of
 
 LOCAL = "127.0.0.1"
@@ -78,8 +76,7 @@ class Follower:
     def answer(self, path: str) -> tuple[str, bytes] | None:
         """Return type and content of what a browser asks for; None if there is no such thing."""
         if path == "/":
-            text = files("svv.render.web").joinpath("viewer", "following.html").read_text(encoding="utf-8")
-            return "text/html", Template(text).substitute(title=escape(self.file.stem)).encode()
+            return "text/html", filled(viewer_file("following.html"), title=self.file.stem).encode()
         if path == "/state":
             return "application/json", json.dumps({"number": self._number, "said": self._said}).encode()
         return ("text/html", self._page) if path.split("?")[0] == "/scene" and self._page else None

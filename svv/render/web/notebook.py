@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from html import escape
-from importlib.resources import files
 from typing import Any, ClassVar
 from uuid import uuid4
 
@@ -21,12 +19,13 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene
+from svv.render.html import filled, viewer_file
 from svv.render.web.page import html_of, numbers_of, paintings_of
 from svv.train.run.learning import Learning
 
 FRAME = (
-    '<div data-svv="{name}"><iframe title="{title}" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0">'
-    "</iframe></div>"
+    '<div data-svv="{{ name }}"><iframe title="{{ title }}" srcdoc="{{ page }}" '
+    'style="width: 100%; height: {{ height }}px; border: 0"></iframe></div>'
 )
 """HTML that shows a page without Python, network, and the widget's own program, which removes it: exported notebooks
 contain it."""
@@ -40,7 +39,7 @@ class SceneWidget(anywidget.AnyWidget):
     that of the frame in pixels. While a scene is trained in the background, ``fraction`` and ``told`` are its progress.
     """
 
-    _esm: ClassVar[str] = files("svv.render.web").joinpath("viewer", "notebook.js").read_text(encoding="utf-8")
+    _esm: ClassVar[str] = viewer_file("notebook.js")
     page = traitlets.Unicode().tag(sync=True)
     height = traitlets.Int(600, min=100).tag(sync=True)
     view = traitlets.Dict().tag(sync=True)
@@ -120,7 +119,7 @@ class SceneWidget(anywidget.AnyWidget):
 
     def _repr_html_(self) -> str:
         """Return the page itself, for where widgets are not shown."""
-        return FRAME.format(page=escape(self.page), height=self.height, name=self._name, title=escape(self._said))
+        return filled(FRAME, page=self.page, height=self.height, name=self._name, title=self._said)
 
     def _ipython_display_(self) -> None:
         """Display the page, and then the widget, which takes its place.

@@ -13,14 +13,12 @@ import re
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 import torch
+from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -42,6 +40,7 @@ from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
+from svv.render.html import filled, viewer_file
 from svv.render.web.fields import Field, fields_of
 
 SCRIPTS = (
@@ -139,17 +138,14 @@ def _check_occlusion(scene: Scene) -> None:
 
 def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str, words: str) -> bytes:
     def read(name: str) -> str:
-        text = files("svv.render.web").joinpath("viewer", name).read_text(encoding="utf-8")
-        return re.sub(r"^ *//.*\n", "", text, flags=re.MULTILINE)  # comments are for those who read the sources
+        return re.sub(r"^ *//.*\n", "", viewer_file(name), flags=re.MULTILINE)  # comments are for the sources
 
     shader = f"const MARCH = {_script_json(read('march.glsl'))};"
-    text = Template(read("page.html")).substitute(
-        title=escape(title), words=escape(words), text=escape(_said(header)), style=read("style.css"),
-        version=escape(__version__),
-        header=_script_json(header), arrays=arrays, **stills,
-        script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
-    )  # fmt: skip
-    return text.encode()
+    return filled(
+        read("page.html"), title=title, words=words, text=_said(header), style=Markup(read("style.css")),
+        version=__version__, header=Markup(_script_json(header)), arrays=arrays, **stills,
+        script=Markup("\n".join([shader, *(read(name) for name in SCRIPTS)])),
+    ).encode()  # fmt: skip
 
 
 def _script_json(data: object) -> str:

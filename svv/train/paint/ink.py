@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.colour.colour import lab_to_rgb, rgb_to_lab
 from svv.errors import BadInput, Progress, part, silent
 from svv.options.making import DRAWN
 from svv.styles.gallery import open_style
@@ -185,11 +186,9 @@ def picture_of(style: Style) -> NDArray[np.floating]:
 
 def ink_colour(colour: Sequence[float]) -> Floats:
     """Return the ink colour of a region: dark, with the region's hue, RGB. (3,)"""
-    from skimage.color import lab2rgb, rgb2lab
-
-    _, a, b = rgb2lab(np.clip(np.asarray(colour, np.float64), 0.0, 1.0))
+    _, a, b = rgb_to_lab(np.clip(np.asarray(colour, np.float64), 0.0, 1.0))
     scale = min(1.0, COLOURFUL / max(float(np.hypot(a, b)), 1e-9))
-    return np.asarray(lab2rgb(np.array([DARKNESS, scale * a, scale * b])), np.float32)
+    return lab_to_rgb(np.array([DARKNESS, scale * a, scale * b]))
 
 
 def tones(form: Form, points: Floats, normals: Floats) -> Floats:

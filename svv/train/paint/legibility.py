@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from svv.core.colour.colour import WHITE, lab_to_rgb
+from svv.core.colour.colour import WHITE, lab_differences, lab_to_rgb, rgb_to_lab
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VisionName, simulated
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import look_alikes
@@ -76,9 +76,7 @@ class Move:
 
     def of_rgb(self, rgb: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return colours, RGB (N, 3), after the change."""
-        from skimage.color import rgb2lab
-
-        return np.asarray(lab_to_rgb(self.of(rgb2lab(np.asarray(rgb, np.float64)))), np.float32)
+        return np.asarray(lab_to_rgb(self.of(rgb_to_lab(np.asarray(rgb, np.float64)))), np.float32)
 
 
 class Legibility:
@@ -140,10 +138,8 @@ class Legibility:
 
     def _over(self, colours: Floats) -> dict[int, Floats]:
         """Return what is shown over the background of colours, RGB (rows or 1, R, 3), CIELAB (N, 3), by region."""
-        from skimage.color import rgb2lab
-
         mixed = (self.weight[:, :, None] * colours).sum(1) + (1.0 - self.weight.sum(1))[:, None] * self.background
-        lab = rgb2lab(mixed.clip(0.0, 1.0))
+        lab = rgb_to_lab(mixed.clip(0.0, 1.0))
         return {k: lab[part] for k, part in self.parts.items()}
 
     def shown(self, lab: Mapping[int, Floats]) -> dict[int, Floats]:
@@ -164,16 +160,14 @@ class Legibility:
 
     def differences(self, shown: Mapping[int, Floats]) -> dict[tuple[int, int], float]:
         """Return CIEDE2000 between each two regions of which colours, CIELAB, are shown, tone by tone."""
-        from skimage.color import deltaE_ciede2000, rgb2lab
-
         pairs = list(combinations(sorted(shown), 2))
         if not pairs:
             return {}
         tones = {k: _quantiles(lab) for k, lab in shown.items()}
         first, second = (np.stack([tones[pair[side]] for pair in pairs]) for side in (0, 1))
         away = [
-            deltaE_ciede2000(first, second) if vision == "normal" else deltaE_ciede2000(
-                *(rgb2lab(simulated(lab_to_rgb(own), vision)) for own in (first, second))
+            lab_differences(first, second) if vision == "normal" else lab_differences(
+                *(rgb_to_lab(simulated(lab_to_rgb(own), vision)) for own in (first, second))
             )
             for vision in self.visions
         ]  # fmt: skip

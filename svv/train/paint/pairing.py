@@ -14,7 +14,7 @@ from math import perm
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import WHITE
+from svv.core.colour.colour import WHITE, lab_differences, rgb_to_lab
 from svv.errors import silent
 from svv.fields.scene.joined import members
 from svv.fields.scene.scene import Scene
@@ -77,8 +77,6 @@ def glimpse_of(scene: Scene) -> Glimpse:
 
     Of a joined scene, each member is looked at alone: regions of two members count as seen together.
     """
-    from skimage.color import rgb2lab
-
     cameras, count = scene.rig.sphere(GLANCES, GLANCE), len(scene.regions)
     seen, together, encloses = np.zeros(count), np.ones((count, count)), np.zeros((count, count), bool)
     for layer, member in enumerate(members(scene)):
@@ -89,9 +87,9 @@ def glimpse_of(scene: Scene) -> Glimpse:
             pixels, block = ViewPixels(views, opacity), np.ix_(numbers, numbers)
             seen[numbers], together[block], encloses[block] = pixels.inside.sum(0), pixels.together, pixels.encloses
     own = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
-    colours = np.asarray(rgb2lab(own[None])[0], np.float64)
+    colours = np.asarray(rgb_to_lab(own[None])[0], np.float64)
     for k, one in seen_of(scene, [scene.render(camera, "pcn") for camera in cameras], WHITE).items():
-        colours[k, 0] = float(rgb2lab(one.colours[None])[0][:, 0] @ one.weights)
+        colours[k, 0] = float(rgb_to_lab(one.colours[None])[0][:, 0] @ one.weights)
     return Glimpse(seen / max(seen.sum(), 1e-9), together, encloses, colours)
 
 
@@ -102,10 +100,8 @@ def difference_of(a: Family, b: Family) -> float:
 
 def differences_of(families: Sequence[Family]) -> Floats:
     """Return the mean CIEDE2000 of the tones of each two families. (F, F)"""
-    from skimage.color import deltaE_ciede2000
-
     tones = np.stack([one.tones for one in families])
-    return np.asarray(deltaE_ciede2000(tones[:, None], tones[None]).mean(2))
+    return np.asarray(lab_differences(tones[:, None], tones[None]).mean(2))
 
 
 def paired(glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int] | None = None) -> dict[int, int]:

@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.colour.colour import rgb_to_lab
 from svv.errors import Progress
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import UnrestrictedField
@@ -44,8 +45,6 @@ def keep_pieces_apart(
     Returns:
         Whether regions may remain alike.
     """
-    from skimage.color import rgb2lab
-
     opacity = np.array([region.seen_opacity for region in scene.regions])
     views = visible_from(scene, scene.rig.sphere(VIEWS, SIDE), progress)
     painted = sorted(pictures)
@@ -57,7 +56,7 @@ def keep_pieces_apart(
         where = torch.from_numpy(pixels.where[pixels.region == k]).to(scene.device)
         if not len(where):
             continue
-        labs[k] = rgb2lab(pixels.mixed(k, field(where).clamp(0.0, 1.0).cpu().numpy()))
+        labs[k] = rgb_to_lab(pixels.mixed(k, field(where).clamp(0.0, 1.0).cpu().numpy()))
         shown = np.unique(pixels.pixel[pixels.region == k])
         means[k] = labs[k][shown].mean(0)
     colours = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
@@ -79,8 +78,6 @@ def keep_pieces_apart(
 
 def _gamut(picture: NDArray[np.float32]) -> tuple[float, float, float]:
     """Return nearly the least and largest lightness and nearly the largest chroma of a picture, CIELAB."""
-    from skimage.color import rgb2lab
-
-    lab = rgb2lab(picture.reshape(-1, 3)[:: max(picture.size // 60_000, 1)])
+    lab = rgb_to_lab(picture.reshape(-1, 3)[:: max(picture.size // 60_000, 1)])
     low, high = np.quantile(lab[:, 0], (NEARLY, 1.0 - NEARLY)).tolist()
     return low, high, float(np.quantile(np.hypot(lab[:, 1], lab[:, 2]), 1.0 - NEARLY))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import lab_to_rgb
+from svv.core.colour.colour import lab_to_rgb, rgb_to_lab
 from svv.core.strokes.strokes import Strokes
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.styles.hand import Hand
@@ -144,12 +144,10 @@ class _Loop:
 
     def look(self) -> None:
         """Look at the strokes as they are."""
-        from skimage.color import rgb2lab
-
         self.lab: dict[int, Floats] = {}
         for k, paint in self.paints.items():
             where = self.pixels.where[self.pixels.region == k]
-            self.lab[k] = rgb2lab(self.pixels.mixed(k, paint(where)).clip(0.0, 1.0))
+            self.lab[k] = rgb_to_lab(self.pixels.mixed(k, paint(where)).clip(0.0, 1.0))
 
     def figures(self, region: int) -> tuple[Floats, float, float] | None:
         """Return the mean colour of a region, the deviation of its lightness and its mean chroma, CIELAB."""
@@ -215,9 +213,7 @@ def _deepened(one: Laid) -> tuple[float, float, float]:
 
 def retoned(strokes: Strokes, contrast: float, chroma: float, shift: float) -> Strokes:
     """Return strokes with factors on the contrast of lightness and on chroma, and with another mean lightness."""
-    from skimage.color import rgb2lab
-
-    both = [rgb2lab(colours) for colours in (strokes.colour, strokes.second)]
+    both = [rgb_to_lab(colours) for colours in (strokes.colour, strokes.second)]
     middle, tone = float(both[0][:, 0].mean()), Tone(contrast, chroma, shift)
     first, second = (lab_to_rgb(tone.of(lab, middle)) for lab in both)
     return replace(strokes, colour=first, second=second)

@@ -13,7 +13,7 @@ from PIL import Image
 from svv._version import __version__
 from svv.io.files.atomic import atomic_path
 from svv.progress import duration
-from svv.render.html import filled
+from svv.render.web.html import filled
 
 JPEG_QUALITY = 90
 

@@ -23,9 +23,9 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.model import in_words
 from svv.io.pictures.output import to_bytes, write_png
 from svv.render.frames import orbit
-from svv.render.html import filled
 from svv.render.pictures import Picture
 from svv.render.supersampled import supersampled
+from svv.render.web.html import filled
 from svv.train.run.learning import Learning
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from svv.core.colour.colour import WHITE
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import sketch_of
-from svv.render.html import filled, viewer_file
+from svv.render.web.html import filled, viewer_file
 from svv.render.web.page import html_of
 
 LOCAL = "127.0.0.1"

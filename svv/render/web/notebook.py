@@ -19,7 +19,7 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene
-from svv.render.html import filled, viewer_file
+from svv.render.web.html import filled, viewer_file
 from svv.render.web.page import html_of, numbers_of, paintings_of
 from svv.train.run.learning import Learning
 

@@ -40,8 +40,8 @@ from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
-from svv.render.html import filled, viewer_file
 from svv.render.web.fields import Field, fields_of
+from svv.render.web.html import filled, viewer_file
 
 SCRIPTS = (
     "decode.js", "reduce.js", "colours.js", "state.js", "camera.js", "textures.js", "draw.js", "show.js", "panel.js",

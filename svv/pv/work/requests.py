@@ -17,7 +17,6 @@ from svv.options.making import DeviceOptions, PaintOptions, PaletteOptions, Trai
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import digest_of_scene, key_of
-from svv.pv.work.editing import correction_in
 from svv.pv.work.engine import draw_views, training_moment, volume_of
 from svv.pv.work.style_masks import sources_of
 from svv.pv.work.styling import styles_of
@@ -90,6 +89,7 @@ def correcting(scene: Scene, views: Callable[[Progress], ViewSet], values: Value
         values: The panel's values.
     """
     from svv.job.request import Correct, Request
+    from svv.pv.work.editing import correction_in
 
     correct = Correct(correction_in(values), views, options_in(PaletteOptions, values))
     device = options_in(DeviceOptions, values).device

@@ -20,8 +20,11 @@ OPEN = "```{note}\nThis page is made from the code (`docs/generated.py`).\n```\n
 
 
 def write(folder: Path) -> None:
-    """Write ``commands.md``, ``filters.md``, ``presets.md`` and ``layers.md`` into a folder; equal files stay."""
-    pages = {"commands": commands, "filters": filters, "presets": presets, "layers": layers}
+    """Write ``commands.md``, ``filters.md`` and ``presets.md`` into a folder, and ``layers.md`` into ``design`` beside it.
+
+    Equal files stay.
+    """
+    pages = {"commands": commands, "filters": filters, "presets": presets, "../design/layers": layers}
     for name, page in pages.items():
         path, text = folder / f"{name}.md", "\n".join(page()) + "\n"
         if not path.exists() or path.read_text(encoding="utf-8") != text:

@@ -151,7 +151,7 @@ def _table(job: Ablation, name: str, rows: Sequence[Row]) -> str:
     shown = [{"variant": row["variant"], **{title: _text(key, row) for key, title in columns.items()}} for row in rows]
     record(
         figures(
-            "painting/ablation" if name in STYLES else "consistency/palette", shown, "variant", list(columns.values())
+            "painting/ablation" if name in STYLES else "palette/ablation", shown, "variant", list(columns.values())
         )
     )
     return f"## {name}\n\n{markdown(shown, 'variant', list(columns.values()))}\n\n{note}\n"

@@ -165,7 +165,7 @@ def consistency(
     named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]
     columns = (*METRICS, *SEEN, "share", "pairs")
     print(markdown(named, "flow, interval", columns))
-    record(figures(f"consistency/{scene.stem}", named, "flow, interval", columns))
+    record(figures(f"painting/{scene.stem}", named, "flow, interval", columns))
     for kind, errors in found["flow_error"].items():
         apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
         print(f"{kind} differs from the flow of the depth by {apart} frames.")

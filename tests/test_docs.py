@@ -177,7 +177,7 @@ def test_what_is_not_run_says_why() -> None:
 
 
 def test_the_steps_of_the_presets_are_those_of_the_code() -> None:
-    text = (DOCS / "explanation" / "training.md").read_text()
+    text = (DOCS / "reference" / "command-line.md").read_text()
     said = dict(re.findall(r"^\| `(\w+)` \|.*\| ([\d,]+ \+ [\d,]+) \|$", text, re.MULTILINE))
     made = {name: f"{p.reconstruct.iterations:,} + {p.recolour.iterations:,}" for name, p in PRESETS.items()}
     assert said == made

@@ -20,7 +20,8 @@ OPEN = "```{note}\nThis page is made from the code (`docs/generated.py`).\n```\n
 
 
 def write(folder: Path) -> None:
-    """Write ``commands.md``, ``filters.md`` and ``presets.md`` into a folder, and ``layers.md`` into ``design`` beside it.
+    """Write `commands.md`, `filters.md` and `presets.md` into a folder, and `layers.md` into `design` beside it.
+
 
     Equal files stay.
     """
@@ -320,11 +321,16 @@ def presets() -> Iterator[str]:
         names = [n for n, p in config.PRESETS.items() if not exact or type(getattr(p, field)) is cls]
         yield f"## {title}\n"
         yield f"`{cls.__name__}`\n"
-        yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"
-        for setting in described(cls):
-            values = [getattr(getattr(config.PRESETS[name], field), setting.name) for name in names]
-            shown = " | ".join(_value(v) for v in values)
-            yield f"| `{field}.{setting.name}` | {_cell(setting.sentence)} | {shown} |"
+        rows = {s: [_value(getattr(getattr(config.PRESETS[n], field), s.name)) for n in names] for s in described(cls)}
+        if any(len(set(values)) > 1 for values in rows.values()):
+            yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"
+            for setting, values in rows.items():
+                if len(set(values)) > 1:
+                    yield f"| `{field}.{setting.name}` | {_cell(setting.sentence)} | {' | '.join(values)} |"
+            yield "\nThe same in all presets:\n"
+        for setting, values in rows.items():
+            if len(set(values)) == 1:
+                yield f"- `{field}.{setting.name}`{_given(values[0])}: {_cell(setting.sentence)}"
         yield ""
 
 

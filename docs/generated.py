@@ -22,7 +22,6 @@ OPEN = "```{note}\nThis page is made from the code (`docs/generated.py`).\n```\n
 def write(folder: Path) -> None:
     """Write `commands.md`, `filters.md` and `presets.md` into a folder, and `layers.md` into `design` beside it.
 
-
     Equal files stay.
     """
     pages = {"commands": commands, "filters": filters, "presets": presets, "../design/layers": layers}

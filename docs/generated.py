@@ -9,7 +9,8 @@ import re
 import sys
 import types
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -19,8 +20,11 @@ OPEN = "```{note}\nThis page is made from the code (`docs/generated.py`).\n```\n
 
 
 def write(folder: Path) -> None:
-    """Write ``commands.md``, ``filters.md``, ``presets.md`` and ``layers.md`` into a folder; equal files stay."""
-    pages = {"commands": commands, "filters": filters, "presets": presets, "layers": layers}
+    """Write `commands.md`, `filters.md` and `presets.md` into a folder, and `layers.md` into `design` beside it.
+
+    Equal files stay.
+    """
+    pages = {"commands": commands, "filters": filters, "presets": presets, "../design/layers": layers}
     for name, page in pages.items():
         path, text = folder / f"{name}.md", "\n".join(page()) + "\n"
         if not path.exists() or path.read_text(encoding="utf-8") != text:
@@ -52,15 +56,14 @@ def layers() -> Iterator[str]:
 
     modules = arrows.sources()
     found = arrows.arrows(modules)
-    order = arrows.components(arrows.without({one: set(others) for one, others in found.items()}, arrows.LEFT))
+    order = arrows.components({one: set(others) for one, others in found.items()})
     down = [one for (one,) in reversed(order) if not one.endswith("(facade)")]
     yield "# The layers of the code\n"
     yield OPEN
     yield "**Imports point down only.** A folder imports from folders below it on this page, and nothing else: never"
     yield "from one above, so never in a circle. Imports inside functions and modules that are named as text count"
     yield "(`tests/arrows.py` measures; `tests/test_layers.py` tests, also which layer may use which library).\n"
-    left = ", ".join(f"`{_short(one)}` to `{_short(other)}`" for one, other in arrows.LEFT)
-    yield f"Arrows that still point up: {left}. The facades `svv` and `svv.pv` hand on what lies anywhere below."
+    yield "The facades `svv` and `svv.pv` hand on what lies anywhere below."
     yield "`plugin/` is ParaView's entry point. What measures all this is a distribution of its own in `bench/`;"
     yield "nothing in `svv` imports it.\n"
     yield "| Where to start | |\n|---|---|"
@@ -70,7 +73,7 @@ def layers() -> Iterator[str]:
         own = [one for one in down if one == layer or (layer != "svv" and one.startswith(f"{layer}."))]
         yield f"\n## `{_short(layer)}/`\n\n| folder | what lives there | imports |\n|---|---|---|"
         for folder in own:
-            others = [other for other in down if other in found[folder] and (folder, other) not in arrows.LEFT]
+            others = [other for other in down if other in found[folder]]
             near = [_short(other) for other in others if other in own]
             far = list(dict.fromkeys(_short(other).split("/")[0] for other in others if other not in own))
             text = _told_of(arrows.PACKAGES[folder.split(".")[0]] / folder.replace(".", "/"))
@@ -94,31 +97,99 @@ def _told_of(folder: Path) -> str:
 
 
 def commands() -> Iterator[str]:
-    """Yield every command with its arguments, options and examples."""
+    """Yield every command with its arguments, options and examples; what several commands share is described once."""
     from svv.cli import paraview
     from svv.cli.app import COMMANDS, GROUPS, command_of
 
+    every: dict[str, tuple[Any, Any]] = {f"svv {n}": command_of(n) for n in COMMANDS if n not in GROUPS}
+    for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):
+        every[f"svv {function.__name__}"] = function, ()
+    for group, module in (*((name, f"svv.cli.{name}") for name in GROUPS), ("bench", "svv_bench.cli")):
+        for name, found in importlib.import_module(module).COMMANDS.items():
+            every[f"svv {group} {name}"] = found
+    rows = {name: list(_options(function)) for name, (function, _) in every.items()}
+    shared = _shared(rows.values())
     yield "# Commands\n"
     yield OPEN
-    yield "`svv COMMAND --help` says the same in a terminal. How commands end, what they read and what they resume: "
-    yield "[conventions](command-line.md).\n"
-    for name in COMMANDS:
-        if name not in GROUPS:  # they follow at the end
-            yield from _command(f"svv {name}", *command_of(name))
-    for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):
-        yield from _command(f"svv {function.__name__}", function, ())
-    for group, module in (*((name, f"svv.cli.{name}") for name in GROUPS), ("bench", "svv_bench.cli")):
-        if group == "bench":
+    yield "`svv COMMAND --help` has more examples. How commands end: [conventions](command-line.md). Defaults are in"
+    yield "brackets; `...` follows what may be repeated.\n"
+    resuming = [name.removeprefix("svv ") for name, (function, _) in every.items() if RESUMES.search(_text(function))]
+    yield f"After Ctrl-C, the same command resumes: {', '.join(resuming)}.\n"
+    yield from _described_once(shared, "options", "command")
+    bench = True
+    for name, (function, examples) in every.items():
+        if name.startswith("svv bench ") and bench:
+            bench = False
             yield "`svv bench` is a distribution of its own: `pip install ./bench` in a checkout; `make` installs it."
-            yield "`svv bench --results FILE.csv COMMAND ...` appends what a command measures, one row a figure.\n"
-        for name, (function, examples) in importlib.import_module(module).COMMANDS.items():
-            yield from _command(f"svv {group} {name}", function, examples)
+            yield "`svv bench --results FILE.csv COMMAND ...` appends its figures to a file.\n"
+        yield f"## `{name}`\n"
+        yield re.sub(r" *\n\s*\n", "\n\n", RESUMES.sub("", _text(function))).strip() + "\n"
+        yield from _rows(rows[name], shared, "options")
+        if examples:
+            yield "```sh"
+            yield from examples[: 1 if name.startswith("svv bench ") else 2]  # the help has all
+            yield "```\n"
 
 
-def _command(name: str, function: Any, examples: Any) -> Iterator[str]:
-    yield f"## `{name}`\n"
-    yield inspect.cleandoc(function.__doc__ or "") + "\n"
-    yield "| | | default |\n|---|---|---|"
+RESUMES = re.compile(
+    r"After\s+Ctrl-C,\s+the\s+same\s+command\s+resumes(\.|; finished\s+stages\s+are\s+not\s+repeated\.)"
+)
+
+Row = tuple[str, str, str, bool]
+"""Name (an option with what it takes), explanation, default, and whether it is among a panel's advanced properties."""
+
+
+def _text(function: Any) -> str:
+    return inspect.cleandoc(function.__doc__ or "")
+
+
+def _given(default: str) -> str:
+    return f" ({default})" if default else ""
+
+
+def _short(name: str) -> str:
+    """Return an option's first name without what it takes."""
+    return f"`{name.split('`')[1]}`" if name.startswith("`") else name
+
+
+def _shared(tables: Iterable[Iterable[Row]]) -> dict[str, tuple[str, str, str]]:
+    """Return what stands in several tables with the same words, by short name: name, explanation, commonest default."""
+    defaults: dict[tuple[str, str], Counter[str]] = {}
+    for rows in tables:
+        for name, text, default, _ in rows:
+            defaults.setdefault((name, text), Counter())[default] += 1
+    found: dict[str, tuple[str, str, str]] = {}
+    for (name, text), times in sorted(defaults.items(), key=lambda one: one[1].total()):  # the commonest comes last
+        if times.total() > 1:
+            found[_short(name)] = name, text, times.most_common(1)[0][0]
+    return {_short(name): found[_short(name)] for name, _ in defaults if _short(name) in found}
+
+
+def _described_once(shared: dict[str, tuple[str, str, str]], what: str, who: str) -> Iterator[str]:
+    yield f"## Shared {what}\n"
+    yield f"Each {who} names those that it has, with its default where it differs.\n"
+    for name, text, default in shared.values():
+        yield f"- {name}{_given(default)}: {text}"
+    yield ""
+
+
+def _rows(rows: Iterable[Row], shared: dict[str, tuple[str, str, str]], what: str) -> Iterator[str]:
+    """Yield a list of what only this command or filter has, and the names of what it shares with others."""
+    others = []
+    for name, text, default, advanced in rows:
+        known = shared.get(_short(name), ("", "", ""))
+        if known[:2] == (name, text):
+            given = "" if default == known[2] else _given(default or "none")
+            others.append((f"*{_short(name)}*" if advanced else _short(name)) + given)
+        else:
+            yield f"- {f'*{name}*' if advanced else name}{_given(default)}: {text}"
+    if others:
+        yield f"\n[Shared](#shared-{what}): {', '.join(others)}."
+    yield ""
+
+
+def _options(function: Any) -> Iterator[Row]:
+    """Yield a command's arguments and options."""
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind, *notes = get_args(parameter.annotation)
         (info,) = (note for note in notes if hasattr(note, "help"))
@@ -136,12 +207,9 @@ def _command(name: str, function: Any, examples: Any) -> Iterator[str]:
                 if default is None or default is False or default == ()
                 else f"`{getattr(default, 'value', default)}`"
             )
-        yield f"| {names} {_cell(value)} | {_cell(info.help or '')} | {shown} |"
-    yield ""
-    if examples:
-        yield "```sh"
-        yield from examples
-        yield "```\n"
+        text, again = _cell(info.help or ""), " May be repeated."
+        name = f"{names} {_cell(value)}".strip() + " ..." * (again in text)
+        yield name, text.replace(again, ""), shown, False
 
 
 def _choices(kind: Any) -> str:
@@ -162,32 +230,38 @@ def _cell(text: str) -> str:
 def filters() -> Iterator[str]:
     """Yield every filter and reader with its properties, in the order of its panel."""
     found = _decorated()
+    rows = [list(_properties(cls)) for cls in found]
+    shared = _shared(rows)
     yield "# Filters and readers in ParaView\n"
     yield OPEN
     yield "In scripts a property has the name of its label without spaces. What the filters are for: "
     yield "[ParaView](../how-to/paraview.md).\n"
-    for cls in found:
+    yield "Defaults are in brackets, advanced properties in italics. K is the number of a region or colour, from 0.\n"
+    yield from _described_once(shared, "properties", "filter")
+    for cls, properties in zip(found, rows):
         kind, label = cls.proxy
         yield f"## {label}\n"
         yield f"*{kind}*, in scripts `{cls.__name__}`. {' '.join((cls.__doc__ or '').split())}\n"
-        yield "| property | | default |\n|---|---|---|"
-        for element in ElementTree.fromstring(f"<all>{''.join(reversed(cls.xml))}</all>"):
-            label = element.get("label") or element.get("name") or ""
-            if re.match(r"(Region [1-9]|Colour [1-9]) ", label):
-                continue  # the same as the first, whose number is shown as K
-            label = re.sub(r"^(Region|Colour) 0 ", r"\1 K ", label)
-            shown = element.get("panel_visibility", "default") != "never"
-            if not element.tag.endswith("Property") or not shown or element.get("name") in (None, "Input"):
-                continue
-            text = re.sub(r"<br/><img [^>]*>", "", element.findtext("Documentation") or "")  # a picture in the tooltip
-            more = " *(advanced)*" if element.get("panel_visibility") == "advanced" else ""
-            default, entries = element.get("default_values", ""), element.findall(".//Entry")
-            if entries:
-                default = entries[int(default)].get("text", "")
-            elif element.find("BooleanDomain") is not None:
-                default = "on" if default == "1" else "off"
-            yield f"| {label}{more} | {_cell(text)} | {_default(default)} |"
-        yield ""
+        yield from _rows(properties, shared, "properties")
+
+
+def _properties(cls: Any) -> Iterator[Row]:
+    """Yield the properties of a filter, in the order of its panel."""
+    for element in ElementTree.fromstring(f"<all>{''.join(reversed(cls.xml))}</all>"):
+        label = element.get("label") or element.get("name") or ""
+        if re.match(r"(Region|Colour) [1-9]\d* ", label):
+            continue  # the same as the first, whose number is shown as K
+        label = re.sub(r"^(Region|Colour) 0 ", r"\1 K ", label)
+        shown = element.get("panel_visibility", "default") != "never"
+        if not element.tag.endswith("Property") or not shown or element.get("name") in (None, "Input"):
+            continue
+        text = re.sub(r"<br/><img [^>]*>", "", element.findtext("Documentation") or "")  # a picture in the tooltip
+        default, entries = element.get("default_values", ""), element.findall(".//Entry")
+        if entries:
+            default = entries[int(default)].get("text", "")
+        elif element.find("BooleanDomain") is not None:
+            default = "on" if default == "1" else "off"
+        yield label, _cell(text), _default(default), element.get("panel_visibility") == "advanced"
 
 
 def _default(text: str) -> str:
@@ -265,11 +339,16 @@ def presets() -> Iterator[str]:
         names = [n for n, p in config.PRESETS.items() if not exact or type(getattr(p, field)) is cls]
         yield f"## {title}\n"
         yield f"`{cls.__name__}`\n"
-        yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"
-        for setting in described(cls):
-            values = [getattr(getattr(config.PRESETS[name], field), setting.name) for name in names]
-            shown = " | ".join(_value(v) for v in values)
-            yield f"| `{field}.{setting.name}` | {_cell(setting.sentence)} | {shown} |"
+        rows = {s: [_value(getattr(getattr(config.PRESETS[n], field), s.name)) for n in names] for s in described(cls)}
+        if any(len(set(values)) > 1 for values in rows.values()):
+            yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"
+            for setting, values in rows.items():
+                if len(set(values)) > 1:
+                    yield f"| `{field}.{setting.name}` | {_cell(setting.sentence)} | {' | '.join(values)} |"
+            yield "\nThe same in all presets:\n"
+        for setting, values in rows.items():
+            if len(set(values)) == 1:
+                yield f"- `{field}.{setting.name}`{_given(values[0])}: {_cell(setting.sentence)}"
         yield ""
 
 

@@ -22,8 +22,8 @@ sys.path.append(str(ROOT / "bench"))
 
 from svv_bench.results import Result, changed, newest, read  # noqa: E402
 
-FOLDER = ROOT / "docs" / "measurements"
-FILE = FOLDER / "results.csv"
+FOLDERS = ROOT / "docs" / "measurements", ROOT / "docs" / "design"
+FILE = FOLDERS[0] / "results.csv"
 
 PLACE = re.compile(r"<!-- table (\S+): ([^\n]*?) -->\n(.*?)<!-- end -->", re.DOTALL)
 """A table's name, the headings of its key columns, and what is there now."""
@@ -32,10 +32,10 @@ Old = Callable[[Result], str]
 """Date of the newest code that a figure measures, if that is newer than the figure; otherwise empty."""
 
 
-def write(folder: Path = FOLDER, file: Path = FILE) -> None:
-    """Fill the tables of all pages of a folder; equal files stay."""
+def write(folders: Iterable[Path] = FOLDERS, file: Path = FILE) -> None:
+    """Fill the tables of all pages of some folders; equal files stay."""
     results = newest(read(file))
-    for page in sorted(folder.glob("*.md")):
+    for page in sorted(page for folder in folders for page in folder.glob("*.md")):
         text = page.read_text(encoding="utf-8")
         if (made := filled(text, results)) != text:
             page.write_text(made, encoding="utf-8")
@@ -130,5 +130,5 @@ def older(result: Result, ask: Callable[[str], str | None] = LAST) -> str:
 
 def mark(_app: object, name: str, source: list[str]) -> None:
     """Mark what is old in a page before Sphinx reads it (event ``source-read``)."""
-    if name.startswith("measurements/"):
+    if name.startswith(("measurements/", "design/")):
         source[0] = filled(source[0], newest(read(FILE)), older)

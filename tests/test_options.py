@@ -173,7 +173,7 @@ ALIKE = {
 
 
 def test_of_every_option_a_page_says_who_sets_it() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "reference" / "who-sets-what.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "design" / "who-sets-what.md").read_text(encoding="utf-8")
     named: dict[str, list[str]] = {}
     for line in page.splitlines():
         if heading := re.match(r"## `(\w+)`", line):

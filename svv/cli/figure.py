@@ -93,9 +93,9 @@ def figure(
     """Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.
 
     The legend shows each region's name (`svv edit --name`), its range of values, and a small sphere in its paint and
-    light. Text in PDF and SVG stays text, with its fonts inside. Several scenes, paintings, times and cameras are
-    panels with letters; all are shown at one scale. With --panel dvr, the volume rendering stands beside the painting.
-    Regions that look alike are named in the legend, on the screen, and with their difference in the file of --json.
+    light. Text in PDF and SVG stays text, with embedded fonts. Several scenes, paintings, times and cameras are panels
+    with letters, at one scale. Regions that look alike are named in the legend, on the screen, and with their
+    difference in the file of --json.
     """
     from svv.io.files.atomic import write_json
     from svv.job.looks.look import Look, changed_settings
@@ -188,9 +188,9 @@ def check_colours(
 ) -> None:
     """Check whether everybody can tell the regions of a scene or figure apart, as rendered.
 
-    The colours of each pair of regions, with their light, paint and opacity, are compared (CIEDE2000) for normal colour
-    vision, for protanopia, deuteranopia and tritanopia (Machado et al. 2009), and in a grey print. `svv edit
-    --distinct` recolours a scene whose regions merge.
+    Colours of each pair of regions, with light, paint and opacity, are compared (CIEDE2000) for normal colour vision,
+    protanopia, deuteranopia and tritanopia (Machado et al. 2009), and in grey. `svv edit --distinct` recolours regions
+    that merge.
     """
     from svv.cli.table import print_table
     from svv.io.files.atomic import write_json

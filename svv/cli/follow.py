@@ -99,9 +99,9 @@ def opacities(
 ) -> None:
     """Show a scene with other opacities of its transfer function, without views or training.
 
-    --tf names the function, with the scene's colours. A scene of the encoding values needs nothing else; another one
-    must have been trained with its volume, which tells where the function shows something. What the training did not
-    see is said to be approximate, or refused; svv edit changes colours. Paint, edits and time steps stay.
+    --tf names the function, with the scene's colours; svv edit changes those. A scene of the encoding values needs
+    nothing else; another one must have been trained with its volume, which is then needed. What no training view showed
+    is marked as approximate, or refused. Paint, edits and time steps stay.
     """
     from svv.dvr.functions.transfer_functions import TransferFunction
     from svv.dvr.read.appearance import without_interpolation

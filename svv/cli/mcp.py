@@ -19,8 +19,8 @@ def mcp(
     """Serve svv to assistants by the Model Context Protocol, over standard input and output.
 
     An assistant starts this command itself. Its tools list files, train, name, edit in words, paint, render and make
-    figures; they report their progress, stop when they are cancelled, and work in the background if asked. No file
-    outside the folder is read or written. Needs the extra `agents`.
+    figures; they report progress, can be cancelled, and work in the background if asked. They read and write files
+    below the folder only. Needs the extra `agents`.
     """
     from svv.job.agents import serve
 

@@ -21,7 +21,7 @@ class PictureOptions:
     """The picture in which places are pixels."""
 
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
-    """Camera of the picture in which a place is a pixel, as in `svv render`; by default the middle of the orbit."""
+    """Camera of the picture in which a place is a pixel, as in `svv render`; by default the orbit's middle."""
     frame: Annotated[int | None, Setting(least=0)] = None
     """Number of that picture's view if the camera's file has several."""
     size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size")] = None

@@ -56,11 +56,10 @@ def train(
 ) -> None:
     """Train a scene on views.
 
-    Views made by `svv views` come with the volume's extinction, and by default, training starts from it. With
-    --views-only, or if there is no volume, everything is learned from views only. A folder with the views of several
-    transfer functions, arrays or volumes gives one scene of all, whose regions have their names, and one of each beside
-    it. After Ctrl-C, the same command resumes.
-    torchrun trains with several processes on one machine or more.
+    Views made by `svv views` come with the volume's extinction, from which training starts. With --views-only, or
+    without a volume, everything is learned from views only. A folder with the views of several transfer functions,
+    arrays or volumes gives one scene of all, with named regions, and one of each beside it. After Ctrl-C, the same
+    command resumes. torchrun trains with several processes on one machine or more.
     """
     from svv.fields.devices.gpu import device_named
     from svv.fields.scene.joined import joined, named
@@ -147,8 +146,7 @@ class Scoring:
     """Views, network and device with which a scene is scored."""
 
     split: str | None = None
-    """Split of the views in the folder: train, test or val; by default test, or train if the folder has no test views,
-    which is said."""
+    """Split of the views: train, test or val; by default test, or train if there is none, which is said."""
     network: NetworkName | None = None
     """Network to score, base or pcn; by default pcn."""
     device: DeviceName = "auto"
@@ -167,10 +165,9 @@ def evaluate(
 ) -> None:
     """Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS.
 
-    If the folder contains the classified volume, region_overlap measures how well regions match its ranges of values:
-    the intersection over union of everything that the views show, for each region that knows its values; for regions
-    found in views alone, for each range and the region that matches it. LPIPS needs weights, which `svv features --get
-    alexnet` fetches once.
+    If the folder contains the classified volume, region_overlap is the intersection over union of each region with its
+    range of values, over all that the views show; regions found in views alone are matched to ranges first. LPIPS needs
+    weights (`svv features --get alexnet`).
     """
     from svv.io.cinema.views import read_views
     from svv.io.files.atomic import write_json

@@ -96,9 +96,9 @@ def style_mask(
 ) -> None:
     """Select the part of a style picture that `svv stylize --style-mask` learns from.
 
-    Points are pixels of the picture, x from the left, y from the top. Besides MASK.png, the command writes
-    MASK-overlay.png, which shows the selection, and MASK.json, the points, to which --refine adds. With --regions, it
-    writes a mask for each region, and overlay.png, which shows their numbers, to the folder.
+    Points are pixels of the picture, x from the left, y from the top. Beside MASK.png, the command writes
+    MASK-overlay.png, which shows the selection, and MASK.json, the points, to which --refine adds. With --regions, a
+    mask for each region and overlay.png, with their numbers, go to the folder.
     """
     from svv.styles.selecting import write_regions, write_selected
 

@@ -18,12 +18,12 @@ class BakeOptions:
     resolution: Annotated[
         int | None, Setting(least=8, metavar="N", slider=(0, 1024), unset=0, unset_says="0: as fine as the scene.")
     ] = None
-    """Cells along the longest side of the scene's box, at most; by default as many as its finest lattice has."""
+    """Most cells along the longest side of the scene's box; by default as in its finest lattice."""
     memory: Annotated[float, Setting(least=0.001, metavar="GB", slider=(0.01, 4.0))] = 0.25
     """Gigabytes that the volume may take, 4 bytes for each point; it is coarser if it would be larger."""
     light: BakedLight = "none"
-    """Light in the colours: none leaves it to the program that draws the volume; baked is the mean over all directions
-    from which a point is seen."""
+    """Light in the colours: none leaves it to the other program; baked is the mean over all directions from which a
+    point is seen."""
     regions: Annotated[tuple[int, ...] | None, Setting(metavar="K,...", syntax="regions", panel="")] = None
     """Numbers of the only regions in the volume; by default all that are not hidden."""
     network: Annotated[NetworkName | None, Setting(command=False, unset="last")] = None

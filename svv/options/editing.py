@@ -48,20 +48,20 @@ class RegionEdit(Request):
     ] = None
     """The region's new colour."""
     recolour_in: Annotated[RecolourName | None, Setting(unset="as it is", advanced=True)] = None
-    """How shades follow the region's new colour: hsb by hue, saturation and brightness, as in the paper, or oklab, in
-    which light and dark differ as they did to the eye."""
+    """How shades follow the new colour: hsb by hue, saturation and brightness, as in the paper; oklab keeps perceived
+    differences of lightness."""
     opacity: Annotated[float | None, Setting(least=0, slider=(0.0, 4.0), unset=1.0)] = None
     """Factor on the region's opacity; 1 is as trained."""
     lighting: Annotated[float | None, Setting(least=0, slider=(0.0, 2.0), unset=1.0)] = None
     """Factor on the region's shading; 0 is flat, 1 is as trained."""
     ambient: Annotated[float | None, Setting(least=0, slider=(0.0, 1.0), switch=REFLECT, unset=0.1)] = None
-    """Ambient reflection; for scenes trained with the lighting phong."""
+    """Ambient reflection; needs lighting phong."""
     diffuse: Annotated[float | None, Setting(least=0, slider=(0.0, 2.0), switch=REFLECT, unset=0.9)] = None
-    """Diffuse reflection; for scenes trained with the lighting phong."""
+    """Diffuse reflection; needs lighting phong."""
     specular: Annotated[float | None, Setting(least=0, slider=(0.0, 2.0), switch=REFLECT, unset=0.2)] = None
-    """Specular reflection; for scenes trained with the lighting phong."""
+    """Specular reflection; needs lighting phong."""
     shininess: Annotated[float | None, Setting(least=1, slider=(1.0, 128.0), switch=REFLECT, unset=30.0)] = None
-    """Exponent of the specular highlight; for scenes trained with the lighting phong."""
+    """Exponent of the specular highlight; needs lighting phong."""
     matcap: Annotated[
         str | None, Setting(command=False, panel="MatCap", unset="", unset_says="Empty leaves it as it is.")
     ] = None
@@ -76,10 +76,10 @@ class LightEdit(Request):
     """The light of a scene that was trained with the lighting phong."""
 
     light: Annotated[dict[str, Any] | None, Setting(metavar="headlight|AZ,EL|X,Y,Z", syntax="light", panel="")] = None
-    """Where the light is: degrees to the right of and above the camera, or a vector in world coordinates; for scenes
-    trained with the lighting phong."""
+    """Where the light is: degrees to the right of and above the camera, or a vector in world coordinates; needs
+    lighting phong."""
     intensity: Annotated[float | None, Setting(least=0, panel="LightIntensity", slider=(0.0, 4.0), unset=1.0)] = None
-    """Factor on the brightness of the light; 1 leaves it unchanged. For scenes trained with the lighting phong."""
+    """Factor on the brightness of the light; 1 leaves it unchanged. Needs lighting phong."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class PaintEdit(Request):
     paint_light: Annotated[float | None, Setting(least=0, most=1, unset=PAINT_LIGHT)] = None
     """How strongly paint is shaded: 0 not at all, 1 as much as the palette's colours."""
     stroke_opacity: Annotated[float | None, Setting(least=-1, most=1, unset=0.0)] = None
-    """How much opacity follows the strokes: above 0, dark and vivid strokes are more opaque than pale ones;
-    below 0, light strokes more than dark ones, for dark backgrounds."""
+    """How much opacity follows strokes: above 0, dark and vivid strokes are more opaque; below 0, light ones, for dark
+    backgrounds."""
     stroke_relief: Annotated[float | None, Setting(least=0, most=4, unset=1.0)] = None
     """Factor on the relief of brush strokes: 0 is flat paint, 1 as painted."""
     stroke_width: Annotated[float | None, Setting(slider=(0.5, 2.0), unset=1.0)] = None
@@ -109,8 +109,8 @@ class PaintEdit(Request):
     stroke_light: Annotated[
         tuple[float, ...] | None, Setting(metavar="AZ,EL|X,Y,Z|own", syntax="light on strokes", panel="")
     ] = None
-    """Direction from which the relief of strokes is lit: degrees to the right of and above the front of the volume, or
-    a vector in world coordinates; own is the painting's."""
+    """Where the relief of strokes is lit from: degrees to the right of and above the volume's front, or a vector in
+    world coordinates; own is the painting's."""
     stroke_palette: Annotated[
         tuple[Colour, ...] | None,
         Setting(metavar="IMG|gallery:NAME|'#rrggbb,...'|own", syntax="palette of strokes", panel=""),
@@ -146,11 +146,11 @@ class PartEdit(Request):
         None
     )
     """Make the connected part of a region that is visible there a region of its own, the last one. Two numbers are a
-    pixel, from the left and the top, of the picture that `svv render` makes with the same --camera, --frame and --size;
-    three are a point in world coordinates."""
+    pixel, from the left and the top, of `svv render`'s picture with the same --camera, --frame and --size; three are a
+    point in world coordinates."""
     split_level: Annotated[float | None, Setting(least=0, most=1, unset=SPLIT_LEVEL)] = None
-    """How opaque matter must be to connect, as a fraction of the region's mean opacity; by default 0.5. A higher level
-    separates parts that touch."""
+    """How opaque matter must be to connect, as a fraction of the region's mean opacity; 0.5 by default. More separates
+    parts that touch."""
 
 
 @dataclass(frozen=True)

@@ -55,8 +55,8 @@ class VolumeOptions:
     spacing: Annotated[tuple[float, float, float] | None, Setting(metavar="X,Y,Z", syntax="spacing")] = None
     """For raw files, stacks and .npy: size of a voxel."""
     resample_to: Annotated[int | None, Setting(least=2, metavar="POINTS")] = None
-    """For grids that are no images: points along the longest side to which they are resampled; by default, as the cells
-    and the memory suggest."""
+    """For grids that are no images: points along the longest side after resampling; by default, as cells and memory
+    suggest."""
 
     @property
     def only_array(self) -> str | None:
@@ -84,8 +84,8 @@ class ShownVolumeOptions(VolumeOptions):
     """Which transfer function shows a volume of which views are drawn, and how its file is read."""
 
     rescale: Annotated[bool | None, Setting(flag="--rescale/--no-rescale", panel="")] = None
-    """Stretch the transfer function over the range of the data, or leave it at its own values; by default, a preset
-    without opacity points is stretched, and one that runs from 0 or -1 to 1 if the data lies elsewhere."""
+    """Stretch the transfer function over the data's range, or not; by default, if it has no opacity points, or runs
+    from 0 or -1 to 1 and the data lies elsewhere."""
     nearest: Annotated[bool, Setting("--nearest", panel="")] = False
     """Show each voxel's own value, without interpolation, as label volumes need; as ParaView's Interpolation Type
     Nearest."""
@@ -130,8 +130,8 @@ class TrainOptions:
     """
 
     preset: PresetName = "balanced"
-    """How long to train: draft gives a first look, fast and balanced take minutes, best a quarter of an hour for a
-    figure, the paper's schedule hours."""
+    """How long to train: draft for a first look, fast and balanced take minutes, best a quarter of an hour, paper
+    hours."""
     time_limit: TimeLimit = None
     """Train for at most this many seconds."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
@@ -139,13 +139,13 @@ class TrainOptions:
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
     """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
     encoding: Annotated[EncodingName | None, Setting(advanced=True, unset="as the preset")] = None
-    """Sparse lattice, the paper's hash grid, or the volume's values if the views come with them; the preset decides by
-    default."""
+    """Sparse lattice, the paper's hash grid, or the volume's values if the views come with them; by default the
+    preset's."""
     lighting: Annotated[LightingName | None, Setting(advanced=True, unset="as the views allow")] = None
-    """What lights the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose
-    nothing; by default network, or auto with fewer than 32 views."""
+    """Light of the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose nothing;
+    by default network, or auto below 32 views."""
     views_only: bool = False
-    """Learn from views only, as the paper does; by default, the volume is used as well, if the views come with it."""
+    """Learn from views only, as in the paper, even if they come with their volume."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed", advanced=True)] = False
     """Leave out what stands still on the screen in all views: colour bars, axes, logos, text."""
     change: Changes = ()
@@ -181,8 +181,8 @@ class SharingOptions:
     """Pairs of region and style, or of region and a part of a divided picture by its name (0=sky; 0=1:sky in style 1),
     or colour to pair them by likeness; in turn by default."""
     divide: AskedDivisionName = "auto"
-    """How a picture is divided among the regions that share it: by its areas (a sky, a field) or by its colours; auto
-    takes what tells the regions apart, no gives every region the whole picture."""
+    """How a picture is divided among the regions that share it: by areas (a sky, a field) or colours; auto takes what
+    tells the regions apart, no gives each the whole picture."""
 
 
 @dataclass(frozen=True)
@@ -197,10 +197,10 @@ class PaintOptions(SharingOptions):
     keep: Annotated[tuple[int, ...], Setting(metavar="K", panel="")] = ()
     """A region to leave unpainted."""
     stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0
-    """Scale of the strokes, from 0.25 to 4: 1 makes them 10 pixels wide in a picture of 800, 2 twice as large."""
+    """Scale of the strokes, from 0.25 to 4; at 1 they are 10 pixels wide in a picture of 800."""
     manner: MannerName = "auto"
-    """What paint is laid in: brush strokes, or pieces of the picture; auto paints the hand of a painter by strokes, and
-    mosaics, halftones, textures and photographs by pieces."""
+    """Brush strokes, or pieces of the picture; auto takes strokes for paintings, and pieces for mosaics, halftones,
+    textures and photographs."""
     hand: AskedHandName = "auto"
     """The technique of the strokes; auto measures it in the picture: oil, watercolour, dots, ink wash or print. Any
     other word asks for strokes."""
@@ -209,8 +209,8 @@ class PaintOptions(SharingOptions):
     go_on: Annotated[bool, Setting("--continue", panel="")] = False
     """Keep the scene's painting where no style is given for a region."""
     preset: PresetName = "balanced"
-    """How to paint: draft gives a first look, fast, balanced and best paint alike, and paper matches features for
-    hours, as StyleRF-VolVis does."""
+    """How to paint: draft for a first look; fast, balanced and best paint alike; paper matches features for hours, as
+    StyleRF-VolVis does."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE", advanced=True)] = "auto"
@@ -247,8 +247,8 @@ class RenderOptions:
     size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size", panel="")] = None
     """Size in pixels; 800 by default."""
     network: Annotated[NetworkName | None, Setting(unset="last")] = None
-    """Which network gives the colours: base (as learned), pcn (the palette, with its edits) or styled (the painting);
-    by default the last that the scene has."""
+    """Network of the colours: base (as learned), pcn (the palette, with edits) or styled (the painting); by default the
+    scene's last."""
     variant: Annotated[str | None, Setting(metavar="NAME", advanced=True)] = None
     """Name of the painting to render; by default the one that the scene shows."""
     background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour", panel="")] = (
@@ -258,8 +258,7 @@ class RenderOptions:
     what: Annotated[PictureName, Setting(panel="")] = "rgba"
     """What to write; a .vti always holds all three."""
     supersample: Annotated[int | None, Setting(least=1, most=4, metavar="N", unset="as needed", panel="")] = None
-    """Draw N x N rays for each pixel and average them, so that edges are smooth; by default 2 for one view of brush
-    strokes, otherwise 1."""
+    """Average N x N rays a pixel, for smooth edges; by default 2 for one view of brush strokes, otherwise 1."""
     fps: Annotated[float, Setting(least=1, panel="")] = 30.0
     """Frames per second of a movie."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"

@@ -150,9 +150,7 @@ def _table(job: Ablation, name: str, rows: Sequence[Row]) -> str:
     columns, note = ({**apart, **STYLE_COLUMNS}, STYLE_NOTE) if name in STYLES else (PALETTE_COLUMNS, PALETTE_NOTE)
     shown = [{"variant": row["variant"], **{title: _text(key, row) for key, title in columns.items()}} for row in rows]
     record(
-        figures(
-            "painting/ablation" if name in STYLES else "consistency/palette", shown, "variant", list(columns.values())
-        )
+        figures("painting/ablation" if name in STYLES else "palette/ablation", shown, "variant", list(columns.values()))
     )
     return f"## {name}\n\n{markdown(shown, 'variant', list(columns.values()))}\n\n{note}\n"
 

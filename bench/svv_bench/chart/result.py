@@ -54,7 +54,7 @@ def measured(rows: Sequence[Row]) -> list[Figure]:
         ("a view", "s", ".2f"), ("x DVR", "", ".1f"), ("file", "MB", ".1f"),
     )  # fmt: skip
     return cells(
-        "chart/presets",
+        "accuracy/presets",
         [
             (
                 f"{r.scene} | `{r.preset}`, {r.kind} | {r.limit}",

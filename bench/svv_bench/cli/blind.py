@@ -47,9 +47,9 @@ def blind(
 ) -> None:
     """Compare ways of painting without knowing which is which, and check metrics against the choices.
 
-    First make the sheets: the style is on the left, and the ways are in shuffled columns. Write the number of the best
-    column of each sheet into choices.json, which is in the same folder, and pass it to --choices. The result gives the
-    share of sheets in which each way was chosen, and the share of pairs in which each metric agrees.
+    First make the sheets: the style, then the ways in shuffled columns. Write the number of the best column of each
+    into choices.json in the same folder, and pass it to --choices. The result: how often each way was chosen, and how
+    often each metric agrees.
     """
     from svv.io.files.atomic import check_writable, write_json
     from svv_bench.styles.blind import CHOICES, open_key, report, write_sheets

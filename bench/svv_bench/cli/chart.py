@@ -103,9 +103,9 @@ def chart(
 ) -> None:
     """Chart accuracy against time and memory for presets, encodings, sizes, devices and time limits, on your scenes.
 
-    Every combination is trained and scored on unseen views in a separate process. The results are chart.html, three
-    PNG charts, runs.csv and runs.json. A volume is also rendered directly, for comparison with the network's rendering
-    time. After Ctrl-C, the same command resumes.
+    Each combination is trained and scored on unseen views in a process of its own. The results are chart.html, three
+    PNG charts, runs.csv and runs.json. A volume is also rendered directly, to compare times. After Ctrl-C, the same
+    command resumes.
     """
     from svv_bench.chart.job import Chart
     from svv_bench.chart.plan import Measure

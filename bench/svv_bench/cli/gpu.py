@@ -60,8 +60,8 @@ def gpu(
 ) -> None:  # fmt: skip
     """Check the kernels on this GPU against plain torch, and time training, images and painting on it and on the CPU.
 
-    Each part runs in a process of its own, so that a fault ends only that part. Results are written as they come
-    (results.jsonl, tests.log, traces); report.html sums them up. Neither VTK nor a network connection is needed.
+    Each part runs in a process of its own, so that a fault ends only that part. Results are results.jsonl, tests.log
+    and traces, as they come, and report.html. Needs neither VTK nor a network.
     """
     from svv.errors import BadInput
     from svv.fields.devices.gpu import device_named

@@ -109,9 +109,9 @@ def tasks(
 ) -> None:
     """Judge ways to show scenes by questions on the picture, whose answers are known.
 
-    First make the sheets, from scenes trained on the volumes of svv bench volumes: each judge gets a folder and sees
-    each scene in one way only. Answers are written into answers.json in that folder, and then passed to --answers. The
-    result gives the share of right answers in each way, and how often the figure of svv bench legibility agrees.
+    First make the sheets, from scenes trained on the volumes of svv bench volumes: a folder for each judge, who sees
+    each scene in one way only. Answers go into its answers.json, which is passed to --answers. The result: the share of
+    right answers for each way, and how often the figure of svv bench legibility agrees.
     """
     import svv.dvr  # noqa: F401  # says how to get VTK
     from svv.io.files.atomic import check_writable, write_json

@@ -48,8 +48,8 @@ def profile(
 ) -> None:
     """Show where the time of training and rendering goes on this CPU, compared with the least it could take.
 
-    It trains for some steps and renders an image. For each part, it prints the milliseconds, the bytes that must be
-    moved, the operations, and the lower bound given by the machine's measured peak rates.
+    It trains for some steps and renders an image. For each part, it prints milliseconds, bytes moved, operations, and
+    the lower bound by the machine's measured peak rates.
     """
     # Otherwise PyTorch's profiler logs its start and stop to standard error; it reads this when torch is imported.
     os.environ.setdefault("KINETO_LOG_LEVEL", "5")

@@ -133,8 +133,8 @@ def consistency(
 ) -> None:
     """Measure how consistent frames are, of a scene's orbit or in a folder: MSE, LPIPS and FLIP, short- and long-range.
 
-    A frame is warped onto a later one along the optical flow and compared where both show the same points, and as the
-    paper does it. --guide to --features are for folders; --orbit, --size, --oversample and --network are for scenes.
+    A frame is warped along the optical flow onto a later one and compared where both show the same points, and as in
+    the paper. --guide to --features are for folders; --orbit, --size, --oversample and --network for scenes.
     After Ctrl-C, the same command resumes.
     """
     if scene.is_dir():
@@ -165,7 +165,7 @@ def consistency(
     named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]
     columns = (*METRICS, *SEEN, "share", "pairs")
     print(markdown(named, "flow, interval", columns))
-    record(figures(f"consistency/{scene.stem}", named, "flow, interval", columns))
+    record(figures(f"painting/{scene.stem}", named, "flow, interval", columns))
     for kind, errors in found["flow_error"].items():
         apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
         print(f"{kind} differs from the flow of the depth by {apart} frames.")

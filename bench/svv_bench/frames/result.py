@@ -185,7 +185,7 @@ def write_result(out: Path, found: Mapping[str, Any]) -> str:
     notes = "\n".join(f"- {note}" for note in found["notes"])
     text = markdown(rows, "frames, flow, interval", COLUMNS) + (f"\n\n{notes}" if notes else "") + "\n"
     write_tables(make_folder(out), "consistency", found["rows"], text)
-    record(figures("consistency/frames", rows, "frames, flow, interval", COLUMNS))
+    record(figures("painting/frames", rows, "frames, flow, interval", COLUMNS))
     return text
 
 

@@ -334,7 +334,7 @@ def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
     ]
     text = "\n\n".join(p for p in parts if p) + "\n"
     write_tables(out, "modes", rows, text)
-    record(figures("consistency/compare", averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]))
+    record(figures("painting/compare", averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]))
     return text
 
 

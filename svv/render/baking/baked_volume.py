@@ -65,7 +65,7 @@ def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:
 
     Points of a coarse grid miss what is thinner than its voxels, so points around each are averaged: the square root of
     their extinction, which gives better images than its logarithm, opacity, or extinction itself
-    (docs/measurements/baked.md).
+    (docs/measurements/large.md#baked-volumes).
 
     Args:
         volume: The finer volume.

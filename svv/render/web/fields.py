@@ -2,7 +2,7 @@
 
 A page has to be small enough to be sent, so the values are stored with as few levels as their effect on pictures needs:
 a byte's worth where a surface shows them, hardly any where a haze does. What that costs in dB is measured in
-docs/measurements/web-viewer.md.
+docs/measurements/large.md#pages-for-browsers.
 
 Letters: V vertices of a grid, C channels, P regions, N levels.
 """

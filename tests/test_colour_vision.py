@@ -31,6 +31,7 @@ from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import Seen, seen_in
 from svv.io.pictures.output import write_png
+from svv.options import figures
 from svv.render.distinct import distinct
 from svv.render.figures.colour_check import report_on, seen_in_picture, simulation_sheet, told_of
 from tests.cube import cube_paint
@@ -100,6 +101,10 @@ def test_the_difference_of_sets_compares_light_with_light() -> None:
     most = np.array([0.75, 0.25])
     expected = 0.25 * colour_differences(red, blue)[0, 0]
     assert set_difference(pair, pair, half, most, "normal") == pytest.approx(expected)
+
+
+def test_panels_and_commands_offer_the_ways_that_are_computed() -> None:
+    assert figures.VISIONS == VISIONS
 
 
 @pytest.mark.parametrize("visions", [COLOUR_VISIONS, VISIONS])

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from paraview import simple
 from PIL import Image
-from svv.pv.scripts.__init__.__init__ import camera_of_view, open_volume
+from svv.pv.scripts.__init__.__init__.__init__ import camera_of_view, open_volume
 
 from svv.fields.scene.scene import Scene
 

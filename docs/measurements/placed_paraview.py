@@ -13,7 +13,7 @@ import numpy as np
 from baked_paraview import EYES, SIZE, drawn, place
 from paraview import simple
 from PIL import Image
-from svv.pv.scripts.__init__.__init__ import camera_of_view
+from svv.pv.scripts.__init__.__init__.__init__ import camera_of_view
 
 from svv.fields.scene.scene import Scene
 

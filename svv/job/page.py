@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 
 from PIL import Image
@@ -80,7 +81,7 @@ def write_page(path: Path, page: Page) -> None:
         BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
     """
     movie = base64.b64encode(page.movie.read_bytes()).decode() if page.movie else ""
-    text = filled(_TEMPLATE, page=page, movie=movie, embedded=_embedded, version=__version__)
+    text = filled(files("svv.job").joinpath("page.html").read_text(encoding="utf-8"), page=page, movie=movie, embedded=_embedded, version=__version__)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -105,70 +106,3 @@ def _embedded(picture: Picture) -> str:
     with Image.open(picture.file) as image:
         image.convert("RGB").save(buffer, format=kind, quality=JPEG_QUALITY)
     return f"data:image/{kind.lower()};base64,{base64.b64encode(buffer.getvalue()).decode()}"
-
-
-_TEMPLATE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{{ page.title }}</title>
-<style>
-:root { --ink: #1d2733; --soft: #5c6977; --line: #e3e8ee; --accent: #0f5c8c; --paper: #fff; --ground: #f4f6f8 }
-* { box-sizing: border-box }
-body { margin: 0; background: var(--ground); color: var(--ink);
-  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif }
-main { max-width: 1120px; margin: 0 auto; padding: 48px 24px 64px }
-h1 { font-size: 34px; line-height: 1.2; letter-spacing: -.01em; margin: 0 0 8px }
-header p { font-size: 18px; color: var(--soft); margin: 0 0 28px; max-width: 70ch }
-h2 { font-size: 20px; margin: 0 0 4px }
-section { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 24px;
-  margin-top: 24px }
-section > p { color: var(--soft); margin: 0 0 16px; max-width: 80ch }
-img, video { display: block; max-width: 100%; height: auto; margin: 0 auto; border-radius: 6px }
-video { width: 100%; background: #fff; border: 1px solid var(--line); border-radius: 10px }
-.numbers { display: grid; grid-template-columns: repeat(auto-fit, minmax(158px, 1fr)); gap: 12px; margin-bottom: 24px }
-.numbers div { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 14px 18px }
-.numbers b { display: block; font-size: 22px; font-weight: 650; white-space: nowrap; color: var(--accent);
-  font-variant-numeric: tabular-nums }
-.numbers span { color: var(--soft); font-size: 14px }
-.link { margin: 16px 0 0 }
-.link a { color: var(--accent); font-weight: 600 }
-.scroll { overflow-x: auto }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
-th { text-align: right; font-weight: 600; color: var(--soft); font-size: 14px }
-td { text-align: right }
-th, td { padding: 8px 12px; border-bottom: 1px solid var(--line); white-space: nowrap }
-th:first-child, td:first-child { text-align: left; padding-left: 0 }
-tbody tr:last-child td { border-bottom: 0 }
-td i { display: inline-block; width: 1.1em; height: 1.1em; margin-right: .5em; vertical-align: -.2em;
-  border-radius: 4px; border: 1px solid rgba(0, 0, 0, .15) }
-dl { display: grid; grid-template-columns: max-content 1fr; gap: 6px 20px; margin: 12px 0 0 }
-dt { color: var(--soft) }
-dd { margin: 0; overflow-wrap: anywhere }
-footer { color: var(--soft); font-size: 14px; margin-top: 24px }
-@media (max-width: 640px) { main { padding: 24px 12px } dl { grid-template-columns: 1fr } dd { margin-bottom: 8px } }
-</style>
-</head>
-<body><main>
-<header><h1>{{ page.title }}</h1><p>{{ page.text }}</p></header>
-{% if page.numbers %}<div class="numbers">
-{%- for value, name in page.numbers %}<div><b>{{ value }}</b><span>{{ name }}</span></div>{% endfor %}</div>{% endif %}
-{% if movie %}<video controls autoplay loop muted playsinline aria-label="{{ page.title }}, seen from all around"
-src="data:video/mp4;base64,{{ movie }}"></video>{% endif %}
-{% if page.link %}<p class="link"><a href="{{ page.link[0].name | urlencode }}">{{ page.link[1] }}</a></p>{% endif %}
-{% for part in page.parts %}<section><h2>{{ part.heading }}</h2><p>{{ part.text }}</p>
-{%- if part.columns is defined %}<div class="scroll"><table><thead><tr>
-{%- for name in part.columns %}<th>{{ name }}</th>{% endfor %}</tr></thead><tbody>
-{%- for row in part.rows %}<tr>
-{%- for value in row %}<td>
-{%- if loop.index0 in part.swatch and value %}<i style="background:{{ value }}"></i>{% endif %}{{ value }}</td>
-{%- endfor %}</tr>{% endfor %}</tbody></table></div>
-{%- else %}<img alt="{{ part.heading }}" src="{{ embedded(part) }}">{% endif %}</section>
-{% endfor %}
-{% if page.facts %}<section><h2>How it was made</h2><dl>
-{%- for name, value in page.facts %}<dt>{{ name }}</dt><dd>{{ value }}</dd>{% endfor %}</dl></section>{% endif %}
-<footer>Made by svv {{ version }}</footer>
-</main></body>
-</html>
-"""

@@ -32,7 +32,8 @@ import svv, torch, numba
 for part in ("pv", "train", "job", "dvr", "fields", "kernels.numba"):
     package = importlib.import_module(f"svv.{part}")
     for found in pkgutil.walk_packages(package.__path__, f"svv.{part}."):
-        importlib.import_module(found.name)
+        if found.name != "svv.job.dataset":  # of PyVista, which ParaView has not
+            importlib.import_module(found.name)
 from numba.core.registry import cpu_target
 cpu_target.typing_context.refresh()
 cpu_target.target_context.refresh()

@@ -18,14 +18,22 @@ from PIL import Image
 
 from svv.job.demo import generate
 from svv.pv.launch import programs
-from tests.paraview.conftest import GUI_MAIN, Gui
-from tests.paraview.screen import BUTTON, Screen, read_aloud
+from tests.paraview.conftest import GUI_MAIN, Gui, read_aloud
+from tests.paraview.screen import BUTTON, Screen
 
 PAGE = Path(__file__).resolve().parent / "tutorials" / "paraview.md"
 IMAGES = PAGE.parents[1] / "images"
 
 QUALITY = 82
 """Quality of the JPEG files: text stays sharp, and a window of 1280 x 1024 pixels stays below 150 kB."""
+
+STYLIZED_VIEW = "StyleRFStylizedView1"
+"""What ParaView calls the filter."""
+
+WHOLE, DIALOG, MENU = (0, 0, 1280, 1024), (139, 197, 1123, 748), (0, 0, 1024, 819)
+KEPT = {"opened": WHOLE, "preset": DIALOG, "volume": WHOLE, "menu": MENU, "settings": WHOLE, "painted": WHOLE,
+        "turned": WHOLE, "hidden": WHOLE}  # fmt: skip
+"""The steps whose pictures the page shows, each with the part of ParaView 5.11's window: left, upper, right, lower."""
 
 LISTENER = """
 import os

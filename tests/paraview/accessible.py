@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from gi.repository import Gio, GLib
+from gi.repository import Gio, GLib  # type: ignore[import-not-found, unused-ignore]
 
 ACCESSIBLE = "org.a11y.atspi.Accessible"
 CHECKED, ENABLED, SHOWING = 4, 8, 25
@@ -36,11 +36,11 @@ class Bus:
         return self.call(owner, path, "org.freedesktop.DBus.Properties", "Get", "(ss)", ACCESSIBLE, name)
 
     def programs(self) -> list[tuple[str, str]]:
+        """The programs on the bus: owner and path of each."""
         return self.call("org.a11y.atspi.Registry", "/org/a11y/atspi/accessible/root", ACCESSIBLE, "GetChildren")
 
-    def add(self, owner: str, path: str, within: list[str], shown: list[dict[str, Any]]) -> None:
+    def add(self, one: tuple[str, str], within: list[str], shown: list[dict[str, Any]]) -> None:
         """Add a widget that is showing, and those in it; of a closed list, only what is chosen."""
-        one = owner, path
         states = self.call(*one, ACCESSIBLE, "GetState")
         has = lambda state: bool(states[state // 32] >> state % 32 & 1)  # noqa: E731
         role = self.call(*one, ACCESSIBLE, "GetRoleName")
@@ -59,16 +59,17 @@ class Bus:
         inner = [*within, name] if name else within
         for child in () if role == "combo box" else self.call(*one, ACCESSIBLE, "GetChildren"):
             try:
-                self.add(*child, inner, shown)
+                self.add(child, inner, shown)
             except GLib.Error:  # it has gone since its parent named it
                 continue
 
 
 def main() -> None:
     """Print the widgets of all programs on the bus that are showing, outer ones first."""
-    bus, shown = Bus(), []
+    bus = Bus()
+    shown: list[dict[str, Any]] = []
     for program in bus.programs():
-        bus.add(*program, [], shown)
+        bus.add(program, [], shown)
     print(json.dumps(shown))
 
 

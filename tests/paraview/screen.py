@@ -7,11 +7,8 @@ there, hidden or cut off are not found.
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -65,25 +62,8 @@ class Widget:
         return plain in (self.name.rstrip(". ").lower(), self.told.rstrip(". ").lower())
 
 
-@contextmanager
-def read_aloud(folder: Path) -> Iterator[dict[str, str]]:
-    """Start a bus in a folder on which programs say what they show; gives the variables of such a program."""
-    runs = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
-    command = ["dbus-daemon", "--session", "--nofork", "--nopidfile", "--print-address"]
-    with (folder / "bus.log").open("w") as log:
-        bus = subprocess.Popen(command, env=runs, stdout=subprocess.PIPE, stderr=log, text=True)
-    try:
-        assert bus.stdout is not None
-        address = bus.stdout.readline().strip()
-        assert address, (folder / "bus.log").read_text()
-        yield {"DBUS_SESSION_BUS_ADDRESS": address, "QT_LINUX_ACCESSIBILITY_ALWAYS_ON": "1"}
-    finally:
-        bus.terminate()
-        bus.wait(30)
-
-
 class Screen:
-    """The screen of a window that was started with the variables of :func:`read_aloud`."""
+    """The screen of a window that was started with the variables of :func:`tests.paraview.conftest.read_aloud`."""
 
     def __init__(self, gui: Gui) -> None:
         self.gui = gui
@@ -153,11 +133,16 @@ class Screen:
                 return fit[-1]
             x, turn = self.dock().box[0] + 12, (4, above) if above > 0 else (5, below)
             notches = max(1, turn[1] // NOTCH)
-            self.gui.xdotool("mousemove", x, (upper + lower) // 2, "click", "--repeat", notches, turn[0], "sleep", "0.5")
+            self.gui.xdotool(
+                "mousemove", x, (upper + lower) // 2, "click", "--repeat", notches, turn[0], "sleep", "0.5"
+            )
         raise AssertionError(f"the panel does not scroll to {words!r}")
 
     def select(self, name: str) -> None:
-        """Click on a source in the Pipeline Browser, which does not say what it shows: where the panel is of that then."""
+        """Click on a source in the Pipeline Browser.
+
+        The browser does not say what it shows: the right row is the one after which the panel has the source's name.
+        """
         browser = self.find("Pipeline Browser", "frame")
         x, y, _, _ = browser.box
         for row in range(y + 30, browser.lower, 11):

@@ -263,9 +263,9 @@ def follow(window: Window, page: Page, hurry: str = "") -> Iterator[str]:
     screen.press("Apply", within="Properties")
     window.until(SHARP)
     yield "numbered"
-    for words in ("opacity", "colour", "name", "light"):
-        assert screen.in_panel(f"Region 0 {says(words).capitalize()}")
-    screen.set_to("Show", "image")
+    for words in ("Opacity", "Recolour", "Name", "Lighting"):
+        assert screen.in_panel(f"Region 0 {says(words)}")
+    screen.set_to("Show", says("image"))
     screen.gear()
     screen.tick("Region 0 Hide")
 
@@ -275,6 +275,8 @@ def follow(window: Window, page: Page, hurry: str = "") -> Iterator[str]:
     screen.press(says("Apply"), within="Properties")
     screen.click(screen.in_panel(says("Save Scene"), *BUTTON))
     window.until(f"{TOLD}.startswith('Saved')")
+    for command in ("svv render", "svv figure"):
+        says(command)
     yield "saved"
     screen.choose(*page.path("File > Save State"))
     screen.choose_file("Save State", folder / "first" / "painted.pvsm")

@@ -131,14 +131,12 @@ def read_aloud(folder: Path) -> Iterator[dict[str, str]]:
     command = ["dbus-daemon", "--session", "--nofork", "--nopidfile", "--print-address"]
     with (folder / "bus.log").open("w") as log:
         bus = subprocess.Popen(command, env=runs, stdout=subprocess.PIPE, stderr=log, text=True)
-    try:
+    with bus:
         assert bus.stdout is not None
         address = bus.stdout.readline().strip()
         assert address, (folder / "bus.log").read_text()
         yield {"DBUS_SESSION_BUS_ADDRESS": address, "QT_LINUX_ACCESSIBILITY_ALWAYS_ON": "1"}
-    finally:
         bus.terminate()
-        bus.wait(30)
 
 
 @pytest.fixture(scope="session")

@@ -50,10 +50,11 @@ def window() -> vtkRenderWindowInteractor | None:
 
 
 def by_window() -> bool:
-    """Return whether this is called by the window itself, and not by a script."""
+    """Return whether this is called by the window itself, and not by a script: whose code the outermost call is.
+
+    Between that and this, there may be ParaView's Python, whose proxies cause events as well.
+    """
     frame: Any = sys._getframe()
-    while frame is not None:
-        if not str(frame.f_globals.get("__package__")).startswith("svv.pv"):
-            return False
+    while frame.f_back is not None:
         frame = frame.f_back
-    return True
+    return str(frame.f_globals.get("__package__")).startswith("svv.pv")

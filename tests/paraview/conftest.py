@@ -7,7 +7,8 @@ If ParaView or a tool is missing, tests that use them fail with a sentence; they
 - ``mpiexec(source, *args, ranks=2, program=(), ...)`` does the same in pvbatch on several ranks (or another program);
 - ``pvserver`` is the port of a separate server, ``start_pvserver(environ=None, ranks=1)`` starts more and returns the
   port;
-- ``gui(source, *args, environ=None, timeout=600)`` starts ParaView's user interface, see :class:`Gui`.
+- ``gui(source, *args, environ=None, timeout=600, aloud=False)`` starts ParaView's user interface, see :class:`Gui`;
+  with ``aloud``, what it shows can be read (:mod:`tests.paraview.screen`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +121,22 @@ class Gui:
             if "BadWindow" not in str(error) or searches == 1:
                 raise
             return self._main_window(searches - 1)
+
+
+@contextmanager
+def read_aloud(folder: Path) -> Iterator[dict[str, str]]:
+    """Start a bus in a folder on which programs say what they show; gives the variables of such a program."""
+    _need("dbus-daemon", "dbus at-spi2-core python3-gi")
+    runs = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+    command = ["dbus-daemon", "--session", "--nofork", "--nopidfile", "--print-address"]
+    with (folder / "bus.log").open("w") as log:
+        bus = subprocess.Popen(command, env=runs, stdout=subprocess.PIPE, stderr=log, text=True)
+    with bus:
+        assert bus.stdout is not None
+        address = bus.stdout.readline().strip()
+        assert address, (folder / "bus.log").read_text()
+        yield {"DBUS_SESSION_BUS_ADDRESS": address, "QT_LINUX_ACCESSIBILITY_ALWAYS_ON": "1"}
+        bus.terminate()
 
 
 @pytest.fixture(scope="session")
@@ -254,9 +272,14 @@ def gui(
     _need("import", "imagemagick")
     running: list[Gui] = []
     displays: list[Iterator[str]] = []
+    buses = ExitStack()
 
     def launch(
-        source: str | Path, *arguments: object, environ: Mapping[str, str] = environ, timeout: float = LONG
+        source: str | Path,
+        *arguments: object,
+        environ: Mapping[str, str] = environ,
+        timeout: float = LONG,
+        aloud: bool = False,
     ) -> Gui:
         folder = tmp_path_factory.mktemp("gui")
         folder.chmod(0o700)
@@ -271,6 +294,8 @@ def gui(
             "XDG_RUNTIME_DIR": str(folder),
             "XDG_CONFIG_HOME": str(folder),  # the settings of whoever runs the tests stay out of it
         }
+        if aloud:
+            variables |= buses.enter_context(read_aloud(folder))
         command = [str(paraview.program("paraview")), "--dr", *map(str, arguments), f"--script={main}"]
         running.append(Gui(_start(command, variables, folder / "gui.log"), variables, folder))
         running[-1].first = running[-1].wait(timeout)
@@ -281,6 +306,7 @@ def gui(
     yield launch
     for one in running:
         _end(one.process)
+    buses.close()
     for screen in displays:
         next(screen, None)
 

@@ -169,8 +169,8 @@ def file(name: str, extensions: str, what: str, help: str, save: bool = False, a
     """Return a file on the server, or a folder if ``extensions`` is empty."""
     domain = '<FileListDomain name="files"/>'
     if extensions:
-        accept = ' accept_any_file="1"' if save else ""
-        hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}{accept}/>"
+        hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}/>"
+        hints += "<AcceptAnyFile/>" if save else ""  # else the dialog offers only files that exist
     else:
         hints = "<UseDirectoryName/>"
     xml = _single("String", name, "", help, domain, advanced, hints, ' animateable="0"')

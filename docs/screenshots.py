@@ -88,7 +88,8 @@ class Page:
     def __init__(self, text: str) -> None:
         parts = re.split(r"^## ", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE), flags=re.MULTILINE)
         self.sections = {part.partition("\n")[0]: part for part in parts[1:]}
-        self.text, self.left = "", set()
+        self.text = ""
+        self.left: set[str] = set()
 
     def turn_to(self, title: str) -> None:
         """Go on to a section, when all words of the one before have been used."""
@@ -168,7 +169,7 @@ def window(folder: Path) -> Iterator[Window]:
         yield Window(gui, folder)
 
 
-def end(process: subprocess.Popen) -> None:
+def end(process: subprocess.Popen[str]) -> None:
     """End a process, and wait for it."""
     process.terminate()
     process.wait(30)

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from paraview import simple
 from PIL import Image
-from svv.pv.scripts.__init__.__init__.__init__ import camera_of_view, open_volume
 
 from svv.fields.scene.scene import Scene
+from svv.pv.scripts import camera_of_view, open_volume
 
 SIZE, ROUNDS = 400, 5
 EYES = ((0.9, 0.7, 1.6), (-1.7, 0.2, 0.9), (0.3, -0.9, -1.7))

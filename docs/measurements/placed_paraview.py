@@ -13,9 +13,9 @@ import numpy as np
 from baked_paraview import EYES, SIZE, drawn, place
 from paraview import simple
 from PIL import Image
-from svv.pv.scripts.__init__.__init__.__init__ import camera_of_view
 
 from svv.fields.scene.scene import Scene
+from svv.pv.scripts import camera_of_view
 
 ROUNDS = 15
 

@@ -81,7 +81,8 @@ def write_page(path: Path, page: Page) -> None:
         BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
     """
     movie = base64.b64encode(page.movie.read_bytes()).decode() if page.movie else ""
-    text = filled(files("svv.job").joinpath("page.html").read_text(encoding="utf-8"), page=page, movie=movie, embedded=_embedded, version=__version__)
+    template = files("svv.job").joinpath("page.html").read_text(encoding="utf-8")
+    text = filled(template, page=page, movie=movie, embedded=_embedded, version=__version__)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -13,7 +13,7 @@ from tests.paraview.test_volume import VIEW, read
 
 OURS = """
 from svv.fields.scene.scene import Scene
-from svv.pv.scripts.__init__.__init__.__init__ import camera_of_view
+from svv.pv.scripts import camera_of_view
 scene = Scene.load(folder + "/cube.svv")
 def ours(name, view):
     camera = camera_of_view(view, *view.ViewSize)

@@ -239,7 +239,7 @@ def test_a_script_knows_the_program_that_runs_it(pvpython: Callable) -> None:
     """Without the plugin, too, which would have imported ParaView's modules by then."""
     pvpython(
         "from pathlib import Path\n"
-        "from svv.pv.scripts.__init__.__init__.__init__ import interpreter\n"
+        "from svv.pv.scripts import interpreter\n"
         "assert Path(interpreter()).is_file() and Path(interpreter()).name.startswith('pvpython'), interpreter()",
         environ={"PV_PLUGIN_PATH": ""},
     )

@@ -135,7 +135,8 @@ def test_the_panel_has_the_words_of_the_page_and_dialogs_take_new_files(inside: 
     said = inside("""
 from paraview.simple import *
 view = StyleRFStylizedView(Input=Wavelet())
-said["shown"] = [name for name in view.ListProperties() if view.GetProperty(name).SMProperty.GetPanelVisibility() == "default"]
+of = lambda name: view.GetProperty(name).SMProperty
+said["shown"] = [name for name in view.ListProperties() if of(name).GetPanelVisibility() == "default"]
 said["all"] = list(view.ListProperties())
 said["hints"] = {}
 for filter in (view, StyleRFTrain(Input=Wavelet())):

@@ -87,7 +87,7 @@ def test_the_3d_view_shows_the_scene_among_other_things(inside, tmp_path: Path) 
         VIEW
         + """
 from svv.fields.scene.scene import Scene
-from svv.pv.scripts.__init__.__init__.__init__ import camera_of_view
+from svv.pv.scripts import camera_of_view
 view = small_view()
 reader = OpenDataFile(folder + "/cube.svv")
 edit = StyleRFEdit(Input=reader)

@@ -169,7 +169,7 @@ def window(folder: Path) -> Iterator[Window]:
         yield Window(gui, folder)
 
 
-def end(process: subprocess.Popen[str]) -> None:
+def end(process: subprocess.Popen[bytes] | subprocess.Popen[str]) -> None:
     """End a process, and wait for it."""
     process.terminate()
     process.wait(30)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+
+from docs.screenshots import LISTENER, Window
 
 SCRIPT = """
 from paraview.simple import *
@@ -50,3 +53,14 @@ def test_a_failed_filter_waits_until_the_user_asks(gui: Callable, what: str) -> 
     )
     assert "regions, learned from" in last and "The transfer function is ParaView's default" in last, last
     assert "edit it in the Color Map Editor, and then press Take What Is Shown Now." in last
+
+
+@pytest.mark.slow
+def test_the_button_that_is_advised_updates_a_filter_that_no_view_shows(gui: Callable, tmp_path: Path) -> None:
+    window = Window(gui(f"import os\nos.chdir({str(tmp_path)!r})\n{LISTENER}"), tmp_path)
+    before, _ = SCRIPT.split("told = [said()]")
+    window.do(f"{before}\nHide(filter, view)\ntold = said()")
+    assert "press Take What Is Shown Now" in window.do("answer = told")
+    window.do("display.SetRepresentationType('Volume'); ColorBy(display, ('POINTS', 'RTData')); Render(view)")
+    window.do("filter.TakeWhatIsShownNow()")
+    window.until("filter.UpdatePropertyInformation() or 'regions, learned from' in filter.Status")

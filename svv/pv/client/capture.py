@@ -25,6 +25,7 @@ from svv.pv.observers import Watched, WeakReference, observe, python_proxy, with
 from svv.pv.panel.cached_names import KEEPING, take_names
 from svv.pv.panel.undo import watch
 from svv.pv.paraview_types import Display, Observer, Proxy, SMProxy, SMProxyManager, SMSessionProxyManager, View
+from svv.pv.timers import Timer, window
 from svv.pv.work.default_function import colours_of
 from svv.pv.work.volume_display import as_volume, set_looks
 
@@ -45,6 +46,9 @@ _captured: Watched[tuple[WeakReference[SMProxy], dict[str, object]]] = Watched()
 
 _applied: list[SMProxy] = []
 """Waiting filters while what is applied to them is passed on."""
+
+_updating: list[Timer] = []
+"""The timer that updates a filter which had failed, at most one; without this reference Python would collect it."""
 
 OF_VIEWS = (
     ("EndEvent", follow_property.view_drawn),
@@ -175,6 +179,9 @@ def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
     same = [display for display in displays if known is not None and known[0].Get() is display.SMProxy]
     if same or known is not None or filter.TransferFunction is None or len(displays) == 1:
         _capture_first(filter, same or displays, {} if known is None else known[1])
+    interactor = window() if failure_of(filter) else None
+    if interactor is not None:  # no view shows it, and so no view's rendering would update it
+        _updating[:] = [Timer(interactor, 1, filter.UpdatePipeline)]
 
 
 def waits(filter: Proxy) -> bool:

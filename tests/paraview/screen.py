@@ -124,18 +124,18 @@ class Screen:
     def in_panel(self, words: str, *roles: str) -> Widget:
         """A widget of the panel, which is scrolled until the whole of it shows."""
         for _ in range(20):
-            panel = [one for one in self.widgets() if PANEL in one.within]
+            shown = self.widgets()
+            panel = [one for one in shown if PANEL in one.within]
+            (dock,) = (one for one in shown if one.name == PANEL and one.role == "frame")
             fit = [one for one in panel if one.says(words) and (not roles or one.role in roles)]
             assert fit, f"the panel shows no {words!r} {roles}: {[one.name for one in panel if one.name]}"
-            upper, lower = max(one.lower for one in panel if SEARCH in one.told), self.dock().lower - BAR
+            upper, lower = max(one.lower for one in panel if SEARCH in one.told), dock.lower - BAR
             above, below = upper - fit[-1].box[1], fit[-1].lower - lower
             if above <= 0 and below <= 0:
                 return fit[-1]
-            x, turn = self.dock().box[0] + 12, (4, above) if above > 0 else (5, below)
-            notches = max(1, turn[1] // NOTCH)
-            self.gui.xdotool(
-                "mousemove", x, (upper + lower) // 2, "click", "--repeat", notches, turn[0], "sleep", "0.5"
-            )
+            turn = (4, above) if above > 0 else (5, below)
+            clicks = ("click", "--repeat", max(1, turn[1] // NOTCH), turn[0])
+            self.gui.xdotool("mousemove", dock.box[0] + 12, (upper + lower) // 2, *clicks, "sleep", "0.5")
         raise AssertionError(f"the panel does not scroll to {words!r}")
 
     def select(self, name: str) -> None:
@@ -150,10 +150,6 @@ class Screen:
             if self.found(f"Properties ({name})", within=PANEL):
                 return
         raise AssertionError(f"the Pipeline Browser has no {name!r}")
-
-    def dock(self) -> Widget:
-        """The panel's dock."""
-        return self.find(PANEL, "frame")
 
     def beside(self, label: Widget, *roles: str) -> Widget:
         """The widget of one of these roles that is next to a label on its right, or else below it."""

@@ -135,8 +135,9 @@ def test_the_panel_has_the_words_of_the_page_and_dialogs_take_new_files(inside: 
     said = inside("""
 from paraview.simple import *
 view = StyleRFStylizedView(Input=Wavelet())
-said["shown"] = [name for name in view.ListProperties() if view.GetProperty(name).SMProperty.GetPanelVisibility() == "default"]
 said["all"] = list(view.ListProperties())
+seen = lambda name: view.GetProperty(name).SMProperty.GetPanelVisibility() == "default"
+said["shown"] = [name for name in said["all"] if seen(name)]
 said["hints"] = {}
 for filter in (view, StyleRFTrain(Input=Wavelet())):
     for name in ("SaveFile", "SceneFile", "PreviewFile", "StyleFiles"):

@@ -126,7 +126,7 @@ class Screen:
         for _ in range(20):
             shown = self.widgets()
             panel = [one for one in shown if PANEL in one.within]
-            (dock,) = (one for one in shown if one.name == PANEL and one.role == "frame")
+            dock = dock_of(shown, PANEL)
             fit = [one for one in panel if one.says(words) and (not roles or one.role in roles)]
             assert fit, f"the panel shows no {words!r} {roles}: {[one.name for one in panel if one.name]}"
             upper, lower = max(one.lower for one in panel if SEARCH in one.told), dock.lower - BAR
@@ -143,7 +143,7 @@ class Screen:
 
         The browser does not say what it shows: the right row is the one after which the panel has the source's name.
         """
-        browser = self.find("Pipeline Browser", "frame")
+        browser = dock_of(self.widgets(), "Pipeline Browser")
         x, y, _, _ = browser.box
         for row in range(y + 30, browser.lower, 11):
             self.click((x + 90, row))
@@ -191,3 +191,8 @@ class Screen:
         """Press the gear beside the panel's search field, which shows the advanced properties or hides them."""
         (search,) = (one for one in self.widgets() if PANEL in one.within and SEARCH in one.told)
         self.click(self.beside(search, "check box"))
+
+
+def dock_of(widgets: list[Widget], title: str) -> Widget:
+    """Return the dock of a title, whose role differs among versions of Qt: the largest widget of that name."""
+    return max((one for one in widgets if one.name == title), key=lambda one: one.box[2] * one.box[3])

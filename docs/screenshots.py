@@ -201,10 +201,10 @@ def follow(window: Window, page: Page, hurry: str = "") -> Iterator[str]:
     screen.press(says("Import"), within="Choose Preset")
     screen.choose_file("Import Presets", folder / says("first/tf.json"))
     screen.focus("^Choose Preset")
-    screen.click(screen.find(says("demo"), "cell", "table cell", within="Choose Preset"))
-    yield "preset"
+    screen.find(says("demo"), "cell", "table cell", within="Choose Preset")
     for words in ("Opacities", "Use preset range"):
         screen.tick(says(words), within="Choose Preset")
+    yield "preset"
     for words in ("Apply", "Close"):
         screen.press(says(words), within="Choose Preset")
     yield "volume"

@@ -57,9 +57,9 @@ class Widget:
         return self.box[1] + self.box[3]
 
     def says(self, words: str) -> bool:
-        """Whether these are its words, or its tooltip's; dots at the end promise a dialog."""
-        plain = words.lower()
-        return plain in (self.name.rstrip(". ").lower(), self.told.rstrip(". ").lower())
+        """Whether these are its words, or its tooltip's; dots at the end promise a dialog, and | is between choices."""
+        own = {self.name.rstrip(". ").lower(), self.told.rstrip(". ").lower()}
+        return not own.isdisjoint(words.lower().split("|"))
 
 
 class Screen:
@@ -147,7 +147,8 @@ class Screen:
         x, y, _, _ = browser.box
         for row in range(y + 30, browser.lower, 11):
             self.click((x + 90, row))
-            if self.found(f"Properties ({name})", within=PANEL):
+            headings = [one.name for one in self.widgets() if PANEL in one.within and one.role == "label"]
+            if any(heading.startswith("Properties (") and name in heading for heading in headings):
                 return
         raise AssertionError(f"the Pipeline Browser has no {name!r}")
 

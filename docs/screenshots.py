@@ -30,6 +30,9 @@ QUALITY = 82
 STYLIZED_VIEW = "StyleRFStylizedView1"
 """What ParaView calls the filter."""
 
+HEART = "Choose preset|Select a color map from default presets"
+"""Tooltips of the icon with a heart, in ParaView 5.11 and later."""
+
 WHOLE, DIALOG, MENU = (0, 0, 1280, 1024), (139, 197, 1123, 748), (0, 0, 1024, 819)
 KEPT = {"opened": WHOLE, "preset": DIALOG, "volume": WHOLE, "menu": MENU, "settings": WHOLE, "painted": WHOLE,
         "turned": WHOLE, "hidden": WHOLE}  # fmt: skip
@@ -198,14 +201,14 @@ def follow(window: Window, page: Page, hurry: str = "") -> Iterator[str]:
     screen.press(says("Yes"))
     screen.set_to(says("Coloring"), says("wave"))
     screen.tick(says("Shade"))
-    screen.click(screen.in_panel(says("Choose Preset"), *BUTTON))
-    screen.press(says("Import"), within="Choose Preset")
+    screen.click(screen.in_panel(HEART, *BUTTON))
+    screen.press(says("Import"), within=says("Choose Preset"))
     screen.choose_file("Import Presets", folder / says("first/tf.json"))
     screen.focus("^Choose Preset")
-    screen.click(screen.find(says("demo"), "cell", "table cell", within="Choose Preset"))
-    yield "preset"
+    screen.find(says("demo"), "cell", "table cell", within="Choose Preset")
     for words in ("Opacities", "Use preset range"):
         screen.tick(says(words), within="Choose Preset")
+    yield "preset"
     for words in ("Apply", "Close"):
         screen.press(says(words), within="Choose Preset")
     yield "volume"

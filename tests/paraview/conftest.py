@@ -135,8 +135,10 @@ def read_aloud(folder: Path) -> Iterator[dict[str, str]]:
         assert bus.stdout is not None
         address = bus.stdout.readline().strip()
         assert address, (folder / "bus.log").read_text()
-        yield {"DBUS_SESSION_BUS_ADDRESS": address, "QT_LINUX_ACCESSIBILITY_ALWAYS_ON": "1"}
-        bus.terminate()
+        try:
+            yield {"DBUS_SESSION_BUS_ADDRESS": address, "QT_LINUX_ACCESSIBILITY_ALWAYS_ON": "1"}
+        finally:
+            bus.terminate()
 
 
 @pytest.fixture(scope="session")

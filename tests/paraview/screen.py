@@ -57,9 +57,9 @@ class Widget:
         return self.box[1] + self.box[3]
 
     def says(self, words: str) -> bool:
-        """Whether these are its words, or its tooltip's; dots at the end promise a dialog."""
-        plain = words.lower()
-        return plain in (self.name.rstrip(". ").lower(), self.told.rstrip(". ").lower())
+        """Whether these are its words, or its tooltip's; dots at the end promise a dialog, and | is between choices."""
+        own = {self.name.rstrip(". ").lower(), self.told.rstrip(". ").lower()}
+        return not own.isdisjoint(words.lower().split("|"))
 
 
 class Screen:
@@ -124,18 +124,18 @@ class Screen:
     def in_panel(self, words: str, *roles: str) -> Widget:
         """A widget of the panel, which is scrolled until the whole of it shows."""
         for _ in range(20):
-            panel = [one for one in self.widgets() if PANEL in one.within]
+            shown = self.widgets()
+            panel = [one for one in shown if PANEL in one.within]
+            dock = dock_of(shown, PANEL)
             fit = [one for one in panel if one.says(words) and (not roles or one.role in roles)]
             assert fit, f"the panel shows no {words!r} {roles}: {[one.name for one in panel if one.name]}"
-            upper, lower = max(one.lower for one in panel if SEARCH in one.told), self.dock().lower - BAR
+            upper, lower = max(one.lower for one in panel if SEARCH in one.told), dock.lower - BAR
             above, below = upper - fit[-1].box[1], fit[-1].lower - lower
             if above <= 0 and below <= 0:
                 return fit[-1]
-            x, turn = self.dock().box[0] + 12, (4, above) if above > 0 else (5, below)
-            notches = max(1, turn[1] // NOTCH)
-            self.gui.xdotool(
-                "mousemove", x, (upper + lower) // 2, "click", "--repeat", notches, turn[0], "sleep", "0.5"
-            )
+            turn = (4, above) if above > 0 else (5, below)
+            clicks = ("click", "--repeat", max(1, turn[1] // NOTCH), turn[0])
+            self.gui.xdotool("mousemove", dock.box[0] + 12, (upper + lower) // 2, *clicks, "sleep", "0.5")
         raise AssertionError(f"the panel does not scroll to {words!r}")
 
     def select(self, name: str) -> None:
@@ -143,17 +143,14 @@ class Screen:
 
         The browser does not say what it shows: the right row is the one after which the panel has the source's name.
         """
-        browser = self.find("Pipeline Browser", "frame")
+        browser = dock_of(self.widgets(), "Pipeline Browser")
         x, y, _, _ = browser.box
         for row in range(y + 30, browser.lower, 11):
             self.click((x + 90, row))
-            if self.found(f"Properties ({name})", within=PANEL):
+            headings = [one.name for one in self.widgets() if PANEL in one.within and one.role == "label"]
+            if any(heading.startswith("Properties (") and name in heading for heading in headings):
                 return
         raise AssertionError(f"the Pipeline Browser has no {name!r}")
-
-    def dock(self) -> Widget:
-        """The panel's dock."""
-        return self.find(PANEL, "frame")
 
     def beside(self, label: Widget, *roles: str) -> Widget:
         """The widget of one of these roles that is next to a label on its right, or else below it."""
@@ -195,3 +192,8 @@ class Screen:
         """Press the gear beside the panel's search field, which shows the advanced properties or hides them."""
         (search,) = (one for one in self.widgets() if PANEL in one.within and SEARCH in one.told)
         self.click(self.beside(search, "check box"))
+
+
+def dock_of(widgets: list[Widget], title: str) -> Widget:
+    """Return the dock of a title, whose role differs among versions of Qt: the largest widget of that name."""
+    return max((one for one in widgets if one.name == title), key=lambda one: one.box[2] * one.box[3])

@@ -96,27 +96,17 @@ def test_the_tutorial_is_true(gui: Callable, tmp_path: Path) -> None:
         assert "Learning" not in now()["told"]
     assert hidden["hidden"] == {0} and hidden["other hidden"] == {1}
     until("saved")
-    scene = Scene.load(tmp_path / "first" / "painted.svv")
+    scene_file = tmp_path / "first" / "painted.svv"
+    scene = Scene.load(scene_file)
     assert [region.hidden for region in scene.regions].index(True) == 0 and scene.styled is not None
     assert list(steps) == ["state"]
     page.end()
     assert set(page.sections) == {"1. Prepare the data and start ParaView", "Where to go from here"}
 
-    for command in ("render", "figure"):
-        picture = tmp_path / f"{command}.png"
-        line = [
-            sys.executable,
-            "-m",
-            "svv",
-            command,
-            tmp_path / "first" / "painted.svv",
-            "--out",
-            picture,
-            "--size",
-            "48",
-        ]
+    for command, *small in (("render", "--size", "48"), ("figure",)):
+        line = [sys.executable, "-m", "svv", command, scene_file, *small, "--out", tmp_path / f"{command}.png"]
         subprocess.run(line, check=True, capture_output=True, timeout=300)
-        assert picture.exists()
+        assert (tmp_path / f"{command}.png").exists()
 
     # Another window has the painting when it has loaded the state, and learns nothing.
     running.process.terminate()
@@ -135,9 +125,9 @@ def test_the_panel_has_the_words_of_the_page_and_dialogs_take_new_files(inside: 
     said = inside("""
 from paraview.simple import *
 view = StyleRFStylizedView(Input=Wavelet())
-of = lambda name: view.GetProperty(name).SMProperty
-said["shown"] = [name for name in view.ListProperties() if of(name).GetPanelVisibility() == "default"]
 said["all"] = list(view.ListProperties())
+seen = lambda name: view.GetProperty(name).SMProperty.GetPanelVisibility() == "default"
+said["shown"] = [name for name in said["all"] if seen(name)]
 said["hints"] = {}
 for filter in (view, StyleRFTrain(Input=Wavelet())):
     for name in ("SaveFile", "SceneFile", "PreviewFile", "StyleFiles"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -203,3 +204,13 @@ def test_a_movie_without_its_encoder_is_refused_and_everything_else_works(
     assert list(tmp_path.iterdir()) == []
     write_png(tmp_path / "a.png", frames[0])
     assert (tmp_path / "a.png").exists()
+
+
+def test_a_vti_is_written_without_vtk(tmp_path: Path) -> None:
+    script = (
+        "import sys; sys.modules['vtkmodules'] = None; sys.modules['vtk'] = None\n"
+        "import numpy as np; from svv.io.pictures.output import write_vti\n"
+        f"write_vti({str(tmp_path / 'a.vti')!r}, np.ones((2, 3, 4)), np.ones((2, 3)), np.zeros((2, 3)))\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+    assert b'WholeExtent="0 2 0 1 0 0"' in (tmp_path / "a.vti").read_bytes()

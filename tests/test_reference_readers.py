@@ -14,6 +14,7 @@ for package in ("h5py", "nibabel", "nrrd", "pydicom", "SimpleITK", "zarr"):
     pytest.importorskip(package)
 
 from svv.bricks.formats.axes import Choice  # noqa: E402
+from svv.bricks.formats.mapped import MappedSource  # noqa: E402
 from svv.bricks.opened import open_bricks  # noqa: E402
 from svv.dvr.read.grids import index_to_world, to_array  # noqa: E402
 from svv.dvr.read.volumes import read_here  # noqa: E402
@@ -75,3 +76,23 @@ def test_damaged_files_are_a_sentence(form: str, tmp_path: Path) -> None:
         except BadInput as error:
             said.append(str(error))
     assert said and not any("\n" in text for text in said)
+
+
+def test_what_our_readers_do_and_the_libraries_do_not(tmp_path: Path) -> None:
+    """Why NIfTI and NRRD have readers of our own: a place of NaN is a sentence, and raw values stay in their file."""
+    import nibabel
+    import nrrd
+
+    values = np.arange(24, dtype=np.int16).reshape(2, 3, 4)
+    nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), tmp_path / "a.nii")
+    content = bytearray((tmp_path / "a.nii").read_bytes())
+    content[280:284] = np.float32(np.nan).tobytes()
+    (tmp_path / "a.nii").write_bytes(content)
+    assert np.isnan(nibabel.load(tmp_path / "a.nii").affine).any()
+    with pytest.raises(BadInput, match="must be positive"):
+        open_bricks(tmp_path / "a.nii")
+
+    nrrd.write(str(tmp_path / "a.nrrd"), values, {"encoding": "raw"})
+    read = nrrd.read(str(tmp_path / "a.nrrd"))[0]
+    assert not isinstance(read, np.memmap) and not isinstance(read.base, np.memmap)
+    assert isinstance(open_bricks(tmp_path / "a.nrrd"), MappedSource)

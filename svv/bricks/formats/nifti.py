@@ -2,6 +2,9 @@
 
 Coordinates are the file's: x to the right, y to the front and z upwards, by its sform, otherwise its qform.
 
+nibabel, the reference in the tests, is not in ParaView's Python; it raises errors of several kinds for damaged files,
+allocates what a header declares, and places images at NaN without a word.
+
 Source: https://nifti.nimh.nih.gov/nifti-1, https://nifti.nimh.nih.gov/nifti-2.
 """
 

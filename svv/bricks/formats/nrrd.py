@@ -2,6 +2,8 @@
 
 Coordinates are those of the file: a right-anterior-superior space stays one, as in ParaView (ITK turns it).
 
+pynrrd, the reference in the tests, is not in ParaView's Python, and maps nothing: it reads all values into memory.
+
 Source: https://teem.sourceforge.net/nrrd/format.html.
 """
 

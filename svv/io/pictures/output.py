@@ -1,6 +1,7 @@
 """Rendered pictures on disk: PNG, VTK image data (.vti) and movies (.mp4).
 
-The .vti writer does not need VTK, so the base installation can write files for ParaView. h and w are height and width
+The .vti writer does not need VTK: the base installation has none, and ``svv render`` and ``svv export`` write files for
+ParaView there, too. h and w are height and width
 in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at the bottom.
 """
 

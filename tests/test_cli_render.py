@@ -172,8 +172,32 @@ def test_a_file_of_several_cameras_gives_as_many_pictures(svv: Callable[..., Non
     for options, told_so in refused.items():
         with pytest.raises(BadInput, match=told_so):
             svv(*keys, *options)
-    with pytest.raises(BadInput, match="need --camera"):
+    with pytest.raises(BadInput, match="--path needs views to go through"):
         svv("--path", "9", "--out", "f")
+
+
+def test_views_by_angles_are_pictures_and_the_keys_of_a_path(svv: Callable[..., None]) -> None:
+    svv("--view", "0,0", "--size", "60", "--out", "front.png")
+    svv("--size", "60", "--out", "middle.png")
+    np.testing.assert_array_equal(picture("front.png"), picture("middle.png"))
+    keys = ("--view", "0,0", "--view", "90,30", "--view", "180,0", "--size", "60", "--supersample", "1")
+    Ball.rendered.clear()
+    svv(*keys, "--out", "each")
+    svv(*keys, "--path", "5", "--out", "path")
+    right = Ball.rendered[1]
+    np.testing.assert_allclose(right.position - Ball.centre, 4.0 * np.array([3**0.5 / 2, 0.5, 0.0]), atol=1e-9)
+    for number in range(3):
+        np.testing.assert_array_equal(picture(f"each/{number:04d}.png"), picture(f"path/{2 * number:04d}.png"))
+    wrong = {
+        ("--view", "0,0", "--orbit", "4", "--out", "f"): "--orbit or --view, not both",
+        ("--view", "0,0", "--camera", "c.json", "--out", "f"): "--view or --camera, not both",
+        ("--view", "0,0", "--path", "4", "--out", "f"): "several --view AZ,EL",
+        ("--view", "0,0", "--view", "9,9", "--out", "one.png"): "holds one view",
+        ("--view", "0,91", "--out", "one.png"): "from -90 to 90",
+    }
+    for options, said in wrong.items():
+        with pytest.raises(BadInput, match=said):
+            svv(*options)
 
 
 def test_a_vti_holds_all_three(svv: Callable[..., None]) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from svv.cli.files import load
 from svv.cli.option_group import spread
-from svv.cli.options import SceneFile
+from svv.cli.options import SceneFile, parse_angles
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.making import RenderOptions
@@ -26,6 +26,8 @@ RENDER = (
     "svv render scene.svv --orbit 60 --size 400 --background white --out frames",
     "svv render scene.svv --camera camera.json --size 1280x720 --out view.png",
     "svv render scene.svv --camera views/transforms_test.json --frame 3 --out view.vti",
+    "svv render scene.svv --view 30,20 --out side.png",
+    "svv render scene.svv --view 0,0 --view 90,30 --view 150,0 --path 240 --out path.mp4",
     "svv render scene.svv --camera keys.json --path 240 --out path.mp4",
     "svv render painted.svv --orbit 181 --supersample 2 --out smooth.mp4",
     "svv render series.svv --play --out series.mp4",
@@ -44,12 +46,14 @@ class Shown:
 
     orbit: Annotated[int | None, Setting(least=2)] = None
     """Number of frames on the path around the scene."""
+    view: Annotated[tuple[str, ...], Setting(metavar="AZ,EL")] = ()
+    """Render the view from this many degrees to the right of the front and above it; may be repeated."""
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
     """Render the views of a file: a camera_to_world (4 x 4) and fov, a list of them as frames, or a transforms file."""
     frame: Annotated[int | None, Setting(least=0)] = None
     """Render only this one of several views in the file of --camera."""
     path: Annotated[int | None, Setting(metavar="FRAMES", least=2)] = None
-    """Number of frames on a smooth path through the views in the file of --camera."""
+    """Number of frames on a smooth path through the views of --view, or in the file of --camera."""
     time: Annotated[float | None, Setting(metavar="TIME")] = None
     """Render this time of a scene that has time steps."""
     play: bool = False
@@ -117,16 +121,23 @@ def _check(out: Path, which: Shown) -> None:
         raise BadInput("Give --time or --play, not both.")
     if one_view and which.play:
         raise BadInput("Time steps have many views: give --out as a folder or an .mp4 file.")
-    if which.orbit is not None and which.camera is not None:
-        raise BadInput("Give --orbit or --camera, not both.")
+    ways = [name for name in ("orbit", "view", "camera") if getattr(which, name) not in (None, ())]
+    if len(ways) > 1:
+        raise BadInput(f"Give --{ways[0]} or --{ways[1]}, not both.")
     if one_view and which.orbit is not None:
         raise BadInput("An orbit has many views: give --out as a folder or an .mp4 file.")
     if one_view and which.path is not None:
         raise BadInput("A path has many views: give --out as a folder or an .mp4 file.")
     if which.frame is not None and which.path is not None:
         raise BadInput("Give --frame or --path, not both: a path goes through all views of the file.")
-    if which.camera is None and not which.frame is which.path is None:
-        raise BadInput("--frame and --path need --camera, a file of cameras.")
+    if which.frame is not None and which.camera is None:
+        raise BadInput("--frame needs --camera, a file of cameras.")
+    if which.path is not None and which.camera is None and len(which.view) < 2:
+        raise BadInput("--path needs views to go through: several --view AZ,EL, or --camera, a file of cameras.")
+    if one_view and len(which.view) > 1:
+        raise BadInput(f"{out} holds one view: give one --view, or --out as a folder or an .mp4 file.")
+    for angles in which.view:
+        parse_angles(angles, "--view")
     if out.suffix.lower() not in ("", *ONE_VIEW, ".mp4") and out.suffix[1:].isalpha() and not out.is_dir():
         raise BadInput(f"Cannot tell what to write to {out}: give a .png or .vti (one view), an .mp4 or a folder.")
 
@@ -154,8 +165,9 @@ def _cameras(
 ) -> list[Camera]:  # fmt: skip
     """Return the cameras of the pictures: one that is to be used for all time steps, or each picture's own."""
     from svv.core.geometry.camera_path import camera_path
-    from svv.render.frames import orbit
+    from svv.render.frames import orbit, seen_from
 
+    keys = [seen_from(scene, *parse_angles(angles, "--view"), *size) for angles in which.view] or keys
     if which.path is not None:
         return camera_path(keys, which.path, scene.rig.centre)
     if keys:

@@ -184,8 +184,10 @@ def test_views_by_angles_are_pictures_and_the_keys_of_a_path(svv: Callable[..., 
     Ball.rendered.clear()
     svv(*keys, "--out", "each")
     svv(*keys, "--path", "5", "--out", "path")
-    right = Ball.rendered[1]
-    np.testing.assert_allclose(right.position - Ball.centre, 4.0 * np.array([3**0.5 / 2, 0.5, 0.0]), atol=1e-9)
+    front, right = Ball.rendered[:2]
+    to_right, up = front.camera_to_world[:3, 0], front.camera_to_world[:3, 1]
+    beside = np.linalg.norm(front.position - Ball.centre) * (3**0.5 / 2 * to_right + 0.5 * up)
+    np.testing.assert_allclose(right.position - Ball.centre, beside, atol=1e-9)
     for number in range(3):
         np.testing.assert_array_equal(picture(f"each/{number:04d}.png"), picture(f"path/{2 * number:04d}.png"))
     wrong = {

@@ -81,7 +81,8 @@ class Correct:
 class Request:
     """What is to be made: a scene is learned from an input or corrected, if the input is none, and painted.
 
-    >>> request = Request(views, train=svv.TrainOptions("draft", time_limit=2.0))
+    >>> from svv.job.compile_ahead import ball_views
+    >>> request = Request(ball_views(), train=TrainOptions("draft", time_limit=1.0))
     >>> run(request).scene.networks
     ('base', 'pcn')
     """

@@ -60,7 +60,7 @@ def test_words_of_pyvista_mean_what_they_do_there(monkeypatch: pytest.MonkeyPatc
         drawn.append(views)
         raise Cancelled
 
-    monkeypatch.setattr("svv.job.painting.train_scene", stop)
+    monkeypatch.setattr("svv.job.request.train_scene", stop)
     for grid in (image(), sheared(), image().point_data_to_cell_data()):
         for clim in (None, (0.1, 0.7), 0.8):
             told = {"cmap": ["red", "lime", "blue"], "opacity": "sigmoid_3", "clim": clim}
@@ -124,7 +124,7 @@ BAD: dict[str, tuple[tuple[Any, ...], dict[str, Any], str]] = {
 @pytest.mark.parametrize("case", BAD)
 def test_what_cannot_be_painted_is_refused_before_the_work(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     styles, changes, words = BAD[case]
-    monkeypatch.setattr("svv.job.painting.train_scene", lambda *_: pytest.fail("The work has begun."))
+    monkeypatch.setattr("svv.job.request.train_scene", lambda *_: pytest.fail("The work has begun."))
     with pytest.raises(BadInput, match=words) as caught:
         svv.paint(values(), *styles, **{**QUICK, **changes})
     assert "\n" not in str(caught.value)

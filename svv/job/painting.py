@@ -100,6 +100,7 @@ def paint(  # noqa: PLR0913 - what shows the volume, and how it is painted
     if any(one is not None for one in (cmap, opacity, clim)):
         if tf is not None:
             raise BadInput("Give either a transfer function (tf), or a colour map and opacity (cmap, opacity, clim).")
+        progress(0.0, "reading the volume")
         reading = part(progress, 0.0, READING)
         ready = given_volume(volume, nearest, drawing, reading, spacing, origin)
         clim = _range_of(volume) if clim is None else clim

@@ -128,7 +128,7 @@ class Screen:
             panel = [one for one in shown if PANEL in one.within]
             dock = dock_of(shown, PANEL)
             fit = [one for one in panel if one.says(words) and (not roles or one.role in roles)]
-            assert fit, f"the panel shows no {words!r} {roles}: {[one.name for one in panel if one.name]}"
+            assert fit, f"the panel shows no {words!r} {roles}: {[one.name or one.told for one in panel]}"
             upper, lower = max(one.lower for one in panel if SEARCH in one.told), dock.lower - BAR
             above, below = upper - fit[-1].box[1], fit[-1].lower - lower
             if above <= 0 and below <= 0:

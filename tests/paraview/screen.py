@@ -7,6 +7,7 @@ there, hidden or cut off are not found.
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import time
 from dataclasses import dataclass
@@ -74,6 +75,8 @@ class Screen:
         done = subprocess.run(command, env=dict(self.gui.environ), capture_output=True, text=True, timeout=LONG)
         assert done.returncode == 0, done.stderr
         found = json.loads(done.stdout)
+        for one in found:
+            one["told"] = re.sub(r"<[^>]*>", "", one["told"])
         return [Widget(**{**one, "box": tuple(one["box"]), "within": tuple(one["within"])}) for one in found]
 
     def found(self, words: str, *roles: str, within: str = "") -> list[Widget]:

@@ -75,7 +75,7 @@ def test_the_tutorial_is_true(gui: Callable, tmp_path: Path) -> None:
     )
     assert float(window.do("answer = max(GetOpacityTransferFunction('wave').Points[1::4])")) > 0.5, "not the demo's"
     until("menu")
-    enabled = {one.name: one.enabled for one in window.screen.widgets() if one.within[-1:] == ("StyleRF",)}
+    enabled = {one.name: one.enabled for one in window.screen.widgets() if one.name.startswith("StyleRF ")}
     assert enabled["StyleRF Stylized View"] and not enabled["StyleRF Edit"] and not enabled["StyleRF Figure"]
 
     until("painted")

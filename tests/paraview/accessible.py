@@ -14,7 +14,7 @@ from gi.repository import Gio, GLib  # type: ignore[import-not-found, unused-ign
 ACCESSIBLE = "org.a11y.atspi.Accessible"
 CHECKED, ENABLED, SHOWING = 4, 8, 25
 """Numbers of states (AtspiStateType)."""
-ALL, READ, FIRST = 30_000, (-1,), 0
+ALL, READ, FIRST = 300_000, (-1,), 0
 """Longest wait for an answer, milliseconds; arguments of calls."""
 AUTHENTICATED = Gio.DBusConnectionFlags.AUTHENTICATION_CLIENT | Gio.DBusConnectionFlags.MESSAGE_BUS_CONNECTION
 

@@ -7,6 +7,7 @@ there, hidden or cut off are not found.
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import time
 from dataclasses import dataclass
@@ -74,6 +75,8 @@ class Screen:
         done = subprocess.run(command, env=dict(self.gui.environ), capture_output=True, text=True, timeout=LONG)
         assert done.returncode == 0, done.stderr
         found = json.loads(done.stdout)
+        for one in found:
+            one["told"] = re.sub(r"<[^>]*>", "", one["told"])
         return [Widget(**{**one, "box": tuple(one["box"]), "within": tuple(one["within"])}) for one in found]
 
     def found(self, words: str, *roles: str, within: str = "") -> list[Widget]:
@@ -128,7 +131,7 @@ class Screen:
             panel = [one for one in shown if PANEL in one.within]
             dock = dock_of(shown, PANEL)
             fit = [one for one in panel if one.says(words) and (not roles or one.role in roles)]
-            assert fit, f"the panel shows no {words!r} {roles}: {[one.name for one in panel if one.name]}"
+            assert fit, f"the panel shows no {words!r} {roles}: {[one.name or one.told for one in panel]}"
             upper, lower = max(one.lower for one in panel if SEARCH in one.told), dock.lower - BAR
             above, below = upper - fit[-1].box[1], fit[-1].lower - lower
             if above <= 0 and below <= 0:

@@ -8,7 +8,7 @@ from jinja2 import Environment, StrictUndefined
 
 
 def filled(template: str, **values: object) -> str:
-    """Return a template of Jinja with its values, escaped unless they are :class:`markupsafe.Markup`.
+    """Return a template of Jinja with its values, escaped unless the template says ``|safe``.
 
     >>> filled("<p>{{ text }}</p>", text="a < b")
     '<p>a &lt; b</p>'

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -142,9 +141,9 @@ def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: st
 
     shader = f"const MARCH = {_script_json(read('march.glsl'))};"
     return filled(
-        read("page.html"), title=title, words=words, text=_said(header), style=Markup(read("style.css")),
-        version=__version__, header=Markup(_script_json(header)), arrays=arrays, **stills,
-        script=Markup("\n".join([shader, *(read(name) for name in SCRIPTS)])),
+        read("page.html"), title=title, words=words, text=_said(header), style=read("style.css"),
+        version=__version__, header=_script_json(header), arrays=arrays, **stills,
+        script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
     ).encode()  # fmt: skip
 
 

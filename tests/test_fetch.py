@@ -71,6 +71,17 @@ def test_who_answers_and_sends_nothing_is_given_up(tmp_path: Path, monkeypatch: 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_pip_that_says_nothing_more_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "pip3").write_text("#!/bin/sh\nexec sleep 60\n")
+    (tmp_path / "pip3").chmod(0o755)
+    monkeypatch.setattr(fetch, "find_spec", lambda _: None)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    monkeypatch.setattr(fetch, "STALL_SECONDS", 0.5)
+    (place := tmp_path / "place").mkdir()
+    with pytest.raises(BadInput, match="stopped sending"):
+        fetch.from_index("name", "1.0", "name-1.0.tar.gz", place, "0" * 64, 1000)
+
+
 @pytest.mark.parametrize(("count", "text"), [(6_943_360, "6.9 MB"), (63_794_605, "64 MB"), (553_433_881, "553 MB")])
 def test_sizes_are_named_as_people_read_them(count: int, text: str) -> None:
     assert fetch.megabytes(count) == text

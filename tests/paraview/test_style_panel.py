@@ -215,8 +215,8 @@ said["styles"] = [sm.Fetch(paint).GetColumnByName("Style").GetValue(k) for k in 
 def test_opacity_follows_glazes_unless_an_edit_says_how(inside, tmp_path: Path) -> None:
     inside("""
 from dataclasses import replace
-from svv.train import pipeline
-painted = pipeline.stylize_scene
+from svv.job import request
+painted = request.stylize_scene
 
 def glazed(*given, **more):  # as if region 0 were translucent
     scene, report = painted(*given, **more)
@@ -224,7 +224,7 @@ def glazed(*given, **more):  # as if region 0 were translucent
     scene = scene.painted(scene.styled, {0: scene.regions[0].style}, kept, scene.variant, {0: 0.2})
     return scene, report
 
-pipeline.stylize_scene = glazed
+request.stylize_scene = glazed
 reader = OpenDataFile(folder + "/cube.svv")
 for name, own in (("plain", {}), ("edited", {"StrokeOpacity": -0.3})):
     edit = StyleRFEdit(Input=reader, Region1Opacity=0.5, **own)

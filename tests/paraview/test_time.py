@@ -18,7 +18,7 @@ made = lambda: Scene.from_bytes(scene(train), "the scene").made
 train = small(StyleRFTrain(Input=source, Preset="draft", Settings=FEW))
 image = StyleRFRender(Input=train, ImageSize=[40, 30])
 view = as_image(image)
-assert counted == ["train", "draw_views"], counted
+assert counted == ["draw_views", "train_scene"], counted
 first = scene(train)
 animation.UpdateAnimationUsingDataTimeSteps()
 assert steps(animation) == times and animation.PlayMode == "Snap To TimeSteps", steps(animation)
@@ -61,7 +61,7 @@ assert scene(train) == third
 train.Seed = 1
 Render(view)
 assert scene(train) != third and made()["time"] == 0.0
-assert counted == ["train", "draw_views"] * 4, counted
+assert counted == ["draw_views", "train_scene"] * 4, counted
 """,
         tmp_path,
     )
@@ -150,7 +150,7 @@ play_orbit(filter, 10)
 SaveAnimation(sys.argv[1] + "/orbit.png", view, FrameWindow=[0, 3])
 assert filter.SMProxy.GetProperty("Frame").GetElement(0) == 60
 assert asked() == [] and animation.TimeKeeper.Time == view.ViewTime == 0.5, "the data's time went on"
-assert counted == ["train", "draw_views"] and "time" not in status(filter), (counted, status(filter))
+assert counted == ["draw_views", "train_scene"] and "time" not in status(filter), (counted, status(filter))
 stop_orbit()
 assert [track.GetXMLName() for track in animation.Cues] == ["TimeAnimationCue"]
 assert animation.PlayMode == "Snap To TimeSteps" and steps(animation) == times
@@ -159,7 +159,7 @@ animation.GoToNext()
 assert view.ViewTime == 0.5 and filter.Frame == 60
 animation.GoToNext()
 assert view.ViewTime == 1.0 and asked() == [0.0, 0.5, 1.0]
-assert counted == ["train", "draw_views"], counted
+assert counted == ["draw_views", "train_scene"], counted
 assert "Trained at time 0.5; the data is now at 1" in status(filter), status(filter)
 """,
         tmp_path,
@@ -268,7 +268,7 @@ assert time_of(scripts.shown_volume(display).data) == 1.5
 GetAnimationScene().AnimationTime = 1.0
 train = small(StyleRFTrain(Input=display.Input, Preset="draft", Settings=FEW))
 follow(StyleRFRender(Input=train), view)
-assert counted == ["train", "draw_views"] and Scene.from_bytes(scene(train), "the scene").made["time"] == 1.0
+assert counted == ["draw_views", "train_scene"] and Scene.from_bytes(scene(train), "the scene").made["time"] == 1.0
 stop_following()
 """,
         tmp_path,
@@ -294,7 +294,7 @@ for time in (1.0, 1.5, 0.5):
     assert f"Followed to time {time:g}." in status(train), status(train)
 at(animation, 0.0, view)
 assert abs(middle(train) - first) < 1e-6
-assert counted == ["train", "draw_views"], counted
+assert counted == ["draw_views", "train_scene"], counted
 """,
         tmp_path,
     )

@@ -10,14 +10,16 @@ BLOB = (
     VOLUME
     + f"""
 import numpy as np
-from svv.pv.work import engine
+from svv.job import request
+from svv.pv.work import requests
 from svv.pv.display.linked_camera import fit, show_image
 times = {TIMES}
 counted = []
-def counting(name):
-    plain = getattr(engine, name)
-    setattr(engine, name, lambda *given: (counted.append(name), plain(*given))[1])
-[counting(name) for name in ("train", "draw_views")]
+def counting(module, name):
+    plain = getattr(module, name)
+    setattr(module, name, lambda *given, **more: (counted.append(name), plain(*given, **more))[1])
+counting(requests, "draw_views")
+counting(request, "train_scene")
 
 def blob(time, size=16):
     z, y, x = np.mgrid[0:size, 0:size, 0:size]

@@ -18,9 +18,13 @@ from svv.job.request import Correct, Paint, Request, learn, paint, run
 from svv.job.workshop import Workshop
 from svv.styles.gallery.textures import style_picture
 from svv.train.paint.ink import StyleInput, style_named
+from svv.train.run.config import PRESETS, settings_of
 from tests.conftest import on_all_threads
 
 SMALL = svv.ViewOptions(n=8, test=0, size=48)
+
+STEPS = ("reconstruct.iterations=60", "recolour.iterations=40")
+"""So few steps that the doors differ no less, but sooner."""
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +61,8 @@ def of_python(place: Path, out: Path) -> Scene:
 
 
 def of_background(place: Path, out: Path) -> Scene:
-    trained, _ = svv.train_scene(svv.ViewSet.read(place / "views"), "draft", background=True).wait()
+    few = svv.TrainOptions("draft", change=STEPS)  # in another process, which has the preset as it is
+    trained, _ = svv.train_scene(svv.ViewSet.read(place / "views"), few, background=True).wait()
     return svv.stylize_scene(trained, styles(place), "draft")[0]
 
 
@@ -90,8 +95,17 @@ def threads() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module", autouse=True)
+def hurry() -> Iterator[None]:
+    """The draft preset takes a few steps."""
+    few = settings_of(svv.TrainOptions("draft", change=STEPS))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(PRESETS, "draft", few)
+        yield
+
+
 @pytest.fixture(scope="module")
-def first(place: Path, threads: None) -> dict[str, np.ndarray]:
+def first(place: Path, threads: None, hurry: None) -> dict[str, np.ndarray]:
     return tables(of_request(place, place))
 
 

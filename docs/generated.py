@@ -42,7 +42,7 @@ sys.path += [str(ROOT), str(ROOT / "bench")]  # so these pages can be made where
 FIRST = {
     "Where does a ray march, and what is composited?": "core/rays/marching.py core/rays/compositing.py",
     "What paints a stroke?": "train/paint/brushwork.py core/strokes/stroke_reference.py",
-    "What happens on *Apply*?": "pv/filters/volume_filters.py pv/filters/engine.py",
+    "What happens on *Apply*?": "pv/filters/volume_filters.py pv/work/engine.py",
     "How is a scene file read?": "io/scene_file.py fields/scene/scene_arrays.py",
     "How is a scene trained, stage by stage?": "train/training.py train/base/reconstruct.py train/palette/recolour.py",
     "Which settings are there?": "options/making.py train/run/config.py",
@@ -65,22 +65,22 @@ def layers() -> Iterator[str]:
     yield "(`tests/arrows.py` measures; `tests/test_layers.py` tests, also which layer may use which library).\n"
     yield "The facades `svv` and `svv.pv` hand on what lies anywhere below."
     yield "`plugin/` is ParaView's entry point. What measures all this is a distribution of its own in `bench/`;"
-    yield "nothing in `svv` imports it.\n"
+    yield "nothing in `svv` imports it. Every folder imports `svv` itself, the last on this page.\n"
     yield "| Where to start | |\n|---|---|"
     for question, names in FIRST.items():
         yield f"| {question} | {', '.join(f'`svv/{name}`' for name in names.split())} |"
     for layer in ("svv_bench", *(f"svv.{name}" for name in LAYERS), "svv"):
         own = [one for one in down if one == layer or (layer != "svv" and one.startswith(f"{layer}."))]
-        yield f"\n## `{_short(layer)}/`\n\n| folder | what lives there | imports |\n|---|---|---|"
+        yield f"\n## `{_path_in(layer)}/`\n\n| folder | what lives there | imports |\n|---|---|---|"
         for folder in own:
-            others = [other for other in down if other in found[folder]]
-            near = [_short(other) for other in others if other in own]
-            far = list(dict.fromkeys(_short(other).split("/")[0] for other in others if other not in own))
+            others = [other for other in down if other in found[folder] and other != "svv"]
+            near = [_path_in(other) for other in others if other in own]
+            far = list(dict.fromkeys(_path_in(other).split("/")[0] for other in others if other not in own))
             text = _told_of(arrows.PACKAGES[folder.split(".")[0]] / folder.replace(".", "/"))
-            yield f"| `{_short(folder)}` | {text} | {', '.join(f'`{name}`' for name in (*near, *far))} |"
+            yield f"| `{_path_in(folder)}` | {text} | {', '.join(f'`{name}`' for name in (*near, *far))} |"
 
 
-def _short(folder: str) -> str:
+def _path_in(folder: str) -> str:
     """Return a folder's path in its package: 'train/run' for 'svv.train.run'."""
     return folder.removeprefix("svv.").replace(".", "/")
 

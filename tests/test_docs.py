@@ -104,6 +104,11 @@ def test_reference_pages_are_what_the_code_says(name: str, monkeypatch: pytest.M
     assert "\n".join(getattr(made, name)()) + "\n" == (DOCS / folder / f"{name}.md").read_text()
 
 
+def test_what_maintainers_open_first_is_there() -> None:
+    paths = re.findall(r"`(svv/[\w/]+\.py)`", (DOCS / "design" / "layers.md").read_text(encoding="utf-8"))
+    assert len(paths) > 9 and [path for path in paths if not (DOCS.parent / path).exists()] == []
+
+
 def test_a_panel_begins_with_at_most_twelve_properties(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without buttons, what only tells, and what appears only beside another one; labels fit the panel."""
     pytest.importorskip("vtkmodules", reason="the reader of filters needs VTK: install svv[standalone]")

@@ -189,6 +189,20 @@ def test_both_panels_show_the_same_part_at_the_same_scale(learned: Scene, volume
     assert one.principal_point == pytest.approx(other.principal_point)
 
 
+def test_what_a_panel_shows_is_said_before_it_is_drawn(learned: Scene, volume: Path) -> None:
+    panel = svv.volume_panel(learned, volume)
+    assert panel.draw is not None
+    told: list[str] = []
+    before: list[list[str]] = []
+
+    def noted(camera: Camera, draw: Any = panel.draw) -> Any:
+        before.append(list(told))
+        return draw(camera)
+
+    svv.figure([replace(panel, draw=noted), learned.hidden(0)], tell=told.append, **SMALL)
+    assert before[0] == ["Panel a is drawn from ball.vti."]
+
+
 def test_the_command(
     learned: Scene, volume: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

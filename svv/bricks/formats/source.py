@@ -118,10 +118,17 @@ def native(dtype: DTypeLike, name: str) -> np.dtype[np.generic]:
     return np.dtype({"b1": "u1", "f2": "f4", "f16": "f8"}.get(kind.str[1:], kind.str[1:]))
 
 
+REPLACE_THEM = (
+    "replace them with numbers first: numpy.nan_to_num(values, nan=0, posinf=0, neginf=0), in ParaView as the "
+    "expression of a Python Calculator with the array's name."
+)
+"""What to do about values that are no numbers."""
+
+
 def check_finite(values: NDArray[np.number], name: str) -> None:
     """Raise BadInput if a value is NaN or infinite."""
     if not (np.isfinite(values.min()) and np.isfinite(values.max())):  # both are NaN if any value is
-        raise BadInput(f"{name} contains values that are NaN or infinite; replace them with numbers first.")
+        raise BadInput(f"{name} contains values that are NaN or infinite; {REPLACE_THEM}")
 
 
 def scaled_type(stored: np.dtype[np.generic], gain: float, shift: float) -> np.dtype[np.generic]:

@@ -14,7 +14,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSet, vtkDataSetAttributes, vtkImageData, vtkRectilinearGrid
 
-from svv.bricks.formats.source import Level
+from svv.bricks.formats.source import REPLACE_THEM, Level
 from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
 from svv.errors import BadInput
 
@@ -245,7 +245,7 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[np.number]:
     if values.dtype.kind == "f":
         bad = int(values.size - np.count_nonzero(np.isfinite(values)))
         if bad:
-            raise BadInput(f"{name} contains {bad} values that are NaN or infinite; replace them with numbers first.")
+            raise BadInput(f"{name} contains {bad} values that are NaN or infinite; {REPLACE_THEM}")
     return values
 
 

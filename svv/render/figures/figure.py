@@ -131,6 +131,11 @@ def figure(
     return drawing_of(panels, out, options, progress, tell, **changes).figure
 
 
+def _name(number: int, count: int) -> str:
+    """Return what one of several panels is called in sentences."""
+    return f"panel {ascii_lowercase[number]}" if count > 1 else "the figure"
+
+
 def drawing_of(
     panels: Scene | Panel | Sequence[Scene | Panel],
     out: str | Path | None = None,
@@ -151,6 +156,9 @@ def drawing_of(
         checked_line(panel.title, "The title of a panel", LONGEST_TITLE)
     if not 1 <= len(every) <= MOST_PANELS:
         raise BadInput(f"A figure has 1 to {MOST_PANELS} panels, not {len(every)}.")
+    for number, panel in enumerate(every):
+        if panel.note:  # before minutes of drawing
+            tell(f"{_name(number, len(every)).capitalize()} {panel.note}")
     drawing = Drawing([_placed(panel, options) for panel in every], options, progress)
     if all(drawing.empty):
         raise BadInput(f"Nothing is visible in the figure, because {drawing.empty[0]}: {SHOW}.")
@@ -344,18 +352,15 @@ class Drawing:
         return list(nearest.values())
 
     def _name(self, number: int) -> str:
-        """Return what a panel is called in sentences."""
-        return f"panel {ascii_lowercase[number]}" if len(self.panels) > 1 else "the figure"
+        return _name(number, len(self.panels))
 
     def notes(self) -> list[str]:
-        """Return sentences on panels that show nothing, or something else than was asked for, and on look-alikes."""
-        said = []
-        for number, (panel, why) in enumerate(zip(self.panels, self.empty, strict=True)):
-            name = self._name(number)
-            if why:
-                said.append(f"{name.capitalize()} is empty, because {why}.")
-            if panel.note:
-                said.append(f"{name.capitalize()} {panel.note}")
+        """Return sentences on panels that show nothing and on look-alikes."""
+        said = [
+            f"{self._name(number).capitalize()} is empty, because {why}."
+            for number, why in enumerate(self.empty)
+            if why
+        ]
         alike = dict.fromkeys(told.said() for legend in self.alike for told in legend)
         if alike:
             said.append(

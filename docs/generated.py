@@ -51,7 +51,7 @@ FIRST = {
 
 
 def layers() -> Iterator[str]:
-    """Yield every folder with what lives there and the folders that it imports, so that arrows point down the page."""
+    """Yield every layer with those that it imports, and its folders, so that all arrows point down the page."""
     from tests import arrows
 
     modules = arrows.sources()
@@ -60,24 +60,23 @@ def layers() -> Iterator[str]:
     down = [one for (one,) in reversed(order) if not one.endswith("(facade)")]
     yield "# The layers of the code\n"
     yield OPEN
-    yield "**Imports point down only.** A folder imports from folders below it on this page, and nothing else: never"
-    yield "from one above, so never in a circle. Imports inside functions and modules that are named as text count"
-    yield "(`tests/arrows.py` measures; `tests/test_layers.py` tests, also which layer may use which library).\n"
-    yield "The facades `svv` and `svv.pv` hand on what lies anywhere below."
-    yield "`plugin/` is ParaView's entry point. What measures all this is a distribution of its own in `bench/`;"
-    yield "nothing in `svv` imports it. Every folder imports `svv` itself, the last on this page.\n"
+    yield "**Imports point down only.** A folder imports only from folders below it on this page, so never in a circle;"
+    yield "imports inside functions and modules that are named as text count (`tests/arrows.py` measures,"
+    yield "`tests/test_layers.py` tests, also which layer may use which library). Any may import `svv`, the last."
+    yield "The facades `svv` and `svv.pv` hand on what lies anywhere below. `plugin/` is ParaView's entry point.\n"
     yield "| Where to start | |\n|---|---|"
     for question, names in FIRST.items():
         yield f"| {question} | {', '.join(f'`svv/{name}`' for name in names.split())} |"
     for layer in ("svv_bench", *(f"svv.{name}" for name in LAYERS), "svv"):
         own = [one for one in down if one == layer or (layer != "svv" and one.startswith(f"{layer}."))]
-        yield f"\n## `{_path_in(layer)}/`\n\n| folder | what lives there | imports |\n|---|---|---|"
+        yield f"\n## `{_path_in(layer)}/`\n"
+        others = {other for folder in own for other in found[folder]}.difference(own, ["svv"])
+        if far := dict.fromkeys(_path_in(other).split("/")[0] for other in down if other in others):
+            yield f"Imports {', '.join(f'`{name}`' for name in far)}.\n"
         for folder in own:
-            others = [other for other in down if other in found[folder] and other != "svv"]
-            near = [_path_in(other) for other in others if other in own]
-            far = list(dict.fromkeys(_path_in(other).split("/")[0] for other in others if other not in own))
+            near = ", ".join(f"`{_path_in(other)}`" for other in down if other in found[folder] and other in own)
             text = _told_of(arrows.PACKAGES[folder.split(".")[0]] / folder.replace(".", "/"))
-            yield f"| `{_path_in(folder)}` | {text} | {', '.join(f'`{name}`' for name in (*near, *far))} |"
+            yield f"- `{_path_in(folder)}`: {text}{f' Imports {near}.' if near else ''}"
 
 
 def _path_in(folder: str) -> str:
@@ -107,7 +106,7 @@ def commands() -> Iterator[str]:
     for group, module in (*((name, f"svv.cli.{name}") for name in GROUPS), ("bench", "svv_bench.cli")):
         for name, found in importlib.import_module(module).COMMANDS.items():
             every[f"svv {group} {name}"] = found
-    rows = {name: list(_options(function)) for name, (function, _) in every.items()}
+    rows = {name: list(_options(f)) for name, (f, _) in every.items() if not name.startswith("svv bench ")}
     shared = _shared(rows.values())
     yield "# Commands\n"
     yield OPEN
@@ -121,10 +120,11 @@ def commands() -> Iterator[str]:
         if name.startswith("svv bench ") and bench:
             bench = False
             yield "`svv bench` is a distribution of its own: `pip install ./bench` in a checkout; `make` installs it."
-            yield "`svv bench --results FILE.csv COMMAND ...` appends its figures to a file.\n"
+            yield "`svv bench --results FILE.csv COMMAND ...` appends its figures to a file; `svv bench COMMAND --help`"
+            yield "lists the options.\n"
         yield f"## `{name}`\n"
         yield re.sub(r" *\n\s*\n", "\n\n", RESUMES.sub("", _text(function))).strip() + "\n"
-        yield from _rows(rows[name], shared, "options")
+        yield from _rows(rows.get(name, ()), shared, "options")
         if examples:
             yield "```sh"
             yield from examples[: 1 if name.startswith("svv bench ") else 2]  # the help has all
@@ -147,7 +147,7 @@ def _given(default: str) -> str:
     return f" ({default})" if default else ""
 
 
-def _short(name: str) -> str:
+def _first(name: str) -> str:
     """Return an option's first name without what it takes."""
     return f"`{name.split('`')[1]}`" if name.startswith("`") else name
 
@@ -161,13 +161,13 @@ def _shared(tables: Iterable[Iterable[Row]]) -> dict[str, tuple[str, str, str]]:
     found: dict[str, tuple[str, str, str]] = {}
     for (name, text), times in sorted(defaults.items(), key=lambda one: one[1].total()):  # the commonest comes last
         if times.total() > 1:
-            found[_short(name)] = name, text, times.most_common(1)[0][0]
-    return {_short(name): found[_short(name)] for name, _ in defaults if _short(name) in found}
+            found[_first(name)] = name, text, times.most_common(1)[0][0]
+    return {_first(name): found[_first(name)] for name, _ in defaults if _first(name) in found}
 
 
 def _described_once(shared: dict[str, tuple[str, str, str]], what: str, who: str) -> Iterator[str]:
     yield f"## Shared {what}\n"
-    yield f"Each {who} names those that it has, with its default where it differs.\n"
+    yield f"Each {who} names those that it has, with its default where it differs. *A to B*: all from A to B here.\n"
     for name, text, default in shared.values():
         yield f"- {name}{_given(default)}: {text}"
     yield ""
@@ -175,17 +175,33 @@ def _described_once(shared: dict[str, tuple[str, str, str]], what: str, who: str
 
 def _rows(rows: Iterable[Row], shared: dict[str, tuple[str, str, str]], what: str) -> Iterator[str]:
     """Yield a list of what only this command or filter has, and the names of what it shares with others."""
-    others = []
+    others: dict[str, tuple[str, bool]] = {}
     for name, text, default, advanced in rows:
-        known = shared.get(_short(name), ("", "", ""))
+        known = shared.get(_first(name), ("", "", ""))
         if known[:2] == (name, text):
-            given = "" if default == known[2] else _given(default or "none")
-            others.append((f"*{_short(name)}*" if advanced else _short(name)) + given)
+            others[_first(name)] = "" if default == known[2] else _given(default or "none"), advanced
         else:
             yield f"- {f'*{name}*' if advanced else name}{_given(default)}: {text}"
     if others:
-        yield f"\n[Shared](#shared-{what}): {', '.join(others)}."
+        yield f"\n[Shared](#shared-{what}): {', '.join(_runs(list(shared), others))}."
     yield ""
+
+
+def _runs(order: list[str], others: dict[str, tuple[str, bool]]) -> Iterator[str]:
+    """Yield names with what is given of them, in an order; 'first to last' where at least four follow each other."""
+    places = [place for place, name in enumerate(order) if name in others]
+    # Neighbours in the order, both with the shared default, and both advanced or neither, belong to one run.
+    same = lambda a, b: b == a + 1 and others[order[a]] == others[order[b]] and not others[order[a]][0]  # noqa: E731
+    runs: list[list[int]] = []
+    for place in places:
+        if runs and same(runs[-1][-1], place):
+            runs[-1].append(place)
+        else:
+            runs.append([place])
+    for run in runs:
+        shown = [f"*{order[p]}*{others[order[p]][0]}" if others[order[p]][1] else order[p] + others[order[p]][0]
+                 for p in run]  # fmt: skip
+        yield from [f"{shown[0]} to {shown[-1]}"] if len(run) > 3 else shown
 
 
 def _options(function: Any) -> Iterator[Row]:
@@ -327,6 +343,7 @@ def presets() -> Iterator[str]:
     yield "`svv.train_scene` and `svv.stylize_scene`. To change a single setting, write `--set` and its name:"
     yield "`--set reconstruct.iterations=4000`, *Settings* in the panels, or in Python"
     yield '`svv.train_scene(views, "fast", change=("reconstruct.iterations=4000",))`.\n'
+    told: dict[str, str] = {}  # what a stage says of a setting that has the same words in a later one
     for title, field, cls in (
         ("Field", "field", networks.FieldSettings),
         ("Stage 1: density and base colours", "reconstruct", config.ReconstructSettings),
@@ -344,11 +361,15 @@ def presets() -> Iterator[str]:
             yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"
             for setting, values in rows.items():
                 if len(set(values)) > 1:
-                    yield f"| `{field}.{setting.name}` | {_cell(setting.sentence)} | {' | '.join(values)} |"
+                    text = told.setdefault(setting.sentence, _cell(setting.sentence))
+                    told[setting.sentence] = f"As `{field}.{setting.name}`."
+                    yield f"| `{field}.{setting.name}` | {text} | {' | '.join(values)} |"
             yield "\nThe same in all presets:\n"
         for setting, values in rows.items():
             if len(set(values)) == 1:
-                yield f"- `{field}.{setting.name}`{_given(values[0])}: {_cell(setting.sentence)}"
+                text = told.setdefault(setting.sentence, _cell(setting.sentence))
+                told[setting.sentence] = f"As `{field}.{setting.name}`."
+                yield f"- `{field}.{setting.name}`{_given(values[0])}: {text}"
         yield ""
 
 

@@ -111,8 +111,9 @@ class Screen:
         """Open a menu, and entries in entries; returns the last one, with the mouse on it."""
         for depth, entry in enumerate(entries):
             found = self.find(entry, "menu item", within=entries[depth - 1] if depth else "")
-            click = () if depth == len(entries) - 1 else ("click", 1)
-            self.gui.xdotool("mousemove", *found.centre, "sleep", "0.5", *click, "sleep", "0.5")
+            self.gui.xdotool("mousemove", *found.centre, "sleep", "1")
+            if depth < len(entries) - 1 and not self.found(entries[depth + 1], "menu item", within=entry):
+                self.gui.xdotool("click", 1, "sleep", "0.5")  # a click closes what the mouse alone has opened
         return found
 
     def choose(self, *entries: str) -> None:

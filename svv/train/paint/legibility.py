@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from svv.core.colour.colour import WHITE, lab_differences, lab_to_rgb, rgb_to_lab
-from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VisionName, simulated
+from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VisionName, set_difference, simulated
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.seen_colours import look_alikes
+from svv.fields.scene.seen_colours import Seen, look_alikes
 from svv.train.paint.view_pixels import ViewPixels
 
 FEWEST = 16
@@ -30,6 +30,9 @@ MARGIN = 1.25
 
 DOUBTFUL = 1.05
 """How much more than what is asked they differ by in these views from which they surely do in images."""
+
+MOST_DIMMED = 2.0
+"""How many times less images show at most of a difference: what is nearly black shows next to nothing of its colour."""
 
 SMALL, VESSELS = 0.15, 24.0
 """Share of what is visible below which a region is a vessel, a wire or a speck, and the largest CIEDE2000 to what is
@@ -106,15 +109,18 @@ class Legibility:
         """Those that each region dominates."""
         self.weight = pixels.inside[self.rows]
         volume = self._over(np.asarray(colours, np.float64)[None])
-        self.asked = {
-            pair: self._asked(pair, away) if least is None else least
-            for pair, away in self.differences(volume).items()
-        }  # fmt: skip
+        self.flat = self.differences(volume)
+        """CIEDE2000 between each two regions in the volume rendering, without light."""
+        self.lighter = {pair: _lighter(volume, pair) for pair in self.flat}
+        """How much lighter the first of each two regions is there, CIELAB."""
+        self.asked = {pair: self._asked(pair, away) if least is None else least for pair, away in self.flat.items()}
         """The least CIEDE2000 of each two regions."""
+        self.dimmed = dict.fromkeys(self.flat, 1.0)
+        """How many times less of it images show, in which light and shade are."""
         self.order: dict[tuple[int, int], float] = {}
         """Sign of the difference in lightness of two regions, one of which encloses the other."""
         for pair in self.asked:
-            away = _lighter(volume, pair)
+            away = self.lighter[pair]
             if (pixels.encloses[pair] or pixels.encloses[pair[::-1]]) and abs(away) > ORDERED:
                 self.order[pair] = float(np.sign(away))
 
@@ -173,10 +179,33 @@ class Legibility:
         ]  # fmt: skip
         return dict(zip(pairs, np.min([one.mean(1) for one in away], 0).tolist(), strict=True))
 
+    def close(self, lab: Mapping[int, Floats]) -> bool:
+        """Return whether two regions are so near each other that it counts how much light and shade take from that."""
+        apart = self.differences(self.shown(lab))
+        return any(away < MOST_DIMMED * MARGIN * self.asked[pair] for pair, away in apart.items())
+
+    def dim(self, seen: Mapping[int, Seen]) -> None:
+        """Ask more of those regions of which images show less than pixels without light do.
+
+        Args:
+            seen: Colours of the regions in images of the volume rendering.
+        """
+        lights = {k: float(one.weights @ rgb_to_lab(one.colours)[:, 0]) for k, one in seen.items()}
+        for pair, away in self.flat.items():
+            if not seen.keys() >= set(pair):
+                continue
+            one, other = (seen[k] for k in pair)
+            ratio = away / max(set_difference(one.colours, other.colours, one.weights, other.weights, "normal"), 1e-6)
+            if abs(self.lighter[pair]) > ORDERED:  # in lightness, by which strokes move apart, shade takes the most
+                ratio = max(ratio, abs(self.lighter[pair]) / max(abs(lights[pair[0]] - lights[pair[1]]), 1e-6))
+            self.dimmed[pair] = float(np.clip(ratio, 1.0, MOST_DIMMED))
+            self.asked[pair] *= self.dimmed[pair]
+
     def doubtful(self, lab: Mapping[int, Floats]) -> bool:
         """Return whether regions may look alike: only images tell, which have light and edges as well."""
         apart = self.differences(self.shown(lab))
-        return any(away < DOUBTFUL * min(self.asked[pair], LEAST_DIFFERENCE) for pair, away in apart.items())
+        enough = {pair: min(least, self.dimmed[pair] * LEAST_DIFFERENCE) for pair, least in self.asked.items()}
+        return any(away < DOUBTFUL * enough[pair] for pair, away in apart.items())
 
     def moves(
         self, lab: Mapping[int, Floats], means: Mapping[int, Floats], gamuts: Mapping[int, tuple[float, float, float]],

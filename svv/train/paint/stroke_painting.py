@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from svv.core.colour.colour import lab_to_rgb
 from svv.errors import Progress, part
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.seen_colours import seen_in
 from svv.styles.hand import Hand
 from svv.train.paint.brushwork import CLEAR, Brushwork, Painter
 from svv.train.paint.fog import sky_of, washed
@@ -104,7 +106,8 @@ class Brushing:
                 flats[region] = one.flat
         opacity = np.array([region.seen_opacity for region in regions])
         opacity *= [1.0 - THINNED * found[k].glaze if k in found else 1.0 for k in range(len(regions))]
-        done = toned(laid, self.views, colours, flats, opacity, self.cell)
+        look = partial(seen_in, self.scene, "pcn")
+        done = toned(laid, self.views, colours, flats, opacity, self.cell, look)
         self.doubtful = done.legibility.doubtful(done.lab)
         for k, one in found.items():
             if k in laid:

@@ -10,7 +10,7 @@ Letters: P pixels, R regions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from svv.core.colour.colour import lab_to_rgb, rgb_to_lab
 from svv.core.strokes.strokes import Strokes
+from svv.fields.scene.seen_colours import Seen
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.styles.hand import Hand
 from svv.train.paint.brushwork import LIFTED, Brushwork
@@ -96,8 +97,9 @@ class Toned:
 
 
 def toned(
-    laid: Mapping[int, Laid], views: Sequence[StyledView], colours: Floats, flats: Floats, opacity: Floats, soft: float
-) -> Toned:
+    laid: Mapping[int, Laid], views: Sequence[StyledView], colours: Floats, flats: Floats, opacity: Floats, soft: float,
+    look: Callable[[], Mapping[int, Seen]] = dict,
+) -> Toned:  # fmt: skip
     """Give the strokes of regions the tone of their pictures, as views show them, and keep the regions apart.
 
     Args:
@@ -107,9 +109,12 @@ def toned(
         flats: Colours of the regions without strokes, RGB. (R, 3)
         opacity: Factor of the edits on the extinction of each region. (R,)
         soft: Width of soft edges in box units.
+        look: Returns the colours of the regions in images of the volume rendering; by default none are known.
     """
     pixels = ViewPixels(views[:: max(len(views) // VIEWS, 1)], opacity, list(laid), MOST)
     loop, legibility = _Loop(pixels, laid, soft), Legibility(pixels, colours, flats)
+    if legibility.close(loop.lab):
+        legibility.dim(look())
     gamuts = {k: one.hand.gamut for k, one in laid.items()}
     for _ in range(PASSES):
         loop.correct()

@@ -103,32 +103,36 @@ def commands() -> Iterator[str]:
     every: dict[str, tuple[Any, Any]] = {f"svv {n}": command_of(n) for n in COMMANDS if n not in GROUPS}
     for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):
         every[f"svv {function.__name__}"] = function, ()
-    for group, module in (*((name, f"svv.cli.{name}") for name in GROUPS), ("bench", "svv_bench.cli")):
-        for name, found in importlib.import_module(module).COMMANDS.items():
+    for group in GROUPS:
+        for name, found in importlib.import_module(f"svv.cli.{group}").COMMANDS.items():
             every[f"svv {group} {name}"] = found
-    rows = {name: list(_options(f)) for name, (f, _) in every.items() if not name.startswith("svv bench ")}
+    measuring = importlib.import_module("svv_bench.cli").COMMANDS
+    rows = {name: list(_options(function)) for name, (function, _) in every.items()}
     shared = _shared(rows.values())
     yield "# Commands\n"
     yield OPEN
     yield "`svv COMMAND --help` has more examples. How commands end: [conventions](command-line.md). Defaults are in"
     yield "brackets; `...` follows what may be repeated.\n"
-    resuming = [name.removeprefix("svv ") for name, (function, _) in every.items() if RESUMES.search(_text(function))]
+    both = every | {f"svv bench {name}": found for name, found in measuring.items()}
+    resuming = [name.removeprefix("svv ") for name, (function, _) in both.items() if RESUMES.search(_text(function))]
     yield f"After Ctrl-C, the same command resumes: {', '.join(resuming)}.\n"
     yield from _described_once(shared, "options", "command")
-    bench = True
     for name, (function, examples) in every.items():
-        if name.startswith("svv bench ") and bench:
-            bench = False
-            yield "`svv bench` is a distribution of its own: `pip install ./bench` in a checkout; `make` installs it."
-            yield "`svv bench --results FILE.csv COMMAND ...` appends its figures to a file; `svv bench COMMAND --help`"
-            yield "lists the options.\n"
         yield f"## `{name}`\n"
         yield re.sub(r" *\n\s*\n", "\n\n", RESUMES.sub("", _text(function))).strip() + "\n"
-        yield from _rows(rows.get(name, ()), shared, "options")
+        yield from _rows(rows[name], shared, "options")
         if examples:
             yield "```sh"
-            yield from examples[: 1 if name.startswith("svv bench ") else 2]  # the help has all
+            yield from examples[:2]  # the help has all
             yield "```\n"
+    yield "## `svv bench`\n"
+    yield "A distribution of its own: `pip install ./bench` in a checkout (`make` does). `svv bench COMMAND --help`"
+    yield "lists the options; `svv bench --results FILE.csv COMMAND ...` appends the figures to a file.\n"
+    for name, (function, _) in measuring.items():
+        yield f"- `{name}`: {' '.join(_text(function).split(chr(10) * 2)[0].split())}"
+    yield "\n```sh"
+    yield from (examples[0] for _, examples in measuring.values())
+    yield "```"
 
 
 RESUMES = re.compile(

@@ -172,9 +172,8 @@ def view(
 ) -> None:
     """Show a scene in the browser: from all sides, with its palette, opacities, paintings and light to edit.
 
-    The page is one file in the system's folder for temporary files; `svv export` writes it elsewhere, to be kept. With
-    --follow, the scene need not be there yet: while `svv train --sketch` trains it in another terminal, its sketches
-    are shown, and then the scene, turned as they were.
+    The page is a temporary file; `svv export` writes one to keep. With --follow, the scene need not be there yet: while
+    `svv train --sketch` trains it in another terminal, its sketches are shown, and then the scene.
     """
     from svv.io.files.temporary import view_folder
     from svv.render.web.page import write_html

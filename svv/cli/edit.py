@@ -105,8 +105,8 @@ class Asked:
         str | None,
         typer.Option(
             metavar="TEXT",
-            help="Say in words what should change: names of regions or 'region 0', colours, thinner, hide, only, "
-            "light from the left, in jade, as watercolour ... What is understood is printed; an unknown word fails.",
+            help="Say what should change: region names or 'region 0', colours, thinner, hide, only, light from the "
+            "left, in jade, as watercolour ... What is understood is printed; an unknown word fails.",
         ),
     ] = None
     distinct: Annotated[
@@ -114,7 +114,7 @@ class Asked:
         typer.Option(
             metavar="colours|lightness",
             help="Recolour unpainted regions so that all differ: colours for any colour vision, lightness also in a "
-            "grey print; hues stay where possible.",
+            "grey print.",
         ),
     ] = None
 
@@ -127,8 +127,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         int | None,
         typer.Option(
             min=0,
-            help="Number of the region; `svv info` lists them. Without it, occlusion, paint and outlines change in all "
-            "regions.",
+            help="Number of the region. Without it, occlusion, paint and outlines change in all.",
         ),
     ] = None,
     asked: Asked = Asked(),
@@ -145,9 +144,8 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
 ) -> None:
     """Edit a scene: colour, opacity, light, strokes, outlines, visibility, cuts and parts. Nothing is trained.
 
-    All changes made by one command form one step in the history of the scene file, which --undo reverts. --reset is
-    applied first, then --split-at, the options that hide and show regions, and all others. --split-at makes the
-    connected part of a region that is visible at a pixel a region of its own, whose number follows the last one's.
+    All changes of one command are one step in the scene file's history, which --undo reverts. --reset is applied first,
+    then --split-at, the options that hide and show regions, and all others.
     """
     from svv.fields.scene.edit_request import with_edit
     from svv.fields.scene.scene import Scene
@@ -283,9 +281,9 @@ class PaletteChanges:
     split: Annotated[tuple[int, ...], Setting(metavar="K")] = ()
     """Split this region into one region for each of its ranges of values."""
     point: Annotated[tuple[str, ...], Setting(metavar="X,Y=K|X,Y=X,Y")] = ()
-    """Say which region a place is, if regions were found in views alone: the connected piece there becomes K, or is
-    divided if several places in it differ; the number after the last region makes a new one. Or say that two places are
-    one region. A place is a pixel, as in `svv edit --split-at`, or X,Y,Z in world coordinates."""
+    """In a scene of views alone, make the connected piece at a place region K, or divide it if several places in it
+    differ; the number after the last makes a new region. Or say that two places are one region. A place is a pixel, as
+    in `svv edit --split-at`, or X,Y,Z in the world."""
 
     def correction(self, scene: Scene, picture: PictureOptions) -> Correction:
         """Return the changes in the form that the layers below take; pixels are those of a picture of the scene."""
@@ -318,10 +316,9 @@ def palette(
 ) -> None:
     """Correct a scene's palette by hand and train its regions again; the base network is kept.
 
-    If two parts of similar hue ended up in one region, add the missing colour. If a piece is in the wrong region, point
-    at it. Regions are numbered as in
-    `svv info SCENE.svv`. If the volume is known, each region still consists of ranges of the transfer function.
-    After Ctrl-C, the same command resumes.
+    If two parts of similar hue are one region, add the missing colour. If a piece is in the wrong region, point at it.
+    If the volume is known, each region still consists of ranges of the transfer function. After Ctrl-C, the same
+    command resumes.
     """
     from svv.io.cinema.views import read_views
     from svv.io.scene_file import checkpoint_of

@@ -92,10 +92,9 @@ def figure(
 ) -> None:
     """Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.
 
-    The legend shows each region's name (`svv edit --name`), its range of values, and a small sphere in its paint and
-    light. Text in PDF and SVG stays text, with embedded fonts. Several scenes, paintings, times and cameras are panels
-    with letters, at one scale. Regions that look alike are named in the legend, on the screen, and with their
-    difference in the file of --json.
+    The legend shows each region's name (`svv edit --name`), range of values, and a small painted sphere. Text in PDF
+    and SVG stays text. Several scenes, paintings, times and cameras are panels with letters, at one scale. Regions that
+    look alike are named in the legend, on the screen, and in the file of --json.
     """
     from svv.io.files.atomic import write_json
     from svv.job.looks.look import Look, changed_settings
@@ -188,9 +187,8 @@ def check_colours(
 ) -> None:
     """Check whether everybody can tell the regions of a scene or figure apart, as rendered.
 
-    Colours of each pair of regions, with light, paint and opacity, are compared (CIEDE2000) for normal colour vision,
-    protanopia, deuteranopia and tritanopia (Machado et al. 2009), and in grey. `svv edit --distinct` recolours regions
-    that merge.
+    Regions are compared in pairs (CIEDE2000) for normal colour vision, protanopia, deuteranopia and tritanopia (Machado
+    et al. 2009), and in grey. `svv edit --distinct` recolours those that merge.
     """
     from svv.cli.table import print_table
     from svv.io.files.atomic import write_json

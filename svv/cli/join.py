@@ -24,9 +24,8 @@ def join(
 ) -> None:
     """Join scenes of several transfer functions, arrays or members, to show them alone or together.
 
-    The regions of all become regions of one scene, in the order of the files, with their edits and the paintings that
-    they show; hide and show them to see one function or another. Together, extinctions add, also where functions
-    overlap. Train, correct, split and paint scenes before joining them.
+    Their regions become regions of one scene, in the order of the files, with their edits and paintings. Together,
+    extinctions add, also where functions overlap. Train, correct, split and paint scenes before joining them.
     """
     from svv.fields.scene.joined import joined, relit
 

@@ -56,10 +56,10 @@ def train(
 ) -> None:
     """Train a scene on views.
 
-    Views made by `svv views` come with the volume's extinction, from which training starts. With --views-only, or
-    without a volume, everything is learned from views only. A folder with the views of several transfer functions,
-    arrays or volumes gives one scene of all, with named regions, and one of each beside it. After Ctrl-C, the same
-    command resumes. torchrun trains with several processes on one machine or more.
+    Training starts from the volume's extinction, which `svv views` stores. With --views-only, or without a volume,
+    everything is learned from views. A folder with the views of several transfer functions, arrays or volumes gives one
+    scene of all, with named regions, and one of each beside it. After Ctrl-C, the same command resumes. torchrun trains
+    with several processes on one machine or more.
     """
     from svv.fields.devices.gpu import device_named
     from svv.fields.scene.joined import joined, named

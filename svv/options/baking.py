@@ -18,16 +18,15 @@ class BakeOptions:
     resolution: Annotated[
         int | None, Setting(least=8, metavar="N", slider=(0, 1024), unset=0, unset_says="0: as fine as the scene.")
     ] = None
-    """Most cells along the longest side of the scene's box; by default as in its finest lattice."""
+    """Most cells along the longest side; by default as in the scene's finest lattice."""
     memory: Annotated[float, Setting(least=0.001, metavar="GB", slider=(0.01, 4.0))] = 0.25
-    """Gigabytes that the volume may take, 4 bytes for each point; it is coarser if it would be larger."""
+    """Gigabytes that the volume may take, 4 bytes a point; beyond it, the volume is coarser."""
     light: BakedLight = "none"
-    """Light in the colours: none leaves it to the other program; baked is the mean over all directions from which a
-    point is seen."""
+    """Light in the colours: none leaves it to the other program; baked is the mean over all directions that see a
+    point."""
     regions: Annotated[tuple[int, ...] | None, Setting(metavar="K,...", syntax="regions", panel="")] = None
-    """Numbers of the only regions in the volume; by default all that are not hidden."""
+    """The only regions in the volume; by default all that are not hidden."""
     network: Annotated[NetworkName | None, Setting(command=False, unset="last")] = None
-    """Which network gives the colours: pcn (the palette, with its edits) or styled (the painting); by default the last
-    that the scene has."""
+    """Network of the colours: pcn (palette and edits) or styled (painting); by default the scene's last."""
     device: Annotated[DeviceName, Setting(command=False, advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU that passes a check (25 s on its first use), otherwise the CPU."""

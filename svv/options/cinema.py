@@ -29,7 +29,7 @@ class DatabaseOptions:
     parallel_scale: Annotated[float | None, Setting(metavar="S")] = None
     """Half the height of the images in world units, if the cameras are orthographic."""
     alpha: Literal["auto", "straight", "premultiplied"] = "auto"
-    """Whether colours are multiplied by alpha (premultiplied) or not; auto looks at all translucent pixels."""
+    """Whether colours are multiplied by alpha (premultiplied); auto looks at all translucent pixels."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed")] = False
     """Leave out what stands still on the screen: colour bars, axes, logos, text."""
     n: Annotated[int, Setting(least=3)] = 200
@@ -51,6 +51,6 @@ class ExportOptions:
     layers: Annotated[bool, Setting("--layers/--no-layers")] = True
     """For .cdb: also write depth and an image of each region."""
     network: NetworkName | None = None
-    """Which network gives the colours: base, pcn or styled; by default the last that the scene has."""
+    """Network of the colours: base, pcn or styled; by default the scene's last."""
     device: Annotated[DeviceName, Setting(result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU that passes a check (25 s on its first use), otherwise the CPU."""

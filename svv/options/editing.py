@@ -48,8 +48,7 @@ class RegionEdit(Request):
     ] = None
     """The region's new colour."""
     recolour_in: Annotated[RecolourName | None, Setting(unset="as it is", advanced=True)] = None
-    """How shades follow the new colour: hsb by hue, saturation and brightness, as in the paper; oklab keeps perceived
-    differences of lightness."""
+    """How shades follow the new colour: hsb as in the paper; oklab keeps perceived differences of lightness."""
     opacity: Annotated[float | None, Setting(least=0, slider=(0.0, 4.0), unset=1.0)] = None
     """Factor on the region's opacity; 1 is as trained."""
     lighting: Annotated[float | None, Setting(least=0, slider=(0.0, 2.0), unset=1.0)] = None
@@ -65,10 +64,10 @@ class RegionEdit(Request):
     matcap: Annotated[
         str | None, Setting(command=False, panel="MatCap", unset="", unset_says="Empty leaves it as it is.")
     ] = None
-    """A picture of a lit sphere whose colours the region takes where it faces the same way: clay, wax, bronze, jade,
-    porcelain, chalk, toon, x-ray, pearl, velvet, the file of a square picture, or none."""
+    """A lit sphere whose colours the region takes: clay, wax, bronze, jade, porcelain, chalk, toon, x-ray, pearl,
+    velvet, the file of a square picture, or none."""
     name: Annotated[str | None, Setting(command=False, unset="", unset_says="Empty leaves it as it is.")] = None
-    """What the region shows, such as bone: its name in legends, pages and messages."""
+    """The region's name in legends, pages and messages, such as bone."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +75,9 @@ class LightEdit(Request):
     """The light of a scene that was trained with the lighting phong."""
 
     light: Annotated[dict[str, Any] | None, Setting(metavar="headlight|AZ,EL|X,Y,Z", syntax="light", panel="")] = None
-    """Where the light is: degrees to the right of and above the camera, or a vector in world coordinates; needs
-    lighting phong."""
+    """The light: degrees right of and above the camera, or a vector in the world; needs lighting phong."""
     intensity: Annotated[float | None, Setting(least=0, panel="LightIntensity", slider=(0.0, 4.0), unset=1.0)] = None
-    """Factor on the brightness of the light; 1 leaves it unchanged. Needs lighting phong."""
+    """Factor on the light's brightness; needs lighting phong."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class OcclusionEdit(Request):
     """Ambient occlusion of the region, or of all regions."""
 
     occlusion: Annotated[float | None, Setting(least=0, most=1, advanced=True, unset=0.0)] = None
-    """Darken places that little light reaches, such as cavities and contacts: 0 not at all, 1 fully."""
+    """Darken cavities and contacts, which little light reaches: 0 not at all, 1 fully."""
 
 
 @dataclass(frozen=True)
@@ -99,18 +97,17 @@ class PaintEdit(Request):
     paint_light: Annotated[float | None, Setting(least=0, most=1, unset=PAINT_LIGHT)] = None
     """How strongly paint is shaded: 0 not at all, 1 as much as the palette's colours."""
     stroke_opacity: Annotated[float | None, Setting(least=-1, most=1, unset=0.0)] = None
-    """How much opacity follows strokes: above 0, dark and vivid strokes are more opaque; below 0, light ones, for dark
+    """How much opacity follows strokes: above 0, dark and vivid ones are more opaque; below 0, light ones, for dark
     backgrounds."""
     stroke_relief: Annotated[float | None, Setting(least=0, most=4, unset=1.0)] = None
     """Factor on the relief of brush strokes: 0 is flat paint, 1 as painted."""
     stroke_width: Annotated[float | None, Setting(slider=(0.5, 2.0), unset=1.0)] = None
-    """Factor on the width of brush strokes, from 0.5 to 2; for other widths lay them again with `svv stylize
-    --stroke-size`."""
+    """Factor on the width of brush strokes, from 0.5 to 2; `svv stylize --stroke-size` lays others."""
     stroke_light: Annotated[
         tuple[float, ...] | None, Setting(metavar="AZ,EL|X,Y,Z|own", syntax="light on strokes", panel="")
     ] = None
-    """Where the relief of strokes is lit from: degrees to the right of and above the volume's front, or a vector in
-    world coordinates; own is the painting's."""
+    """Light on the relief of strokes: degrees right of and above the volume's front, or a vector in the world; own is
+    the painting's."""
     stroke_palette: Annotated[
         tuple[Colour, ...] | None,
         Setting(metavar="IMG|gallery:NAME|'#rrggbb,...'|own", syntax="palette of strokes", panel=""),
@@ -145,12 +142,12 @@ class PartEdit(Request):
     split_at: Annotated[tuple[float, ...] | None, Setting(metavar="X,Y|X,Y,Z", syntax="pixel or point", panel="")] = (
         None
     )
-    """Make the connected part of a region that is visible there a region of its own, the last one. Two numbers are a
-    pixel, from the left and the top, of `svv render`'s picture with the same --camera, --frame and --size; three are a
-    point in world coordinates."""
+    """Make the connected part that is visible there a region of its own, the last one. Two numbers are a pixel, from
+    the left and the top, of `svv render`'s picture with the same --camera, --frame and --size; three are a point in the
+    world."""
     split_level: Annotated[float | None, Setting(least=0, most=1, unset=SPLIT_LEVEL)] = None
     """How opaque matter must be to connect, as a fraction of the region's mean opacity; 0.5 by default. More separates
-    parts that touch."""
+    more."""
 
 
 @dataclass(frozen=True)

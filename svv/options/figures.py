@@ -37,7 +37,7 @@ class FigureOptions:
     """
 
     journal: JournalName = "nature"
-    """Journal whose column widths and size of text are used."""
+    """Journal whose column widths and text size are used."""
     columns: ColumnsName = "single"
     """Whether the figure is as wide as one column or as two."""
     width: Annotated[float | None, Setting(metavar="MM", advanced=True, unset=0.0, unset_says="0: the column's.")] = (
@@ -45,25 +45,25 @@ class FigureOptions:
     )
     """Width in mm instead, from 20 to 1000."""
     dpi: Annotated[int, Setting(advanced=True)] = 300
-    """Pixels per inch of the pictures, from 50 to 1200; journals ask for 300, or for 600 with fine lines."""
+    """Pixels per inch, from 50 to 1200; journals ask for 300, or 600 with fine lines."""
     across: Annotated[int | None, Setting(metavar="N", least=1, panel="")] = None
-    """Panels beside each other; by default all of up to three, and otherwise as square a grid as possible."""
+    """Panels in a row; by default up to three, otherwise a grid as square as possible."""
     frame: Annotated[FrameName, Setting(panel="Frame")] = "content"
-    """What panels show: content trims all alike to what is visible, at one scale; camera keeps the cameras' frames."""
+    """content trims all panels alike to what is visible, at one scale; camera keeps the cameras' frames."""
     title: Annotated[tuple[str, ...], Setting(panel="")] = ()
     """Title of the next panel."""
     letters: Annotated[LettersName, Setting(panel="")] = "auto"
     """How panels are numbered; auto writes a, b, c if there are several."""
     legend: LegendName = "auto"
-    """Where the names of the regions stand, each with a small sphere in its paint and light, and its values."""
+    """Where the regions' names stand, each with a small painted sphere and its values."""
     unit: Annotated[str | None, Setting(metavar="UNIT")] = None
     """Unit of the volume's lengths for the scale bar, such as mm or µm."""
     value_unit: Annotated[str | None, Setting(metavar="UNIT")] = None
     """Unit of the volume's values for the legend, such as HU."""
     scale_bar: bool = True
-    """Draw a scale bar; under perspective, it holds in the plane through the middle of the volume."""
+    """Draw a scale bar; under perspective, it holds in the plane through the volume's middle."""
     axes: Annotated[str | None, Setting(metavar="X,Y,Z|none")] = "x,y,z"
-    """Names of the volume's axes in the corner that shows how they lie; none leaves them out."""
+    """Names of the volume's axes, shown in a corner; none leaves them out."""
     parallel: Annotated[bool, Setting(advanced=True)] = False
     """Look along parallel rays, so that the scale bar holds everywhere."""
     background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour", panel="")] = (
@@ -71,17 +71,17 @@ class FigureOptions:
     )
     """white, black or '#rrggbb', behind the whole figure; white by default."""
     transparent: Annotated[bool, Setting(advanced=True)] = False
-    """Leave the background out: transparent PNG and TIFF, and no rectangle behind SVG and PDF."""
+    """Leave the background out."""
     font: Annotated[str | None, Setting(metavar="NAME", advanced=True)] = None
-    """An installed font, such as Arial; by default DejaVu Sans, which comes with matplotlib."""
+    """An installed font, such as Arial; by default DejaVu Sans."""
     font_size: Annotated[
         float | None, Setting(metavar="PT", advanced=True, unset=0.0, unset_says="0: the journal's.")
     ] = None
     """Size of the text in points, from 4 to 40; by default the journal's."""
     network: Annotated[NetworkName | None, Setting(unset="last", advanced=True)] = None
-    """Which network gives the colours, as in `svv render`; by default the last that the scene has."""
+    """Network of the colours, as in `svv render`; by default the scene's last."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU that passes a check (25 s on its first use), otherwise the CPU."""
 
     @property
     def mm(self) -> float:

@@ -40,8 +40,7 @@ class VolumeOptions:
     """Which transfer function shows a volume, and how its file is read."""
 
     tf: Annotated[tuple[Path, ...], Setting(metavar="TF.json")] = ()
-    """Transfer function: a preset exported from ParaView, a volume property of 3D Slicer, or a list of opacity
-    bumps."""
+    """Transfer function: a preset of ParaView, a volume property of 3D Slicer, or a list of opacity bumps."""
     array: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
     """Name of the array, if the file has several; of several arrays, svv views makes layers of one scene."""
     channel: Annotated[str | None, Setting(metavar="N|NAME")] = None
@@ -55,8 +54,7 @@ class VolumeOptions:
     spacing: Annotated[tuple[float, float, float] | None, Setting(metavar="X,Y,Z", syntax="spacing")] = None
     """For raw files, stacks and .npy: size of a voxel."""
     resample_to: Annotated[int | None, Setting(least=2, metavar="POINTS")] = None
-    """For grids that are no images: points along the longest side after resampling; by default, as cells and memory
-    suggest."""
+    """For grids that are no images: points along the longest side; by default, as cells and memory suggest."""
 
     @property
     def only_array(self) -> str | None:
@@ -84,11 +82,10 @@ class ShownVolumeOptions(VolumeOptions):
     """Which transfer function shows a volume of which views are drawn, and how its file is read."""
 
     rescale: Annotated[bool | None, Setting(flag="--rescale/--no-rescale", panel="")] = None
-    """Stretch the transfer function over the data's range, or not; by default, if it has no opacity points, or runs
-    from 0 or -1 to 1 and the data lies elsewhere."""
+    """Stretch the transfer function over the data's range; by default, if it has no opacity points, or runs from 0 or
+    -1 to 1 and the data does not."""
     nearest: Annotated[bool, Setting("--nearest", panel="")] = False
-    """Show each voxel's own value, without interpolation, as label volumes need; as ParaView's Interpolation Type
-    Nearest."""
+    """Show each voxel's own value, without interpolation, as labels need; ParaView's Interpolation Type Nearest."""
 
 
 @dataclass(frozen=True)
@@ -101,16 +98,16 @@ class ViewOptions:
     """
 
     n: Annotated[int, Setting(least=3, panel="Views", advanced=True)] = 92
-    """Number of training views, spread evenly over a sphere around the volume."""
+    """Number of training views, spread evenly around the volume."""
     test: Annotated[int, Setting(least=0, panel="TestViews", advanced=True, slider=(0, 181))] = 16
-    """Number of test views, spread over the orbit; they are never trained on."""
+    """Number of test views on the orbit, which are not trained on."""
     size: Annotated[int, Setting(least=16, panel="ViewSize", advanced=True, slider=(64, 4096))] = 800
     """Width and height of the views in pixels."""
     mapper: Annotated[MapperName, Setting(panel="RayCaster", advanced=True)] = "auto"
-    """Ray caster: gpu and cpu are VTK's; bricks is our own, for volumes of any size; auto picks bricks if VTK's would
-    need too much memory, otherwise the GPU if OpenGL runs on hardware."""
+    """Ray caster: VTK's gpu or cpu, or bricks, our own, for any size. auto takes the GPU if OpenGL runs on hardware and
+    the volume fits, otherwise mostly bricks."""
     memory: Annotated[float | None, Setting(metavar="GB", least=0.25, panel="")] = None
-    """Gigabytes of memory that drawing may take; by default half of what there is."""
+    """Gigabytes that drawing may take; by default half of the memory."""
     fov: Annotated[float, Setting(least=1, most=150, panel="")] = 30.0
     """Full angle of view in degrees."""
     step: Annotated[float | None, Setting(metavar="VOXELS", panel="")] = None
@@ -118,7 +115,7 @@ class ViewOptions:
     frame: Annotated[Literal["visible", "whole"], Setting(panel="")] = "visible"
     """What fills the views: what the transfer function shows, or the whole volume."""
     projection: Annotated[Literal["perspective", "orthographic"], Setting(panel="")] = "perspective"
-    """Cameras of the views: perspective, or orthographic with parallel rays, as wide as the others at the centre."""
+    """Perspective, or orthographic: parallel rays, as wide at the centre."""
 
 
 @dataclass(frozen=True)
@@ -130,24 +127,22 @@ class TrainOptions:
     """
 
     preset: PresetName = "balanced"
-    """How long to train: draft for a first look, fast and balanced take minutes, best a quarter of an hour, paper
-    hours."""
+    """How long to train: draft takes seconds, fast and balanced minutes, best a quarter of an hour, paper hours."""
     time_limit: TimeLimit = None
     """Train for at most this many seconds."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU that passes a check (25 s on its first use), otherwise the CPU."""
     encoding: Annotated[EncodingName | None, Setting(advanced=True, unset="as the preset")] = None
-    """Sparse lattice, the paper's hash grid, or the volume's values if the views come with them; by default the
-    preset's."""
+    """Sparse lattice, the paper's hash grid, or the volume's values, if known; by default the preset's."""
     lighting: Annotated[LightingName | None, Setting(advanced=True, unset="as the views allow")] = None
-    """Light of the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose nothing;
-    by default network, or auto below 32 views."""
+    """Light: network stays at the camera, phong can be moved, auto is phong if unseen views lose nothing; by default
+    network, or auto below 32 views."""
     views_only: bool = False
-    """Learn from views only, as in the paper, even if they come with their volume."""
+    """Learn from views only, as in the paper, even if the volume is known."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed", advanced=True)] = False
-    """Leave out what stands still on the screen in all views: colour bars, axes, logos, text."""
+    """Leave out what stands still on the screen: colour bars, axes, logos, text."""
     change: Changes = ()
     """Change one setting of the preset, such as reconstruct.iterations=4000."""
 
@@ -167,7 +162,7 @@ class PaletteOptions:
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     views_only: bool = False
-    """Learn the regions from views only: use the palette as given, even if the volume says otherwise."""
+    """Use the palette as given, even if the volume says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -178,11 +173,11 @@ class SharingOptions:
         dict[int, int | str] | dict[int, int] | Literal["colour"] | None,
         Setting("--map", metavar="0=0,1=1|0=PART|colour", syntax="mapping", panel=""),
     ] = None
-    """Pairs of region and style, or of region and a part of a divided picture by its name (0=sky; 0=1:sky in style 1),
-    or colour to pair them by likeness; in turn by default."""
+    """Pairs of region and style, or of region and part of a divided picture (0=sky; 0=1:sky in style 1), or colour to
+    pair them by likeness; in turn by default."""
     divide: AskedDivisionName = "auto"
-    """How a picture is divided among the regions that share it: by areas (a sky, a field) or colours; auto takes what
-    tells the regions apart, no gives each the whole picture."""
+    """Divide a picture among the regions that share it: by areas (a sky, a field) or colours; auto takes what tells the
+    regions apart, no gives each the whole."""
 
 
 @dataclass(frozen=True)
@@ -199,23 +194,21 @@ class PaintOptions(SharingOptions):
     stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0
     """Scale of the strokes, from 0.25 to 4; at 1 they are 10 pixels wide in a picture of 800."""
     manner: MannerName = "auto"
-    """Brush strokes, or pieces of the picture; auto takes strokes for paintings, and pieces for mosaics, halftones,
-    textures and photographs."""
+    """Brush strokes, or pieces of the picture; auto takes strokes for paintings, otherwise pieces."""
     hand: AskedHandName = "auto"
-    """The technique of the strokes; auto measures it in the picture: oil, watercolour, dots, ink wash or print. Any
-    other word asks for strokes."""
+    """Technique of the strokes; auto finds oil, watercolour, dots, ink wash or print in the picture. Any other word
+    asks for strokes."""
     strength: Annotated[float, Setting(metavar="F", panel="")] = 1.0
     """How strongly the style shows, above 0 and up to 1; can be edited afterwards."""
     go_on: Annotated[bool, Setting("--continue", panel="")] = False
     """Keep the scene's painting where no style is given for a region."""
     preset: PresetName = "balanced"
-    """How to paint: draft for a first look; fast, balanced and best paint alike; paper matches features for hours, as
+    """How to paint: draft for a first look; fast, balanced and best alike; paper matches features for hours, as
     StyleRF-VolVis does."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE", advanced=True)] = "auto"
-    """Which features the preset paper matches; auto uses VGG-16 if its weights are available. Other presets match
-    none."""
+    """Features that the preset paper matches; auto uses VGG-16 if its weights are there. Other presets match none."""
     variant: Annotated[str | None, Setting(metavar="NAME", panel="")] = None
     """Add a painting under this name and keep the others."""
     change: Changes = ()
@@ -227,7 +220,7 @@ class DeviceOptions:
     """Where work on a scene runs."""
 
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU that passes a check (25 s on its first use), otherwise the CPU."""
 
 
 @dataclass(frozen=True)
@@ -247,10 +240,10 @@ class RenderOptions:
     size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size", panel="")] = None
     """Size in pixels; 800 by default."""
     network: Annotated[NetworkName | None, Setting(unset="last")] = None
-    """Network of the colours: base (as learned), pcn (the palette, with edits) or styled (the painting); by default the
-    scene's last."""
+    """Network of the colours: base (as learned), pcn (palette and edits) or styled (painting); by default the scene's
+    last."""
     variant: Annotated[str | None, Setting(metavar="NAME", advanced=True)] = None
-    """Name of the painting to render; by default the one that the scene shows."""
+    """Painting to render; by default the one that the scene shows."""
     background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour", panel="")] = (
         None
     )
@@ -262,4 +255,4 @@ class RenderOptions:
     fps: Annotated[float, Setting(least=1, panel="")] = 30.0
     """Frames per second of a movie."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU that passes a check (25 s on its first use), otherwise the CPU."""

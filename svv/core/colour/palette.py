@@ -95,7 +95,7 @@ def extract_palette(
     Args:
         pixels: Straight (un-premultiplied) RGB in [0, 1]. (N, 3)
         weights: Alpha of the pixels in [0, 1]. (N,)
-        settings: Thresholds; the defaults are explained in docs/measurements/palette.md.
+        settings: Thresholds; docs/design/archive.csv (palette/thresholds) tells how far each may move.
         seed: Seed for subsampling large inputs; the same seed gives the same palette.
 
     Returns:

@@ -51,9 +51,7 @@ __all__ = ["StyleRFEdit", "StyleRFJoin"]
 )
 @takes_scene
 class StyleRFEdit(SceneOutput, Picking):
-    """Edit a scene instantly, without training: change the colour, opacity and lighting of its regions, hide, isolate
-    and outline them, and move its light if it has a movable one. The rows of the input's table are the regions.
-    """
+    """Edit a scene at once, without training. The rows of the input's table are the regions."""
 
     def UndoEdit(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
@@ -80,9 +78,9 @@ class StyleRFEdit(SceneOutput, Picking):
 @panel(*save_properties(), status())
 @takes_scenes
 class StyleRFJoin(SceneOutput):
-    """Join scenes of several arrays or transfer functions of one volume, or of members of an ensemble, to show them
-    alone or together: select all of them, then add this filter. Their regions become regions of one scene, in the order
-    of the inputs, and extinctions add. Regions of different arrays are named after them.
+    """Join scenes of several arrays or transfer functions of one volume, or of members of an ensemble: select all of
+    them, then add this filter. Their regions become regions of one scene, in the order of the inputs, and extinctions
+    add.
     """
 
     def __init__(self) -> None:

@@ -24,8 +24,8 @@ __all__ = ["StyleRFFigure"]
 @keep_input_visible
 @panel(
     *properties_of(FigureOptions()),
-    switch("VolumeRendering", False, "Also show the volume rendering, in a panel before it; the palette network if the "
-           "volume is not there.", advanced=True),
+    switch("VolumeRendering", False, "Also show the volume rendering before it; the palette network if the volume is "
+                                     "not there.", advanced=True),
     file("VolumeFile", "vti mhd mha nrrd nhdr nii gz raw npy tif tiff h5 nc vtk vtu pvti", "Volumes", "The file of the "
          "scene's volume, for the panel above. The macro StyleRF figure, imported from plugin/macros, names that of "
          "the pipeline.", advanced=True),
@@ -43,8 +43,8 @@ __all__ = ["StyleRFFigure"]
 )  # fmt: skip
 @takes_scene
 class StyleRFFigure(Filter):
-    """Make a figure of a scene for a paper, as an image: what is visible, with a legend of its regions' names and
-    values, a scale bar and axes, in the width of a journal's column. Regions are named by StyleRF Edit.
+    """Make a figure of a scene for a paper, with a legend, a scale bar and axes, in the width of a journal's column.
+    StyleRF Edit names regions.
     """
 
     def __init__(self) -> None:

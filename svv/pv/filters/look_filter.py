@@ -28,11 +28,10 @@ FILE = "the file below"
 @smproxy.filter(label="StyleRF Look", support_reload=False)
 @menu
 @panel(
-    choice("Look", (FILE, *LOOKS), FILE, "The look: a file, or one that ships, by the name of its picture; the "
-           "largest region gets the first of its regions."),
+    choice("Look", (FILE, *LOOKS), FILE, "The look: a file, or one that ships; the largest region gets its first one."),
     file("LookFile", "json", "Looks", "A look that Save Look or `svv look save` wrote."),
-    text("Pairs", "Pairs of a region of the scene and one of the look, such as 0=1, 1=0; empty: regions match by name, "
-         "by values, then by colour."),
+    text("Pairs", "Pairs of regions of the scene and the look, such as 0=1, 1=0; empty: by name, by values, then by "
+                  "colour."),
     *(made for made in properties_of(PaintOptions()) if made.name == "Preset"),
     device(),
     file("SaveLookFile", "json", "Looks", "File to which Save Look writes how the input looks.", save=True),

@@ -151,8 +151,8 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     *training_properties("fast"),
     *take_buttons(),
     file("SceneFile", "svv", "Scenes",
-         "File in which the scene is kept, and from which it is read if it was trained from the same input, so that "
-         "a saved state need not train again.", save=True),
+         "File for the scene, which is read again if the input is the same, so that a saved state need not train.",
+         save=True),
     *volume_properties(ViewOptions(test=0)),
     *kept_as(),
     status(),
@@ -160,8 +160,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 @takes_volume
 class StyleRFTrain(DividedInput, Beside):
     """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
-    with a row for each region found, and carries the scene. It is trained again only if something that it depends on
-    has changed.
+    with a row for each region. It is trained again only if something that it depends on has changed.
     """
 
     def __init__(self) -> None:
@@ -227,8 +226,7 @@ class StyleRFTrain(DividedInput, Beside):
 @takes_scene
 class StyleRFRender(ImageOutput, Clickable):
     """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
-    orbit around the scene; the macro StyleRF play orbit, imported from plugin/macros, makes Play and Save
-    Animation show them all.
+    orbit around the scene.
     """
 
     def __init__(self) -> None:
@@ -250,15 +248,14 @@ class StyleRFRender(ImageOutput, Clickable):
 @menu
 @panel(
     switch("Opaque", False,
-           "Leave out pixels that are less than half opaque, and make the others opaque, so that the picture also "
-           "hides volumes in the same view, which ParaView otherwise draws over it."),
+           "Make pixels opaque, or leave them out below one half, so that the picture also hides volumes in the view, "
+           "which ParaView otherwise draws over it."),
     status(),
 )  # fmt: skip
 @takes_image
 class StyleRFPlaceInView(Filter):
-    """Place the image of StyleRF Render or StyleRF Stylized View in the 3D view, among everything else: a surface with
-    a point for each pixel, at the pixel's depth. The image's property Follow Camera is turned on, so that the picture
-    is rendered for the camera of the view in which it stands.
+    """Place the image of StyleRF Render or StyleRF Stylized View in the 3D view, among everything else, as a surface at
+    its pixels' depth. The image's Follow Camera is turned on, so that it is rendered for that view's camera.
     """
 
     def __init__(self) -> None:
@@ -280,9 +277,8 @@ class StyleRFPlaceInView(Filter):
 @panel(*properties_of(BakeOptions()), *cut_properties(), *picked(), status())
 @takes_scene
 class StyleRFVolume(VolumeOutput, Clickable):
-    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, at
-    its own frame rate, and cut open by a plane, box, sphere or cylinder. An edit before this filter updates it without
-    looking at the scene again.
+    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, and
+    that can be cut open.
     """
 
     def __init__(self) -> None:
@@ -325,9 +321,9 @@ class StyleRFVolume(VolumeOutput, Clickable):
 )
 @takes_volume
 class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
-    """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
-    is shown, trains a scene, paints it and renders it; a new camera or an edit needs no new training. The other StyleRF
-    filters do this step by step, and take the image for the scene that it shows.
+    """Make a painted image of a volume in one step: choose a picture and press Apply. The volume is drawn as it is
+    shown, and a scene trained, painted and rendered; a new camera or an edit needs no new training. The other StyleRF
+    filters do this step by step, and take the image for its scene.
     """
 
     def __init__(self) -> None:

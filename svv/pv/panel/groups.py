@@ -45,8 +45,8 @@ from svv.styles.gallery.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
 TAKE_HELP = (
-    "Take the volume as it is shown now: its display as far as that has changed, its transfer function and time step, "
-    "which editing and playing alone do not do; and make again what a saved state cannot find."
+    "Take the volume as it is shown now: changes of its display, its transfer function and time step; and make again "
+    "what a saved state cannot find."
 )
 PALETTE = 8
 """The most regions that a palette can have."""
@@ -113,8 +113,8 @@ def volume_properties(views: ViewOptions) -> list[Property]:
         transfer_function(),
         number(
             "OpacityUnitDistance", 0.0,
-            "Distance, in the volume's units, for which the opacities of the transfer function are defined; 0 uses "
-            "ParaView's default for this volume.", low=0.0,
+            "Distance, in the volume's units, for which the function's opacities are defined; 0: ParaView's default.",
+            low=0.0,
         ),
         switch("Shade", True, "Light the volume from the camera."),
         *group("Shading", [
@@ -124,8 +124,8 @@ def volume_properties(views: ViewOptions) -> list[Property]:
             number("SpecularPower", 100.0, "Exponent of the specular highlights.", 0.0, 128.0, True),
         ]),
         integer(
-            "ResampleTo", 0, "Points along the longest side to which an input that is no image is resampled; 0: as its "
-            "cells and the memory suggest.", 0, advanced=True,
+            "ResampleTo", 0, "Points along the longest side, for inputs that are no images; 0: as cells and memory "
+                             "suggest.", 0, advanced=True,
         ),
         *display_properties(),
         *capture_reports(),
@@ -140,8 +140,8 @@ def display_properties() -> Sequence[Property]:
                "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),
         switch("UseCropping", False, "Show only a part of the volume.", True),
         numbers("CroppingOrigin", (0.0, 0.0, 0.0), "Offset of that part, in the volume's units.", None, True),
-        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds, or of its extent in voxels since "
-                "ParaView 5.13, that gives that part.", None, True),
+        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds (since ParaView 5.13, of its extent "
+                                                  "in voxels) that gives that part.", None, True),
         numbers("Position", (0.0, 0.0, 0.0), "Where the volume is moved.", None, True),
         numbers("Scale", (1.0, 1.0, 1.0), "Factors of the volume's size along x, y and z.", None, True),
         numbers("Orientation", (0.0, 0.0, 0.0), "Angles by which the volume is turned, degrees.", None, True),
@@ -165,8 +165,8 @@ def training_properties(preset: PresetName, skip: tuple[str, ...] = ()) -> list[
     return [
         *learning_properties(TrainOptions(preset=preset), skip=("device", *skip)),
         switch("TrainEachTimeStep", False,
-               "Train a scene for each time step that is shown; otherwise the scene stays the same as time changes, "
-               "until Take What Is Shown Now is pressed."),
+               "Train a scene for each time step that is shown; otherwise the scene stays until Take What Is Shown Now "
+               "is pressed."),
         device(),
     ]  # fmt: skip
 
@@ -187,8 +187,8 @@ def device() -> Property:
 def preview_file() -> Property:
     """Return the property that names the file for a preview of the painting."""
     return file("PreviewFile", "png", "Pictures",
-                "File for a small preview of the painting while it is made, updated as paint is laid. "
-                "Without Live, ParaView's own windows show the painting only when it is finished.",
+                "File for a small preview of the painting while it is made. Without Live, ParaView's own windows show "
+                "the painting only when it is finished.",
                 save=True)  # fmt: skip
 
 
@@ -200,22 +200,22 @@ def image_properties(size: int) -> list[Property]:
     """
     return [
         client_switch("FollowCamera",
-                      "Follow the camera of the view that shows the volume: the image is shown in a view of its own "
-                      "to the right, where the mouse turns the same camera, or in the same by StyleRF Place In View."),
+                      "Follow the camera of the volume's view: the image stands in a view to the right, where the "
+                      "mouse turns the same camera, or in the same by StyleRF Place In View."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
-               "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),
+               "The scene, or its numbered regions in false colours or their own."),
         seen_with(),
         *properties_of(RenderOptions(), skip=("device",)),
         switch("Background", False, "Give the image a background; otherwise it is transparent."),
         numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
         numbers("Camera", (0.0,) * 9 + (30.0,),
-                "Position, focal point and view-up vector (x, y, z each), and angle of view in degrees. If position "
-                "and focal point are all zeros, the orbit around the scene is used.", None, True),
-        number("ParallelScale", 0.0, "Half of the image's height in world units if Camera is orthographic, with "
-               "parallel rays; 0 for perspective.", 0.0, None, True),
-        integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros; the macro StyleRF "
-                "play orbit, imported from plugin/macros, animates through the frames.", 0, 180),
+                "Position, focal point and view-up vector (x, y, z each), and angle of view in degrees; all zeros: the "
+                "orbit around the scene.", None, True),
+        number("ParallelScale", 0.0, "Half of the image's height in world units, with parallel rays; 0 for "
+                                     "perspective.", 0.0, None, True),
+        integer("Frame", 0, "Frame of the orbit to show if Camera is all zeros; the macro StyleRF play orbit, imported "
+                            "from plugin/macros, plays them.", 0, 180),
         moving(),
         hidden_text("SeenFrom", "GetSeenFrom", "Camera of the last image, for a view that has none of its own."),
     ]  # fmt: skip
@@ -225,16 +225,16 @@ def seen_with() -> Property:
     """Return the property that simulates a colour vision deficiency, or a grey print."""
     return choice(
         "SeenWith", VISIONS, VISIONS[0],
-        "Show the image as it looks without one of the three kinds of cones (Machado et al. 2009), or in a grey print, "
-        "to see whether everybody can tell its regions apart.",
+        "Show the image as without one of the three kinds of cones (Machado et al. 2009), or in a grey print, to see "
+        "whether everybody can tell its regions apart.",
     )  # fmt: skip
 
 
 def cut_properties() -> Sequence[Property]:
     """Return the properties for cutting a volume open."""
     return [
-        switch("Cut", False, "Cut the volume open at the surface below; Clip would make tetrahedra of it, which "
-               "ParaView does not draw in its colours."),
+        switch("Cut", False, "Cut the volume open at the surface below; ParaView does not draw a Clip of it in its "
+                             "colours."),
         *shown_where("Cut", 1, [
             shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
             switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
@@ -254,10 +254,10 @@ def region_properties(region: int) -> Sequence[Property]:
 def part_properties() -> Sequence[Property]:
     """Return the properties for splitting regions into connected parts."""
     return group("Parts", [
-        button("ClickPart", "Clicks in a view make the connected part of a region that is visible there a region of "
-               "its own, until the button is pressed again: in the image of the scene, or in the 3D view."),
-        text("Parts", "Points in the parts that become regions, as x,y,z in world coordinates, separated by "
-             "semicolons; clicks add to them. The parts follow the other regions, in this order."),
+        button("ClickPart", "Clicks in the image or the 3D view make the connected part that is visible there a region "
+                            "of its own, until the button is pressed again."),
+        text("Parts", "Points in the parts that become regions, after the others: x,y,z in the world, with semicolons "
+                      "between several; clicks add to them."),
         *properties_of(PartEdit()),
         *picked(),
     ])  # fmt: skip
@@ -268,12 +268,12 @@ def pointing_properties() -> Sequence[Property]:
     return group("Points", [
         integer("PointRegion", 0, "Region that is at the places of Click Region; the number after the last region is a "
                 "new one.", 0, PALETTE - 1),
-        button("ClickRegion", "Clicks in a view, until the button is pressed again, make the connected piece there "
-               "Point Region; if one piece holds two regions, click on both."),
-        button("ClickSame", "Two clicks in a view say that both places are one region, until the button is pressed "
-               "again; their regions are merged."),
-        text("Points", "Places in a scene learned from views alone, each with the region that is there, or another "
-             "place of the same region: x,y,z=1; x,y,z=x,y,z in world coordinates; clicks add to them."),
+        button("ClickRegion", "Clicks in a view make the connected piece there Point Region, until the button is "
+                              "pressed again; if one piece holds two regions, click on both."),
+        button("ClickSame", "Two clicks in a view merge the regions of both places, until the button is pressed "
+                            "again."),
+        text("Points", "Places in a scene learned from views alone, with the region there or another place of the same "
+                       "one: x,y,z=1; x,y,z=x,y,z in the world; clicks add to them."),
         *picked(),
     ])  # fmt: skip
 
@@ -282,15 +282,14 @@ def light_properties() -> Sequence[Property]:
     """Return the properties of the light, for scenes trained with the lighting ``phong``."""
     return group("Light", [
         choice("LightFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
-               "Where the light comes from. Applies to scenes trained with the lighting phong."),
+               "Where the light comes from; needs lighting phong."),
         *shown_where("LightFrom", 1, [
-            number("LightAzimuth", 0.0, "Angle to the right of the camera, which the light follows, in degrees.",
+            number("LightAzimuth", 0.0, "Degrees to the right of the camera, which the light follows.",
                    -180.0, 180.0),
-            number("LightElevation", 0.0, "Angle above the camera, in degrees.", -90.0, 90.0),
+            number("LightElevation", 0.0, "Degrees above the camera.", -90.0, 90.0),
         ]),
         *shown_where("LightFrom", 2, [
-            numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in world coordinates, "
-                "independent of the camera."),
+            numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in the world."),
         ]),
         *properties_of(LightEdit()),
         *properties_of(OcclusionEdit()),
@@ -303,11 +302,11 @@ def stroke_properties() -> Sequence[Property]:
         *properties_of(PaintEdit(), skip=("strength",)),
         switch("MoveStrokeLight", False, "Light the relief of brush strokes from another direction."),
         *shown_where("MoveStrokeLight", 1, [
-            numbers("StrokeLight", (-0.447, 0.744, 0.496), "Direction (x, y, z) in world coordinates from which the "
-                    "relief of brush strokes is lit."),
+            numbers("StrokeLight", (-0.447, 0.744, 0.496), "Direction (x, y, z) in the world from which that light "
+                                                           "comes."),
         ]),
-        text("StrokePalette", "Give brush strokes the colours of another picture, keeping light and dark: a file, "
-             "gallery:NAME, or colours such as #102040,#f0d090. Empty: no change; own: the painting's."),
+        text("StrokePalette", "Other colours of brush strokes, with their light and dark: a picture's file, "
+                              "gallery:NAME, or #102040,#f0d090. Empty: no change; own: the painting's."),
     ])  # fmt: skip
 
 
@@ -315,7 +314,7 @@ def outline_properties() -> Sequence[Property]:
     """Return the properties of the outline: silhouettes and creases in ink."""
     return group("Outline", [
         *properties_of(OutlineEdit()),
-        text("OutlineRegions", "Numbers of the regions to outline, such as 0, 2. Empty: all regions.", "", True),
+        text("OutlineRegions", "Regions to outline, such as 0, 2. Empty: all.", "", True),
     ])  # fmt: skip
 
 
@@ -324,7 +323,7 @@ def edit_properties() -> Sequence[Property]:
     return [
         *light_properties(),
         *(p for region in range(REGIONS) for p in region_properties(region)),
-        text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
+        text("Isolate", "The only regions to show, such as 0, 2. Empty: all that are not hidden."),
         text(
             "Cuts",
             "Cut the scene open, with semicolons between several: x>50%; 0=y>50% & z<12.5 for region 0 alone; "
@@ -336,7 +335,7 @@ def edit_properties() -> Sequence[Property]:
         *outline_properties(),
         text(
             "Say",
-            "Say in words what should change, after everything else: make the core pale jade, thinner, hide region 1, "
+            "What should change, in words, after everything else: make the core pale jade, thinner, hide region 1, "
             "light from the left; Status shows what was understood.",
         ),
     ]
@@ -383,8 +382,8 @@ def added_properties(number: int) -> Sequence[Property]:
 def point_properties() -> Sequence[Property]:
     """Return the properties for setting points of a mask in the view that shows it."""
     return [
-        button("ClickInside", "Clicks in the picture of the second output mark what the region of Shown Mask learns "
-               "from, until the button is pressed again."),
+        button("ClickInside", "Clicks in the second output's picture mark what the region of Shown Mask learns from, "
+                              "until the button is pressed again."),
         button("ClickOutside", "Clicks in the picture mark what the region does not learn from."),
         button("ClickRemove", "Clicks in the picture remove the nearest point."),
         hidden_text("PictureSize", "GetPictureSize",
@@ -397,17 +396,17 @@ def style_properties(region: int) -> Sequence[Property]:
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
         choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *OFFERED),
-               AUTOMATIC, "The region's style: chosen by the mapping, none, one of Style Files (counted from 0), a "
-               "picture from the gallery, or a drawing in ink, which needs no picture.",
+               AUTOMATIC, "The region's style: chosen by the mapping, none, one of Style Files (counted from 0), from "
+                          "the gallery, or in ink.",
                advanced),
-        text(f"{name}Positive", "Points in the picture that the region learns from, as x,y in pixels from the upper "
-             "left, separated by semicolons: 310,120; 40,300. Empty and without a mask: the whole picture.", "",
+        text(f"{name}Positive", "Points in the picture that the region learns from, in pixels from the upper left: "
+                                "310,120; 40,300. Empty and without a mask: the whole picture.", "",
              advanced),
         text(f"{name}Negative", "Points that the region does not learn from.", "", advanced),
-        file(f"{name}Mask", "png", "Masks", "Mask of the picture to start from, with the points saved beside it; "
-             "the region learns from the white part.", advanced=advanced),
-        integer(f"{name}Part", -1, "Number of the part of the picture to use, if Picture Parts divides it; -1: do not "
-                "use parts.", -1, None, advanced),
-        text(f"{name}Share", "What of a picture that regions share paints this one: the name of a part, such as sky; "
-             "Status tells them. Empty: as Divide finds it.", "", advanced),
+        file(f"{name}Mask", "png", "Masks", "Mask to start from, with the points saved beside it; the region learns "
+                                            "from the white part.", advanced=advanced),
+        integer(f"{name}Part", -1, "Part of the picture to use, if Picture Parts divides it; -1: none of them.", -1,
+                None, advanced),
+        text(f"{name}Share", "Name of the part of a shared picture that paints this region, such as sky; Status tells "
+                             "them. Empty: as Divide finds it.", "", advanced),
     ])  # fmt: skip

@@ -27,8 +27,8 @@ def live() -> list[Property]:
 
     internal = ' is_internal="1" animateable="0"'
     return [
-        switch("Live", True, "In ParaView's window, learn in a process of its own and show what there is as it becomes "
-               "better; scripts, and states that they load, wait until all is done."),
+        switch("Live", True, "In the window, learn in a process of its own and show what there is; scripts, and states "
+                             "that they load, wait until all is done."),
         button("Pause", "Let the learning wait, until Go On is pressed."),
         button("StopHere", "Stop learning and keep what is shown, until Go On is pressed."),
         button("GoOn", "Go on after Pause or Stop Here."),

@@ -46,7 +46,7 @@ def end_with(run: Callable[[], object], name: str) -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader of the output has gone
         sys.exit(0)
     except OSError as error:
-        _fail(name, said_of(error))
+        _fail(name, describe_os_error(error))
     except ImportError as error:
         if not any(said in str(error).lower() for said in NOT_MAPPED):
             raise
@@ -58,7 +58,7 @@ def end_with(run: Callable[[], object], name: str) -> NoReturn:
     sys.exit(done if isinstance(done, int) else 0)
 
 
-def said_of(error: OSError) -> str:
+def describe_os_error(error: OSError) -> str:
     """Return one sentence about an error of the system, with the file that it concerns if that is known."""
     about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
     return f"{about}{error.strerror or error}."

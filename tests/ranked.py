@@ -67,7 +67,7 @@ class Halves:
     def of(self, position: Tensor) -> Tensor:
         return (position[:, 0] > 0.6).long()
 
-    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
+    def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         owner = self.of(position)
         return owner, weights.gather(1, owner[:, None])[:, 0]
 

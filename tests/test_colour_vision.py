@@ -33,7 +33,7 @@ from svv.fields.scene.seen_colours import Seen, seen_in
 from svv.io.pictures.output import write_png
 from svv.options import figures
 from svv.render.distinct import distinct
-from svv.render.figures.colour_check import report_on, seen_in_picture, simulation_sheet, told_of
+from svv.render.figures.colour_check import regions_to_json, report_on, seen_in_picture, simulation_sheet
 from tests.cube import cube_paint
 
 WHITE = np.ones((1, 3))
@@ -188,8 +188,8 @@ def test_a_figure_tells_its_regions(tmp_path: Path) -> None:
         from PIL.PngImagePlugin import PngInfo
 
         info = PngInfo()
-        info.add_text("svv:regions", told_of([seen]))
-        how = {"pnginfo": info} if kind == "png" else {"tiffinfo": {270: told_of([seen])}}
+        info.add_text("svv:regions", regions_to_json([seen]))
+        how = {"pnginfo": info} if kind == "png" else {"tiffinfo": {270: regions_to_json([seen])}}
         Image.new("RGB", (4, 4)).save(tmp_path / f"a.{kind}", **how)  # type: ignore[arg-type]
         ((back,),) = seen_in_picture(tmp_path / f"a.{kind}")
         assert back.name == seen[0].name

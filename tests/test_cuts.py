@@ -17,7 +17,7 @@ import svv
 from svv.cli.app import app
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, look_at
-from svv.core.geometry.cuts import Cut, kept_spans
+from svv.core.geometry.cuts import Cut, clip_rays
 from svv.errors import BadInput
 from svv.fields.scene.joined import joined, members
 from svv.fields.scene.scene import Scene
@@ -52,7 +52,7 @@ def test_what_is_left_of_a_ray_is_what_no_cut_holds(
     cuts = [Cut.parse(one, BOUNDS), Cut.parse(outside * "outside " + other, BOUNDS)]
     origin = torch.tensor([start], dtype=torch.float64)
     direction = (direction / direction.norm())[None]
-    begin, end = (spans[0] for spans in kept_spans(cuts, origin, direction))
+    begin, end = (spans[0] for spans in clip_rays(cuts, origin, direction))
     assert bool((begin[1:] >= begin[:-1]).all())
     t = torch.linspace(0.0, 5.0, 501, dtype=torch.float64)
     depth = torch.stack([cut.depth(origin + t[:, None] * direction) for cut in cuts])
@@ -127,7 +127,7 @@ def test_cuts_are_edits() -> None:
     scene = cube_scene()
     half = scene.cut("x>50%")
     corner = half.cut("0,2=y>50%", "x>50%")  # there already
-    assert [cut.said() for cut in corner.cuts] == ["cut x > 0", "cut y > 0 of region 0, 2"]
+    assert [cut.describe() for cut in corner.cuts] == ["cut x > 0", "cut y > 0 of region 0, 2"]
     assert corner.undone().cuts == half.cuts and corner.undone().undone().cuts == ()
     assert corner.undone().redone() == replace(corner, history=corner.undone().redone().history)
     assert corner.uncut().cuts == () and corner.uncut().undone().cuts == corner.cuts
@@ -240,13 +240,13 @@ def test_the_command_cuts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         "c.svv",
     )
     made = Scene.load("c.svv")
-    assert [cut.said() for cut in made.cuts] == [
+    assert [cut.describe() for cut in made.cuts] == [
         "cut x > 0 and y > 0", "cut z > 0 of region 0", "cut all but ball of radius 0.4 at 0, 0, 0",
     ]  # fmt: skip
     assert len(made.history.past) == 1
     run("edit", "c.svv", "--uncut", "--cut", "z<25%", "--out", "d.svv")
-    assert [cut.said() for cut in Scene.load("d.svv").cuts] == ["cut z < -0.25"]
+    assert [cut.describe() for cut in Scene.load("d.svv").cuts] == ["cut z < -0.25"]
     run("edit", "c.svv", "--undo", "--out", "e.svv")
     assert Scene.load("e.svv").cuts == ()
     run("info", "c.svv", "--json", "info.json")
-    assert json.loads(Path("info.json").read_text())["cuts"] == [cut.said() for cut in made.cuts]
+    assert json.loads(Path("info.json").read_text())["cuts"] == [cut.describe() for cut in made.cuts]

@@ -271,7 +271,7 @@ def test_a_look_keeps_parts_and_divides_anew_for_other_regions(
     matches = look.matched(other)
     whole = matches.divided_anew(look)
     assert whole is not None and whole.name == "bands" and whole.mask is None and matches.left == (3,)
-    assert "gets a part of the look's picture" in matches.said(look, other)[-1]
+    assert "gets a part of the look's picture" in matches.describe(look, other)[-1]
     assert look.matched(other, {3: 0}).divided_anew(look) is None  # the user has paired them
     assert look.matched(cube).divided_anew(look) is None
 

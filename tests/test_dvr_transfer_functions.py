@@ -257,7 +257,7 @@ def test_values_outside_of_those_told_apart_look_like_the_ends_or_are_invisible(
 ) -> None:
     points = sorted({round(value, 3): opacity for value, opacity in points}.items())
     function = TransferFunction([(-0.5, 1.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.0)], [(*p, 0.5, 0.0) for p in points])
-    first, last = function.told_apart(low, high)
+    first, last = function.varying_range(low, high)
     assert low <= first < last <= high
     for end, beyond in ((first, np.linspace(low, first, 50)), (last, np.linspace(last, high, 50))):
         opacity = function.opacity_at(beyond)

@@ -22,8 +22,8 @@ from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import Pair, seen_in, seen_of
 from svv.options.figures import JOURNALS, FigureOptions
-from svv.render.figures.annotations import bar_of, length_said
-from svv.render.figures.colour_check import alike_said, report_on, seen_in_picture
+from svv.render.figures.annotations import bar_of, format_length
+from svv.render.figures.colour_check import describe_lookalikes, report_on, seen_in_picture
 from svv.render.figures.figure import drawing_of
 from svv.render.figures.files import KINDS, pixels_of, write_figure
 from svv.render.figures.framing import (
@@ -37,7 +37,7 @@ from svv.render.figures.framing import (
 )
 from svv.render.figures.layout import laid_out
 from svv.render.figures.lettering import Lettering, families_for
-from svv.render.figures.swatches import Entry, _towards, swatch, values_said
+from svv.render.figures.swatches import Entry, _towards, format_ranges, swatch
 from svv.render.frames import orbit, seen_from
 from tests.cube import cube_paint
 
@@ -257,7 +257,7 @@ def test_the_scale_bar_is_as_long_as_it_says(cube: Scene) -> None:
     assert mm == pytest.approx((columns[1] - columns[0]) * 60.0 / camera.width, rel=1e-9)
     flat = parallel(camera, middle)
     assert bar_of(flat, middle + 0.3 * camera.camera_to_world[:3, 2], 60.0) == pytest.approx((length, mm), rel=1e-9)
-    assert [length_said(1.0, None), length_said(20.0, None), length_said(2e5, "m")] == [
+    assert [format_length(1.0, None), format_length(20.0, None), format_length(2e5, "m")] == [
         "1 unit",
         "20 units",
         "2 × 10⁵ m",
@@ -315,7 +315,7 @@ def test_the_light_of_a_swatch_is_that_of_the_scene() -> None:
 
 
 def test_values_and_units() -> None:
-    assert values_said((), "HU") == "" and values_said(((1.0, 2.0),), None) == "1 to 2"
+    assert format_ranges((), "HU") == "" and format_ranges(((1.0, 2.0),), None) == "1 to 2"
 
 
 def alike(scene: Scene, **options: Any) -> Any:
@@ -369,7 +369,7 @@ def test_a_figures_differences_are_those_of_check_colours(named: Scene, tmp_path
     ],
 )
 def test_look_alikes_are_said_in_few_words(pairs: str, said: str) -> None:
-    assert alike_said([Pair(pair[0], pair[1], "normal", 5.0) for pair in pairs.split()]) == said
+    assert describe_lookalikes([Pair(pair[0], pair[1], "normal", 5.0) for pair in pairs.split()]) == said
 
 
 def test_a_region_of_clear_pixels_has_no_colours(cube: Scene) -> None:

@@ -33,7 +33,7 @@ from svv.train.paint.ink import (
 )
 from svv.train.paint.ink_kernels import flat_distance
 from svv.train.paint.quilt import LIGHT
-from svv.train.paint.style_choice import checked_masks, mean_colour
+from svv.train.paint.style_choice import mean_colour, validate_masks
 from svv.train.paint.surface_form import form_of_opacity
 from tests.test_painting import CELLS, GRID, UP, on_tube, tube
 
@@ -224,7 +224,7 @@ def test_an_ink_is_named_as_a_style_is(tmp_path: Path) -> None:
 
 def test_there_is_no_part_of_an_ink() -> None:
     with pytest.raises(BadInput, match="leave out its mask"):
-        checked_masks([StyleInput(Ink("hatching"), mask=np.ones((4, 4), bool))])
+        validate_masks([StyleInput(Ink("hatching"), mask=np.ones((4, 4), bool))])
     with pytest.raises(BadInput, match="leave out its mask"):
         picture_of(Ink("hatching"))
     assert mean_colour(Ink("hatching")).min() > 0.9

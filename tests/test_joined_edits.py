@@ -15,7 +15,7 @@ from svv.errors import BadInput
 from svv.fields.following.other_cells import on_cells
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.joined import joined, members, with_members
-from svv.fields.scene.kept_styles import without_kept
+from svv.fields.scene.kept_styles import drop_styles
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import checkpoint_of, checkpoint_of_layer, remove_checkpoints
 from svv.train.paint.ink import Ink
@@ -172,7 +172,7 @@ def test_regions_of_each_function_are_painted_as_if_it_were_alone(tmp_path: Path
     assert [r.style for r in painted.regions] == ["ink:stippling", None, "ink:hatching", None]
     assert painted.regions[0].opacity == 0.7 and painted.networks == ("base", "pcn", "styled")
     assert report["styles"] == {"0": "ink:stippling", "2": "ink:hatching"} and report["seconds"]["total"] > 0
-    assert len(seen[-1].regions) == 4 and without_kept(painted.made)["stylized"] == report
+    assert len(seen[-1].regions) == 4 and drop_styles(painted.made)["stylized"] == report
     alone, _ = stylize_scene(second, INKS[1:], SHORT, mapping={0: 0}, seed=3)
     np.testing.assert_allclose(
         painted.isolated(2, 3).render(from_front()).rgba, alone.render(from_front()).rgba, atol=ROUNDOFF, rtol=0

@@ -22,7 +22,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.cutting import march_uncut
 from svv.fields.radiance.rendering import Rays
 from svv.fields.scene import kept_views
-from svv.fields.scene.kept_views import KEPT, KeptViews, Look, View, bytes_of, nothing_kept
+from svv.fields.scene.kept_views import KEPT, KeptViews, Look, View, bytes_of, disable_view_cache
 from svv.fields.scene.scene import Rendering, Scene
 from svv.kernels.types import Samples
 from svv.render.frames import write_frames, write_frames_of
@@ -269,7 +269,7 @@ def test_what_is_measured_is_drawn_anew(marched: list[int], of_their_own: KeptVi
     for _ in range(3):
         first = scene.render(camera)
     marched.clear()
-    with nothing_kept():
+    with disable_view_cache():
         assert_same(scene.render(camera), first)
     assert marched
     marched.clear()
@@ -287,7 +287,7 @@ def test_frames_of_edits_and_paintings_of_a_scene_march_each_view_once(tmp_path:
         "edited": scene.edited(1, lighting=1.5),
         "again": replace(scene, base=copy.deepcopy(scene.base), palette_network=copy.deepcopy(scene.palette_network)),
     }
-    with nothing_kept():
+    with disable_view_cache():
         alone = {name: write_frames(tmp_path / "alone" / name, one, cameras) for name, one in scenes.items()}
     marched.clear()
     write_frames_of({tmp_path / name: one for name, one in scenes.items()}, cameras)

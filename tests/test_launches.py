@@ -121,7 +121,7 @@ class LeftAndRight:
     def of(self, position: torch.Tensor) -> torch.Tensor:
         return (position[:, 0] > 0.5).long()
 
-    def told(self, weights: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def assign(self, weights: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         owner = self.of(position)
         return owner, weights.gather(1, owner[:, None])[:, 0]
 

@@ -13,7 +13,7 @@ from svv.cli.app import app
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Cancelled
 from svv.fields.scene.scene import Scene
-from svv.io.files.keyed_results import kept
+from svv.io.files.keyed_results import make_keyed_folder
 from svv.io.pictures.output import write_png
 from svv.io.views.viewset import ViewSet, write_splits
 from svv.job.stages import Stages
@@ -149,7 +149,7 @@ def test_a_database_with_files_of_others_is_not_replaced(scene: Scene, tmp_path:
 def test_a_folder_with_a_key_of_another_program_is_not_emptied(tmp_path: Path) -> None:
     (tmp_path / "key.json").write_text(json.dumps({"type": "service_account", "key": "x"}))
     with pytest.raises(BadInput, match="contains other files"):
-        kept(tmp_path, "one")
+        make_keyed_folder(tmp_path, "one")
     assert names(tmp_path) == ["key.json"]
 
 

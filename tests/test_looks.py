@@ -14,7 +14,7 @@ import svv
 from svv.cli import app as cli
 from svv.core.colour.light import Lamp
 from svv.errors import BadInput
-from svv.fields.scene.kept_styles import without_kept
+from svv.fields.scene.kept_styles import drop_styles
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.picture_data import as_data, mask_in, picture_in
 from svv.io.scene_file import write_scene_file
@@ -59,7 +59,7 @@ def test_a_scene_keeps_its_style_pictures_in_its_file(painted: Scene, tmp_path: 
     assert picture_in(kept["styles"]["noise"]["picture"], "It").shape == PICTURE.shape
     assert (mask_in(kept["styles"]["noise"]["mask"], PICTURE.shape, "It") == MASK).all()
     assert kept["laid"]["0"]["manner"] == "strokes" and kept["laid"]["2"]["style"] == "ink:stippling"
-    told = without_kept(loaded.made)["stylized"]
+    told = drop_styles(loaded.made)["stylized"]
     assert isinstance(told, dict) and "kept" not in told and "data:image" not in json.dumps(loaded.info())
 
 
@@ -143,7 +143,7 @@ def test_names_come_before_values_and_values_before_colours(cube: Scene) -> None
         "the same name",
     ]
     assert found.unused == (3,) and found.left == ()
-    lines = found.said(look, scene)
+    lines = found.describe(look, scene)
     assert (
         lines[2] == "Region 2 (shell) looks like Shell: the same name"
         and "region 3 of the look is not used" in lines[3]
@@ -267,7 +267,7 @@ def test_files_that_are_not_json_are_refused(content: bytes, tmp_path: Path) -> 
 
 
 def test_a_picture_that_the_scene_lost_can_be_given(painted: Scene) -> None:
-    made = without_kept(painted.made)  # as a scene that was painted by an older version
+    made = drop_styles(painted.made)  # as a scene that was painted by an older version
     with pytest.raises(BadInput, match="does not hold the picture of its style 'noise'"):
         Look.of(replace(painted, made=made))
     name = painted.regions[0].style

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from svv.errors import BadInput
-from svv.io.files.keyed_results import digest, digest_of_file, kept, key_of, read_record, write_record
+from svv.io.files.keyed_results import digest, digest_of_file, key_of, make_keyed_folder, read_record, write_record
 from svv_bench.keys import code
 
 PLAIN = st.recursive(
@@ -86,12 +86,12 @@ def test_a_record_is_read_under_its_own_key_alone(tmp_path: Path) -> None:
 
 
 def test_a_folder_holds_what_is_of_its_key(tmp_path: Path) -> None:
-    folder = kept(tmp_path / "made", "one")
+    folder = make_keyed_folder(tmp_path / "made", "one")
     (folder / "result").touch()
-    assert (kept(folder, "one") / "result").exists()
-    assert not (kept(folder, "two") / "result").exists()
+    assert (make_keyed_folder(folder, "one") / "result").exists()
+    assert not (make_keyed_folder(folder, "two") / "result").exists()
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").touch()
     with pytest.raises(BadInput, match="contains other files"):
-        kept(tmp_path / "mine", "one")
+        make_keyed_folder(tmp_path / "mine", "one")
     assert (tmp_path / "mine" / "thesis.tex").exists()

@@ -15,7 +15,7 @@ from svv.cli import app as cli
 from svv.core.colour.matcaps import MATCAPS, matcap_colours, matcap_picture
 from svv.errors import BadInput
 from svv.fields.scene.image import image_kernels_of
-from svv.fields.scene.matcaps import SMOOTHING, checked_matcap, normals_at, picture_of
+from svv.fields.scene.matcaps import SMOOTHING, normals_at, picture_of, validate_matcap
 from svv.fields.scene.scene import Scene
 from svv.job.looks.file import from_json, to_json
 from svv.job.looks.look import Look
@@ -143,7 +143,7 @@ def test_what_is_no_matcap_is_refused(cube: Scene, tmp_path: Path) -> None:
         look["regions"][0]["edits"]["matcap"] = path
         with pytest.raises(BadInput, match="no MatCap"):
             from_json(look, "it")
-    assert checked_matcap("none") is None
+    assert validate_matcap("none") is None
 
 
 def test_a_volume_cannot_hold_it(cube: Scene) -> None:
@@ -183,7 +183,7 @@ def test_the_command(
     run("a.svv", "--matcap", "0=jade", "--matcap", f"2={halves.name}", "--name", "0=stone", "--out", "b.svv")
     scene = Scene.load("b.svv")
     assert scene.regions[0].matcap == "jade" and scene.regions[0].name == "stone" and len(scene.history.past) == 1
-    assert scene.regions[2].matcap == checked_matcap(str(halves))
+    assert scene.regions[2].matcap == validate_matcap(str(halves))
     run("b.svv", "--matcap", "0=none", "--out", "c.svv")
     assert Scene.load("c.svv").regions[0].matcap is None
     with pytest.raises(BadInput, match="for example --matcap 0=jade"):

@@ -130,7 +130,7 @@ def test_a_point_has_the_region_of_the_nearest_vertex() -> None:
     position = torch.from_numpy(near.astype(np.float32))
     np.testing.assert_array_equal(labels.of(position).numpy(), expected)
     weights = torch.softmax(torch.from_numpy(generator.normal(size=(200, 3)).astype(np.float32)), dim=1)
-    owner, own = labels.told(weights, position)
+    owner, own = labels.assign(weights, position)
     np.testing.assert_array_equal(owner.numpy(), expected)
     torch.testing.assert_close(own, weights[torch.arange(200), torch.from_numpy(expected)])
 

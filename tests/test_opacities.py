@@ -80,7 +80,7 @@ def test_what_others_hid_has_the_colours_of_the_function() -> None:
 
 
 def test_what_was_hidden_and_never_learned_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recolour, "TOLD_WEIGHT", 0.0)
+    monkeypatch.setattr(recolour, "FUNCTION_WEIGHT", 0.0)
     views, _ = make_views(moved_ball(0.0), bumps((*SHELL[:2], 0.98, BLUE), CORE), n=12, test=1, size=64, mapper="cpu")
     scene = train_scene(views, SHORT)[0]
     with pytest.raises(BadInput, match="hidden behind others when the scene was trained"):

@@ -113,7 +113,7 @@ def test_cells_without_a_region_have_that_of_the_nearest() -> None:
     points = torch.tensor([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [0.6, 0.1, 0.1], [1.0, 0.1, 0.1]])
     assert owners.of(points).tolist() == [1, 1, 0, 0]
     weights = torch.tensor([[0.2, 0.8]]).expand(4, 2)
-    assert owners.told(weights, points)[1].tolist() == pytest.approx([0.8, 0.8, 0.2, 0.2])
+    assert owners.assign(weights, points)[1].tolist() == pytest.approx([0.8, 0.8, 0.2, 0.2])
 
 
 @pytest.mark.parametrize(

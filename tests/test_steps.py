@@ -35,10 +35,10 @@ def test_what_is_there_stays_while_time_passes() -> None:
     seen = [learner.see(at(time)) for time in (0.0, 0.5, 0.5, 1.0, 0.5, 0.0)]
     assert (set(seen), learner.made) == ({"data at 0.0 in red"}, 1)
     learner.see(at(1.5))
-    assert learner.steps.told(at(1.5)) == (
+    assert learner.steps.describe_staleness(at(1.5)) == (
         " Trained at time 0; the data is now at 1.5: Take What Is Shown Now trains it again."
     )
-    assert learner.steps.told(at(0.0)) == ""
+    assert learner.steps.describe_staleness(at(0.0)) == ""
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,8 @@ def test_an_upstream_change_at_another_time_is_no_wish() -> None:
     learner.see(at(0.0, "changed while nobody looked"))
     assert learner.made == 1
     assert (
-        learner.steps.told(at(0.0, "changed")) == " The data has changed since: Take What Is Shown Now trains it again."
+        learner.steps.describe_staleness(at(0.0, "changed"))
+        == " The data has changed since: Take What Is Shown Now trains it again."
     )
 
 
@@ -76,10 +77,10 @@ def test_an_edited_transfer_function_waits_until_it_is_taken() -> None:
     learner = Learner()
     learner.see(at(0.0))
     assert learner.see(at(0.0, look="blue")) == learner.see(at(1.0, look="blue")) == "data at 0.0 in red"
-    assert "transfer function has been edited" in learner.steps.told(at(0.0, look="blue"))
+    assert "transfer function has been edited" in learner.steps.describe_staleness(at(0.0, look="blue"))
     learner.steps.ask()
     assert learner.see(at(0.0, look="blue")) == "data at 0.0 in blue"
-    assert learner.steps.told(at(0.0, look="blue")) == ""
+    assert learner.steps.describe_staleness(at(0.0, look="blue")) == ""
 
 
 def test_nothing_is_made_where_nothing_changed() -> None:
@@ -94,7 +95,7 @@ def test_each_time_step_has_its_own_and_none_is_made_twice() -> None:
     learner = Learner(each=True)
     seen = [learner.see(at(time)) for time in (0.0, 0.5, 1.0, 0.5, 0.0)]
     assert (seen[0], seen[1], learner.made) == (seen[4], seen[3], 3)
-    assert learner.steps.told(at(0.0)) == ""
+    assert learner.steps.describe_staleness(at(0.0)) == ""
     for time in range(10, 10 + KEPT):
         learner.see(at(time))
     assert len(learner.steps.results) == KEPT

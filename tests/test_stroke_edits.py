@@ -20,7 +20,14 @@ from svv.fields.scene.history import edits_of
 from svv.fields.scene.joined import joined as together
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.stroke_edits import PALETTE_SIZE, as_laid, checked_edits, edited_strokes, luminance, recoloured
+from svv.fields.scene.stroke_edits import (
+    PALETTE_SIZE,
+    as_laid,
+    edited_strokes,
+    luminance,
+    recoloured,
+    validate_stroke_edits,
+)
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.options.baking import BakeOptions
 from svv.options.editing import PaintEdit, SceneEdit
@@ -110,7 +117,7 @@ def test_strokes_as_laid_are_the_same_and_edits_multiply() -> None:
 @given(st.floats(-1e3, 1e3, width=32), st.floats(-1e3, 1e3, width=32), st.floats(-1e3, 1e3, width=32))
 def test_light_on_strokes_is_a_unit_vector(x: float, y: float, z: float) -> None:
     if x or y or z:
-        light = checked_edits(None, None, (x, y, z), None)["stroke_light"]
+        light = validate_stroke_edits(None, None, (x, y, z), None)["stroke_light"]
         assert np.linalg.norm(light) == pytest.approx(1.0)
         assert np.dot(light, (x, y, z)) > 0.0
 

@@ -13,7 +13,7 @@ from svv.core.colour.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.scene.region import Region
 from svv.train.paint.ink import StyleInput
-from svv.train.paint.style_choice import checked_masks, leftovers, mean_colour, pairs_by_colour
+from svv.train.paint.style_choice import leftovers, mean_colour, pairs_by_colour, validate_masks
 
 COLOURS = st.tuples(*[st.floats(0, 1, width=32)] * 3)
 
@@ -75,8 +75,8 @@ def test_masks_are_checked() -> None:
     def masked(*masks: np.ndarray | None) -> list[StyleInput]:
         return [StyleInput(style, mask=mask) for style, mask in zip(styles, masks, strict=True)]
 
-    assert checked_masks(masked(None, None)) == ([None, None], [])
-    found, notes = checked_masks(masked(half, np.ones((4, 4), bool)))
+    assert validate_masks(masked(None, None)) == ([None, None], [])
+    found, notes = validate_masks(masked(half, np.ones((4, 4), bool)))
     assert found[1] is None and found[0] is not None
     assert notes == ["The mask of style 1 covers the whole picture, so it changes nothing."]
     for masks, words in (
@@ -84,7 +84,7 @@ def test_masks_are_checked() -> None:
         ([np.ones((4, 5), bool), None], "5 x 4 pixels, but its picture has 4 x 4"),
     ):
         with pytest.raises(BadInput, match=words):
-            checked_masks(masked(*masks))
+            validate_masks(masked(*masks))
 
 
 PICTURE = np.random.default_rng(0).random((24, 32, 3), np.float32)

@@ -329,10 +329,10 @@ def test_a_damaged_file_of_ours_is_found_out_and_replaced(damage: str, accepted:
     if damage == "another":
         (folder / "alexnet-lpips.safetensors").replace(path)
     with pytest.raises(BadInput, match="damaged"):
-        weights.kept("vgg16")
+        weights.load_cached_weights("vgg16")
     assert weights.load("vgg16") is None
     weights.take(accepted)
-    assert weights.kept("vgg16") is not None
+    assert weights.load_cached_weights("vgg16") is not None
 
 
 def svv(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:

@@ -14,7 +14,7 @@ from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.job.words.colours import changed, colour_at, names
 from svv.job.words.grammar import understood
-from svv.job.words.say import _told, say
+from svv.job.words.say import _describe_clause, say
 from tests.cube import lit_cube_scene
 
 
@@ -49,7 +49,7 @@ def named(cube: Scene) -> Scene:
     ],
 )  # fmt: skip
 def test_sentences_are_understood(named: Scene, text: str, lines: list[str]) -> None:
-    found = [_told(named, clause) for clause in understood(text, named.regions)]
+    found = [_describe_clause(named, clause) for clause in understood(text, named.regions)]
     assert [one.split(" (")[0] for one in found] == lines
 
 

@@ -33,7 +33,7 @@ import signal, sys, time
 from svv.io.files.worker import Worker
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 one = Worker([sys.executable, "-c", {ECHO!r}])
-while not one.said():
+while not one.read_status():
     time.sleep(0.01)
 print(one.pid, flush=True)
 time.sleep(600)
@@ -50,10 +50,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def heard(one: Worker, key: str, within: float = 60.0) -> object:
     """What a worker says under a key, once it does."""
     until = time.monotonic() + within
-    while key not in one.said():
+    while key not in one.read_status():
         assert one.alive and time.monotonic() < until, one.last_line()
         time.sleep(0.01)
-    return one.said()[key]
+    return one.read_status()[key]
 
 
 def test_a_worker_obeys_at_low_priority(here: Path) -> None:
@@ -61,7 +61,7 @@ def test_a_worker_obeys_at_low_priority(here: Path) -> None:
     try:
         one.send({"a": [1, "é"]})
         assert heard(one, "heard") == {"a": [1, "é"]}
-        assert one.said()["nice"] == min(os.nice(0) + worker.NICE, 19)
+        assert one.read_status()["nice"] == min(os.nice(0) + worker.NICE, 19)
     finally:
         one.stop()
     assert list(here.iterdir()) == []

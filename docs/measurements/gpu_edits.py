@@ -14,7 +14,7 @@ import torch
 
 import svv
 from svv.core.geometry.cameras import Camera
-from svv.fields.scene.kept_views import nothing_kept
+from svv.fields.scene.kept_views import disable_view_cache
 from svv.styles.gallery import gallery_picture
 
 WHITE = (1.0, 1.0, 1.0)
@@ -27,7 +27,7 @@ def apart(one: svv.Scene, other: svv.Scene, cameras: Sequence[Camera]) -> str:
     return f"{away.mean():.1e} | {away.max():.3f} | {(away > 0.02).mean():.1e}"
 
 
-@nothing_kept()
+@disable_view_cache()
 def seconds(scene: svv.Scene, camera: Camera) -> float:
     """Return the mean seconds of an image, after one that is not counted."""
     scene.render(camera, None, WHITE)

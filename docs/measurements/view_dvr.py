@@ -19,7 +19,7 @@ from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.views import open_caster
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.fields.scene.kept_views import nothing_kept
+from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
 from svv.render.frames import orbit
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
@@ -45,7 +45,7 @@ def by_us(path: str) -> Callable[[], object]:
     """Return what draws a scene once, from the front."""
     scene = Scene.load(path)
     camera: Camera = orbit(scene, 181, SIZE, SIZE)[90]
-    return nothing_kept()(lambda: scene.render(camera, "pcn"))
+    return disable_view_cache()(lambda: scene.render(camera, "pcn"))
 
 
 def main() -> None:

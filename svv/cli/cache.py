@@ -60,13 +60,13 @@ def cache(
     from svv.errors import BadInput
     from svv.io.files.atomic import check_writable, write_json
     from svv.io.files.cache import cleared
-    from svv.job.kept_files import kept_files
+    from svv.job.kept_files import list_cached_files
 
     if dry_run and not clear:
         raise BadInput("--dry-run says what --clear would remove: give both.")
     if json is not None:
         check_writable(json)
-    there = [kind for kind in kept_files() if not kinds or kind.name in kinds]
+    there = [kind for kind in list_cached_files() if not kinds or kind.name in kinds]
     if clear:
         for kind in there:
             if not dry_run:
@@ -79,7 +79,7 @@ def cache(
             print(f"{kind.name:<10} {len(kind.entries):>5} {_megabytes(kind.bytes)}  {kind.about}{_where(kind)}")
         print(f"{'all':<10} {sum(len(k.entries) for k in there):>5} {_megabytes(sum(k.bytes for k in there))}")
     if json is not None:
-        write_json(json, {"bytes": sum(kind.bytes for kind in there), "kinds": [_told(kind) for kind in there]})
+        write_json(json, {"bytes": sum(kind.bytes for kind in there), "kinds": [_kind_to_json(kind) for kind in there]})
 
 
 def _tell_cleared(kind: Kind, left: Kind, done: str) -> None:
@@ -106,7 +106,7 @@ def _where(kind: Kind) -> str:
     return said
 
 
-def _told(kind: Kind) -> dict[str, object]:
+def _kind_to_json(kind: Kind) -> dict[str, object]:
     """Return what the JSON file says of a kind."""
     entries = [
         {"path": e.path, "bytes": e.bytes, "used": e.used, "in_use": e.held}

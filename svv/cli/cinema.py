@@ -134,7 +134,7 @@ def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions
 
     volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.8))
     preset = write_baked(out, volume, part(progress, 0.8, 1.0))
-    return f"{volume.told()}; its opacity function is {preset}"
+    return f"{volume.describe()}; its opacity function is {preset}"
 
 
 def _openvdb(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:

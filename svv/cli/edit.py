@@ -174,9 +174,9 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         split = replace(part, split_at=point_in(result, part.split_at, picture))
         with shown("Splitting") as progress:
             result = with_edit(result, replace(request, part=split), progress)
-        print(_told(result), file=sys.stderr)
+        print(_describe_split(result), file=sys.stderr)
     if asked.say is not None:
-        result = _said(result, asked.say, out, as_one_step_since=loaded)
+        result = _apply_words(result, asked.say, out, as_one_step_since=loaded)
     if asked.distinct is not None:
         result = _distinct(result, asked.distinct, as_one_step_since=loaded)
     result = _after(result, steps)
@@ -215,7 +215,7 @@ def _after(result: Scene, steps: Steps) -> Scene:
     return result
 
 
-def _said(scene: Scene, text: str, out: Path, as_one_step_since: Scene) -> Scene:
+def _apply_words(scene: Scene, text: str, out: Path, as_one_step_since: Scene) -> Scene:
     """Return the scene as words ask for it, and print how they were understood."""
     from svv.io.scene_file import checkpoint_of
     from svv.job.words.say import say
@@ -257,7 +257,7 @@ def _with(edits: dict[int, RegionEdit], field: str, texts: Mapping[int, str]) ->
     return found
 
 
-def _told(scene: Scene) -> str:
+def _describe_split(scene: Scene) -> str:
     """Say which region was split last, and how."""
     part, number = scene.regions[-1], len(scene.regions) - 1
     assert part.part_of is not None

@@ -70,7 +70,7 @@ def features(
     for name in names:
         network, damaged = weights.NETWORKS[name], None
         try:
-            weights.kept(name)
+            weights.load_cached_weights(name)
             found = weights.load(name)
         except BadInput as error:
             found, damaged = None, str(error)

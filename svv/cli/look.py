@@ -144,7 +144,7 @@ def apply(
     check_targets(out, options.camera)
     chosen, loaded = Look.load(look), load(scene, where.device)
     matches = chosen.matched(loaded, options.map)
-    print("\n".join(matches.said(chosen, loaded)))
+    print("\n".join(matches.describe(chosen, loaded)))
     camera = chosen.camera_for(loaded)
     if options.camera is not None and camera is None:
         raise BadInput(f"{look} has no camera: save it with --view or --camera, or leave --camera out.")
@@ -160,11 +160,11 @@ def apply(
     print_swatches(result.scene.made.get("stylized", {}).get("divided", {}), result.scene.regions)
     result.scene.save(out)
     if options.camera is not None and camera is not None:
-        write_json(options.camera, told_of(camera))
+        write_json(options.camera, camera_to_json(camera))
     print(out)
 
 
-def told_of(camera: Camera) -> dict[str, object]:
+def camera_to_json(camera: Camera) -> dict[str, object]:
     """Return a camera as :func:`svv.io.views.camera_file.read_camera` reads it."""
     from math import degrees
 
@@ -198,7 +198,7 @@ def described(look: Look) -> dict[str, object]:
         for name, style in look.styles.items()
     }
     found: dict[str, object] = {"title": look.title or None, **regions, "styles": styles or None}
-    found["light"] = None if look.lamp is None else look.lamp.said()
+    found["light"] = None if look.lamp is None else look.lamp.describe()
     found["camera"] = None if look.camera is None else "kept"
     found["figure"] = dict(look.figure) or None
     return {key: value for key, value in found.items() if value is not None}

@@ -64,7 +64,7 @@ def spread(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def run(**given: object) -> None:
         for name, kind in groups.items():
-            given[name] = kind(**{f.name: _meant(f, given.pop(f.name)) for f in _options_of(kind)})
+            given[name] = kind(**{f.name: _convert_option(f, given.pop(f.name)) for f in _options_of(kind)})
         command(**given)
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -120,7 +120,7 @@ def _shown(field: Described, default: object) -> object:
     return words(field.name, field.choices)(default) if field.choices else default
 
 
-def _meant(field: Described, given: Any) -> object:
+def _convert_option(field: Described, given: Any) -> object:
     """Convert the value of an option to the value of its field."""
     if isinstance(given, Enum) and field.choices:
         return given.value

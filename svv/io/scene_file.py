@@ -152,7 +152,7 @@ def header_in(content: bytes, name: str) -> dict[str, Any]:
     Raises:
         BadInput: As :func:`parse_scene`.
     """
-    return _checked_header(name, content[8 : _length(content, name) + 8])[0]
+    return _validate_header(name, content[8 : _length(content, name) + 8])[0]
 
 
 def _content_of(file: Path, whole: bool = True) -> bytes:
@@ -198,7 +198,7 @@ def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np
     except (SafetensorError, KeyError, TypeError, ValueError, OverflowError) as error:  # all for types of numbers
         raise BadInput(f"The scene file {name} is truncated or damaged; {_REMEDY}.") from error
     # load() has checked the length and the JSON of the safetensors header, but returns only the arrays.
-    header, tables = _checked_header(name, content[8 : 8 + length])
+    header, tables = _validate_header(name, content[8 : 8 + length])
     try:
         shapes = {table: tuple(whole_in(n, "size") for n in list_in(s, 2, "sizes")) for table, s in tables.items()}
         check_fits(sum(rows * columns for rows, columns in shapes.values()), f"The scene file {name}")
@@ -230,7 +230,7 @@ def _inflated(content: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(np.cumsum(table, axis=1, dtype=np.uint8).T)
 
 
-def _checked_header(file: str, outer: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+def _validate_header(file: str, outer: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the header and the shapes of the deflated tables, from the header of the safetensors file."""
     try:
         content = parsed(parsed(outer)["__metadata__"][_KEY])

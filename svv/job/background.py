@@ -55,7 +55,7 @@ class Jobs:
             BadInput: Another job is at work.
         """
         last = self._jobs[-1] if self._jobs else None
-        if last is not None and last.told()["state"] == "running":
+        if last is not None and last.poll()["state"] == "running":
             raise BadInput(
                 f"Job {last.number} ({last.tool}) is still at work: wait for it with the tool job, or stop it there."
             )
@@ -73,7 +73,7 @@ class Jobs:
         job, until = self._jobs[number - 1], time.monotonic() + min(wait, LONGEST_WAIT)
         if stop:
             job.stop()
-        while (told := job.told())["state"] == "running" and time.monotonic() < until:
+        while (told := job.poll())["state"] == "running" and time.monotonic() < until:
             progress(told["fraction"], told["label"])
             time.sleep(LOOK_EVERY)
         return told
@@ -95,11 +95,11 @@ class Job:
         self._worker = Worker([sys.executable, "-c", COMMAND])
         self._worker.send({"root": str(workshop.root), "tool": tool, "given": given})
 
-    def told(self) -> dict[str, Any]:
+    def poll(self) -> dict[str, Any]:
         """Return what the tool `job` tells."""
         if self._said["state"] == "running":
             alive = self._worker.alive  # before what it said last
-            self._said |= self._worker.said()
+            self._said |= self._worker.read_status()
             self._seconds = time.monotonic() - self._begun
             if self._said["state"] == "running" and not alive:
                 why = self._worker.last_line() or "it was killed"
@@ -114,12 +114,12 @@ class Job:
 
     def stop(self, within: float = STOP_WITHIN) -> None:
         """Stop the tool; what it has half written is put away."""
-        if self.told()["state"] != "running":
+        if self.poll()["state"] != "running":
             return
         self._worker.send({"stop": True})
         with suppress(TimeoutError):
             self._worker.wait(within)
-        self.told()  # it may have been done
+        self.poll()  # it may have been done
         if self._said["state"] in ("running", "failed"):
             self._said |= {"state": "stopped"}
         self._worker.stop()

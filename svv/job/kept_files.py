@@ -46,14 +46,14 @@ class Kind:
         return sum(entry.bytes for entry in self.entries)
 
 
-def kept_files() -> list[Kind]:
+def list_cached_files() -> list[Kind]:
     """Return all kinds of files, with what there is of each.
 
     Raises:
         BadInput: A variable that sets a maximum size does not contain one.
 
     Example:
-        >>> [kind.name for kind in kept_files()][:3]
+        >>> [kind.name for kind in list_cached_files()][:3]
         ['results', 'unfinished', 'pyramids']
     """
     results, coarse, gallery = Cache.of_user(), pyramids(), pictures()

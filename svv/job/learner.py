@@ -58,7 +58,7 @@ class Desk(Protocol):
     def learned(self, name: str) -> None:
         """Remove that file, as its scene is kept."""
 
-    def said(self, error: Exception) -> str:
+    def describe_error(self, error: Exception) -> str:
         """Return one sentence on an error."""
 
 
@@ -176,7 +176,7 @@ class Learner:
         except Cancelled:
             return
         except Exception as error:
-            self._tell(1.0, "failed", error=self.desk.said(error))
+            self._tell(1.0, "failed", error=self.desk.describe_error(error))
             return
         self._tell(1.0, "done", done=True, report=None if report is None else json.loads(to_json(report)))
 

@@ -66,7 +66,7 @@ class Script:
         if file is not None:
             file.unlink(missing_ok=True)
 
-    def said(self, error: Exception) -> str:
+    def describe_error(self, error: Exception) -> str:
         """Return one sentence on an error."""
         if isinstance(error, BadInput):
             return str(error)

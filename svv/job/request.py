@@ -147,7 +147,7 @@ def run(
         scene, painted = paint(request, request.input, progress, checkpoint, preview)
         return Result(scene, None, painted)
     scene, learned = learn(request, part(progress, 0.0, LEARNED), checkpoint)
-    scene, painted = paint(request, as_kept(scene), part(progress, LEARNED, 1.0), None, preview)
+    scene, painted = paint(request, round_trip(scene), part(progress, LEARNED, 1.0), None, preview)
     return Result(scene, learned, painted)
 
 
@@ -187,7 +187,7 @@ def paint(
     options = asked.options if styles.mapping is None else replace(asked.options, mapping=dict(styles.mapping))
     painting = part(progress, 0.02, 1.0)
     if asked.preview is not None:
-        preview, painting = told_of(asked.preview, painting)
+        preview, painting = make_preview_callback(asked.preview, painting)
     painted, report = stylize_scene(scene.on(device), styles.given, options, painting, checkpoint, preview)
     if styles.notes:
         report["notes"] = [*styles.notes, *report["notes"]]
@@ -195,12 +195,12 @@ def paint(
     return painted, report
 
 
-def as_kept(scene: Scene) -> Scene:
+def round_trip(scene: Scene) -> Scene:
     """Return a scene as its file gives it back: with a little less precision, of which a painting may tell."""
     return Scene.from_bytes(scene.to_bytes()).on(scene.device)
 
 
-def told_of(file: Path, progress: Progress) -> tuple[Show, Progress]:
+def make_preview_callback(file: Path, progress: Progress) -> tuple[Show, Progress]:
     """Return a preview callback that writes a picture of the painting to a file, and a progress that mentions the file.
 
     Raises:

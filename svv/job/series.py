@@ -80,7 +80,7 @@ def with_time_steps(
     functions = []
     for member in every:
         check_follows(member)
-        functions.append(function or _told(member))
+        functions.append(function or _read_transfer_function(member))
     interval = _interval(every)
     steps = sorted(steps, key=lambda step: step.time)
     for before, after in pairwise(steps):
@@ -122,7 +122,7 @@ def _interval(scenes: Sequence[Scene]) -> tuple[float, float]:
     return min(low for low, _ in every), max(high for _, high in every)
 
 
-def _told(scene: Scene) -> TransferFunction:
+def _read_transfer_function(scene: Scene) -> TransferFunction:
     told = scene.made.get("source", {}).get("tf")
     if told is None:
         raise BadInput("The scene does not record its transfer function: give it with --tf.")

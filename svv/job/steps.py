@@ -228,7 +228,7 @@ class Job:
                 self.scene_at(self.scene), None, progress, checkpoint, preset=options.preset, seed=options.seed
             )
             found.scene.save(path)
-            told = {"matches": found.matches.said(look, found.scene), "notes": found.notes}
+            told = {"matches": found.matches.describe(look, found.scene), "notes": found.notes}
             write_json(self.out / "look.json", told)
 
         settings = {"look": digest(to_json(look)), **chosen(options)}

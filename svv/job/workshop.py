@@ -133,7 +133,7 @@ class Workshop:
             raise BadInput("Nothing to cut: give cut or uncut.")
         result = with_edit(self._scene(scene), SceneEdit(cuts=edit))
         result.save(path)
-        return [*(one.said() for one in result.cuts), self.shown(path)]
+        return [*(one.describe() for one in result.cuts), self.shown(path)]
 
     def name(self, scene: str, names: dict[str, str], out: str) -> str:
         """Name regions of a scene by their numbers, such as {"0": "bone"}."""
@@ -200,7 +200,7 @@ class Workshop:
         path, given = self._new_scene(out), Look.load(self.source(look))
         done = given.applied(self._scene(scene), progress=progress)
         done.scene.save(path)
-        return [*done.matches.said(given, done.scene), *done.notes, self.shown(path)]
+        return [*done.matches.describe(given, done.scene), *done.notes, self.shown(path)]
 
     def render(
         self,

@@ -21,7 +21,7 @@ from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
 from svv.dvr.read.appearance import named
-from svv.ending import said_of
+from svv.ending import describe_os_error
 from svv.errors import BadInput, Cancelled, is_lack_of_memory
 from svv.pv.launch.programs import STRICT
 from svv.pv.panel_values import label_of
@@ -72,7 +72,7 @@ def sentence_on(error: Exception) -> str:
     if isinstance(error, ImportError):
         return NOT_INSTALLED.format(name=error.name or str(error))
     if isinstance(error, OSError):  # a disk that fails
-        return said_of(error)
+        return describe_os_error(error)
     if is_lack_of_memory(error):
         return NO_MEMORY
     frames = traceback.extract_tb(error.__traceback__)

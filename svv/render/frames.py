@@ -223,7 +223,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
         cameras: Cameras in world units.
         progress: Called often.
     """
-    from svv.fields.scene.kept_views import kept_at_once
+    from svv.fields.scene.kept_views import cache_every_view
 
     frames = [_Frames(folder, scene, COLOURS) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)
@@ -232,7 +232,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
 
     def drawn() -> Iterator[Callable[[], None]]:
         for number, camera in enumerate(cameras):
-            with kept_at_once():
+            with cache_every_view():
                 for k, each in enumerate(frames):
                     done = number * len(frames) + k
                     yield from each.drawn(number, camera, part(progress, done / count, (done + 1) / count))

@@ -185,7 +185,7 @@ def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None =
     >>> measure_hand(np.full((32, 48, 3), 0.5, np.float32)).plain
     True
     """
-    lab, inside = _checked(picture, mask)
+    lab, inside = _validate_picture(picture, mask)
     height, width = inside.shape
     factor = min(1.0, SIDE / max(height, width))
     if factor < 1.0:
@@ -326,7 +326,9 @@ def _half_lag(lines: Floats) -> float:
     return last + float(part)
 
 
-def _checked(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None) -> tuple[Floats, NDArray[np.bool_]]:
+def _validate_picture(
+    picture: NDArray[np.floating], mask: NDArray[np.bool_] | None
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the picture in CIELAB and its mask; raises BadInput as :func:`measure_hand` does."""
     values = np.asarray(picture, np.float32)
     if values.ndim != 3 or values.shape[2] != 3 or min(values.shape[:2]) < SMALLEST:

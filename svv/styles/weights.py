@@ -85,7 +85,7 @@ def is_offline() -> bool:
     return os.environ.get(OFFLINE_VARIABLE, "") not in ("", "0")
 
 
-def kept(name: str) -> Weights | None:
+def load_cached_weights(name: str) -> Weights | None:
     """Return the weights in our own folder; None if they are not there.
 
     Raises:
@@ -108,7 +108,7 @@ def load(name: str) -> Weights | None:
         BadInput: torch's cache has a different file under the name of the published AlexNet.
     """
     try:
-        found = kept(name)
+        found = load_cached_weights(name)
     except BadInput:  # damaged: to be replaced
         found = None
     return found or _of_torch(name)

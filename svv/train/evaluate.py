@@ -15,7 +15,7 @@ from svv.core.colour.colour import WHITE
 from svv.core.images.metrics import Likeness, flip, on_white
 from svv.core.json_values import list_in, needed, number_in, numbers_in, object_in, text_in, whole_in
 from svv.errors import Progress, silent
-from svv.fields.scene.kept_views import nothing_kept
+from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
 from svv.io.views.agreement import check_agreement
 from svv.io.views.viewset import ViewSet
@@ -185,7 +185,7 @@ def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, pro
             for number in some:
                 progress(number / len(views.cameras), f"evaluating {network}")
                 begin = time.perf_counter()
-                with nothing_kept():
+                with disable_view_cache():
                     images.append(scene.render(views.cameras[number], network, WHITE).rgba[..., :3])
                 seconds.append(time.perf_counter() - begin)
             found += pool.map(compared, images, [views.images[number] for number in some])

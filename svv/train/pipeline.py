@@ -30,7 +30,7 @@ from svv.train.paint.laying import Laying
 from svv.train.paint.legibility import notes_on
 from svv.train.paint.pieces import PieceSettings
 from svv.train.paint.plan import Order, ordered, with_hands
-from svv.train.paint.styles_kept import with_styles_kept
+from svv.train.paint.styles_kept import keep_styles
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.config import VALUES, MatchSettings, Preset, given
@@ -80,8 +80,8 @@ def train_scene(
         learned_from=training.learned_from,
         warnings=training.warnings,
     )
-    if sure := training.told_of_regions:
-        report["confidence"] = sure
+    if training.confidence:
+        report["confidence"] = [round(sure, 3) for sure in training.confidence]
     made = ranks.once(
         lambda: {
             **report,
@@ -156,7 +156,7 @@ def stylize_scene(
     told = {region: share for region, share in told.items() if region not in report["styles"]}
     report["divided"] = told | {str(region): share for region, share in division.shares.items()}
     styled = replace(styled, made={**styled.made, "stylized": report})
-    return with_styles_kept(scene, styled, inputs, asked, report), report
+    return keep_styles(scene, styled, inputs, asked, report), report
 
 
 def _stylize_alone(

@@ -91,11 +91,6 @@ class Training:
         return "volume and views" if self._volume is not None else "views only"
 
     @property
-    def told_of_regions(self) -> list[float]:
-        """The confidence of each region for the report; empty if the volume tells the regions."""
-        return [round(sure, 3) for sure in self.confidence]
-
-    @property
     def _volume(self) -> ClassifiedVolume | None:
         """The volume, if the views come with it and the settings use it; a hash grid takes only the regions from it."""
         return self.views.classified if self.chosen.reconstruct.use_volume else None

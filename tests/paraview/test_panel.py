@@ -42,7 +42,7 @@ said["undone"] = [edit.Cuts, visible()]
     assert 0.3 < said["cut"][0] / said["whole"] < 0.7
     told = ["cut x > 0", "cut all but ball of radius 0.3 at 0, 0, 0 of region 1"]
     assert all(one in said["cut"][1] for one in told), said["cut"]
-    assert [cut.said() for cut in Scene.load(tmp_path / "open.svv").cuts] == told
+    assert [cut.describe() for cut in Scene.load(tmp_path / "open.svv").cuts] == told
     assert said["no cut"].startswith("'x=5' is no cut: give sides of planes")
     assert said["undone"] == ["", said["whole"]]
 

@@ -97,9 +97,9 @@ paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png", "blue.png"], Pres
 said["first"] = [status(paint), style()]
 from pathlib import Path
 from svv.fields.scene.scene import Scene
-from svv.job.request import told_of
+from svv.job.request import make_preview_callback
 said["labels"] = []
-show, progress = told_of(Path("again.png"), lambda fraction, label: said["labels"].append(label))
+show, progress = make_preview_callback(Path("again.png"), lambda fraction, label: said["labels"].append(label))
 progress(0.1, "before")
 show(Scene.load("two.svv"))
 progress(0.2, "after")

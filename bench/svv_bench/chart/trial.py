@@ -27,7 +27,7 @@ from svv.core.images.metrics import Likeness
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.devices.gpu import device_named
-from svv.fields.scene.kept_views import nothing_kept
+from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import write_json
 from svv.io.scene_file import checkpoint_of
@@ -95,7 +95,7 @@ def _train(
     )
 
 
-@nothing_kept()
+@disable_view_cache()
 def render(task: RenderTask, progress: Progress) -> None:
     """Render and time unseen views of a trained scene, with DVR of the volume if it is available; write the figures."""
     folder, size, network = task.folder, task.size, task.network

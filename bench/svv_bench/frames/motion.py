@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput
 from svv.io.files.atomic import atomic_path
-from svv.io.files.keyed_results import kept
+from svv.io.files.keyed_results import make_keyed_folder
 from svv.io.views.transforms import camera_in, read_transforms, transforms_file
 from svv_bench.frames.sequence import FrameFolder
 from svv_bench.styles.flow import (
@@ -98,7 +98,7 @@ class Estimated(Source):
 
     def __init__(self, guide: FrameFolder, name: str, folder: Path, key: str) -> None:
         super().__init__(guide)
-        self.name, self.folder = name, kept(folder, key)
+        self.name, self.folder = name, make_keyed_folder(folder, key)
 
     def flows(self, first: int, second: int) -> tuple[Flow, Flow]:
         """Return the flows from one frame to another and back, kept as half floats."""

@@ -15,7 +15,7 @@ import torch
 
 from svv.core.geometry.cameras import sphere_cameras
 from svv.fields.devices.gpu import device_named
-from svv.fields.scene.kept_views import nothing_kept
+from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.train.run.config import Preset, preset
@@ -100,7 +100,7 @@ class Context:
         for _ in range(repeats):
             self.wait()
             begin = time.perf_counter()
-            with nothing_kept():
+            with disable_view_cache():
                 work()
             self.wait()
             found.append(time.perf_counter() - begin)

@@ -13,7 +13,7 @@ from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.radiance.rendering import Marching
-from svv.fields.scene.kept_views import nothing_kept
+from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
@@ -70,7 +70,7 @@ def profile_views(
     scene = _stage_2(views, chosen, steps // 2, seed, work, scene, part(progress, 0.55, 0.9))
     camera = views.cameras[0]
     progress(0.9, "an image")
-    with nothing_kept():
+    with disable_view_cache():
         work.take("an image, palette network", camera.width * camera.height, lambda: scene.render(camera))
     progress(1.0, "an image")
     return {

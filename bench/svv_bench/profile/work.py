@@ -77,7 +77,7 @@ def watched(kernels: Kernels) -> list[Watched]:
         Watched(kernels, "pixel_rays", "rays", lambda a: Work(len(a[0]), 32 * len(a[0]), 40 * len(a[0]))),
         Watched(kernels, "march", "march", lambda a: _march(march, a)),
         Watched(svv.train.base.reconstruct, "representatives", "choose samples", lambda a: _choose(len(a[0]))),
-        Watched(Owners, "told", "regions of samples", lambda a: Work(len(a[2]), 20 * len(a[2]), 0, len(a[2]))),
+        Watched(Owners, "assign", "regions of samples", lambda a: Work(len(a[2]), 20 * len(a[2]), 0, len(a[2]))),
         Watched(kernels, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
         Watched(kernels, "hash_encode", "encode", lambda a: _hash(len(a[0]), len(a[1]), a[3].shape[1], 1)),
         Watched(kernels, "composite", "composite", lambda a: _composite(len(a[0]), len(a[2].start), a[1].shape[1], 1)),

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from svv.errors import Progress, part, silent
 from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import write_json
-from svv.io.files.keyed_results import kept
+from svv.io.files.keyed_results import make_keyed_folder
 from svv.io.pictures.output import write_png
 from svv.render.pictures import read_png
 from svv_bench.keys import key_of_measure
@@ -42,7 +42,7 @@ SAVE_EVERY = 20
 
 def draw_frames(folder: Path, key: str, numbers: Sequence[int], make: Frame, progress: Progress = silent) -> Path:
     """Write missing frames as ``folder/0000.png`` and so on; frames of another key are removed first."""
-    kept(folder, key)
+    make_keyed_folder(folder, key)
     for index, number in enumerate(numbers):
         progress(index / len(numbers), f"frame {index + 1} of {len(numbers)}")
         path = folder / f"{number:04d}.png"

@@ -24,7 +24,7 @@ from svv.core.images.metrics import ssim
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import write_json
-from svv.io.files.keyed_results import digest, kept
+from svv.io.files.keyed_results import digest, make_keyed_folder
 from svv.io.pictures.style_picture import read_style
 from svv.options.editing import PAINT_LIGHT
 from svv.options.making import MannerName
@@ -346,7 +346,7 @@ def kept_scene(folder: Path, key: str, make: Callable[[Path], tuple[Scene, dict[
         key: Key of everything that it depends on; a scene with another key is made again.
         make: Function that makes the scene, given a file for a checkpoint; returns it and the seconds of its parts.
     """
-    kept(folder, key)
+    make_keyed_folder(folder, key)
     file, note, saved = folder / "scene.svv", folder / "seconds.json", folder / "checkpoint"
     if not note.exists():
         made, seconds = make(saved)

@@ -18,7 +18,7 @@ from svv.core.images.metrics import flip_map
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import atomic_path
-from svv.io.files.keyed_results import kept
+from svv.io.files.keyed_results import make_keyed_folder
 from svv.io.pictures.output import write_png
 from svv.render.frames import orbit
 from svv.render.pictures import over_white, read_png
@@ -165,7 +165,7 @@ class OrbitPath:
 
     def __init__(self, scene: Scene, protocol: Protocol, folder: Path, key: str, progress: Progress = silent) -> None:
         self.protocol, self.key = protocol, key_of_measure(key, FINE, RULES)
-        self.folder = kept(folder, self.key)
+        self.folder = make_keyed_folder(folder, self.key)
         fine = protocol.size * protocol.oversample
         self.cameras: list[Camera] = orbit(scene, protocol.orbit, fine, fine)
         self.seen = orbit(scene, protocol.orbit, protocol.size, protocol.size)

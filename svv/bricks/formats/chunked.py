@@ -83,7 +83,7 @@ class ChunkedSource:
             box = self._arrays[level](start, stop)
         except Exception as error:  # codecs and stores raise errors of all kinds
             where = " x ".join(f"{a}..{b - 1}" for a, b in zip(start[::-1], stop[::-1]))
-            raise BadInput(f"Cannot read voxels {where} of {self.name}: {_said(error)}.") from error
+            raise BadInput(f"Cannot read voxels {where} of {self.name}: {_describe_error(error)}.") from error
         if self._unsigned:
             box = box.astype(self._stored)
         with np.errstate(over="ignore"):  # float16 does not reach netCDF's default
@@ -114,7 +114,7 @@ def _numbers(attributes: Mapping[str, Any], key: str, name: str) -> tuple[float,
     return tuple(values.tolist())
 
 
-def _said(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     text = str(error).strip().splitlines()
     return (text[0].rstrip(".") if text else "") or type(error).__name__
 
@@ -173,7 +173,7 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
         whole = zarr.open(str(folder), mode="r")
         opened = whole if array is None else whole[array]
     except Exception as error:  # zarr's errors differ between its versions
-        raise BadInput(f"Cannot read {folder}: {_said(error)}.") from error
+        raise BadInput(f"Cannot read {folder}: {_describe_error(error)}.") from error
     for group in (opened, whole):  # of an image's group, an array is a single level
         attributes = dict(group.attrs)
         attributes = attributes.get("ome", attributes)
@@ -195,7 +195,7 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
         groups = [zarr.open(str(above), mode="r") for above in takewhile(is_zarr, place.parents)]
         axes = sized([_axis(groups, *one) for one in zip(names, opened.shape)], attributes, opened.shape)
     except Exception as error:  # as above
-        raise BadInput(f"Cannot read {folder}: {_said(error)}.") from error
+        raise BadInput(f"Cannot read {folder}: {_describe_error(error)}.") from error
     chunks = _with_chunks(place, opened)
     return source_of(folder.name, chunks, opened.dtype, opened.shape, axes, choice, attributes)
 
@@ -277,7 +277,7 @@ def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) 
     except BadInput:
         raise
     except (AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
-        raise BadInput(f"{folder} has multiscales that do not follow OME-NGFF ({_said(error)}).") from error
+        raise BadInput(f"{folder} has multiscales that do not follow OME-NGFF ({_describe_error(error)}).") from error
     return ChunkedSource(
         folder.name, [partial(pick.box, data) for pick, data in zip(picks, shown)], arrays[0].dtype, levels,
         assumed=None if is_sized else no_size(folder.name),

@@ -228,7 +228,7 @@ def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[n
     Raises:
         BadInput: The sizes have units that cannot be compared.
     """
-    told = _told(opened, series)
+    told = _read_metadata(opened, series)
     given = [axis for axis in "XYZ" if f"PhysicalSize{axis}" in told]
     if given:
         sizes = [float(told.get(f"PhysicalSize{axis}", 1.0)) for axis in "XYZ"]
@@ -244,7 +244,7 @@ def unsized(opened: TiffFile, series: TiffPageSeries) -> str:
 
     ImageJ leaves out a spacing of 1 where pixels have a size.
     """
-    told = _told(opened, series)
+    told = _read_metadata(opened, series)
     given = "".join(axis.lower() for axis in "XYZ" if f"PhysicalSize{axis}" in told)
     if given:
         return "".join(axis for axis in "xyz" if axis not in given)
@@ -253,7 +253,7 @@ def unsized(opened: TiffFile, series: TiffPageSeries) -> str:
     return "" if known or "spacing" in told or "unit" in told else "xyz"
 
 
-def _told(opened: TiffFile, series: TiffPageSeries) -> Mapping[str, Any]:
+def _read_metadata(opened: TiffFile, series: TiffPageSeries) -> Mapping[str, Any]:
     """Return what OME, ImageJ or tifffile tell about an image."""
     if series.kind == "ome":
         return _pixels(opened, series).attrib

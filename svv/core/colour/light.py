@@ -85,7 +85,7 @@ class Lamp:
         right = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         return np.asarray(rotation @ right @ up @ rotation.T)
 
-    def said(self) -> str:
+    def describe(self) -> str:
         """Return a short description."""
         if self.direction is not None:
             where = "from " + ", ".join(f"{v:g}" for v in self.direction)
@@ -94,7 +94,7 @@ class Lamp:
         return f"light {where}" + ("" if self.intensity == 1.0 else f", intensity {self.intensity:g}")
 
 
-def checked_coefficients(given: Mapping[str, float | None]) -> dict[str, float]:
+def validate_coefficients(given: Mapping[str, float | None]) -> dict[str, float]:
     """Return those of some :data:`COEFFICIENTS` that are not None.
 
     Raises:

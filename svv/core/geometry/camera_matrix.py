@@ -15,7 +15,7 @@ ROTATION_TOLERANCE = 1e-3
 LAST = (0.0, 0.0, 0.0, 1.0)
 
 
-def checked_matrix(values: ArrayLike) -> Array:
+def validate_camera_matrix(values: ArrayLike) -> Array:
     """Return a camera-to-world matrix whose last row is (0, 0, 0, 1) exactly. (4, 4)
 
     Raises:

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from svv.core.geometry.camera_matrix import checked_matrix
+from svv.core.geometry.camera_matrix import validate_camera_matrix
 from svv.core.geometry.directions import geodesic_directions
 from svv.core.json_values import list_in, needed, number_in, object_in, vector_in, whole_in
 from svv.errors import BadInput
@@ -67,7 +67,7 @@ class Camera:
     centre: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        matrix = checked_matrix(self.camera_to_world)
+        matrix = validate_camera_matrix(self.camera_to_world)
         _check_angle_and_span(self.fov_x, self.span_x, "a camera")
         if not (1 <= self.width <= MOST_PIXELS and 1 <= self.height <= MOST_PIXELS):
             raise BadInput(f"A camera's image has 1 to {MOST_PIXELS} pixels a side, not {self.width} x {self.height}.")

@@ -39,7 +39,7 @@ class Cut:
     Raises:
         BadInput: There is no shape, a number is not finite, a direction is zero, or a radius is not positive.
 
-    >>> svv.Cut(planes=((1.0, 0.0, 0.0, 5.0),)).said()  # x > 5
+    >>> svv.Cut(planes=((1.0, 0.0, 0.0, 5.0),)).describe()  # x > 5
     'cut x > 5'
     """
 
@@ -167,9 +167,9 @@ class Cut:
             depth = torch.minimum(depth, (self.radius or 0.0) - away.norm(dim=1))
         return -depth if self.outside else depth
 
-    def said(self) -> str:
+    def describe(self) -> str:
         """Return a short description."""
-        parts = [_plane_said(*plane) for plane in self.planes]
+        parts = [_describe_plane(*plane) for plane in self.planes]
         if self.centre is not None:
             place = ", ".join(f"{v:.4g}" for v in self.centre)
             kind = "ball" if self.axis is None else "cylinder"
@@ -178,7 +178,7 @@ class Cut:
         return f"cut {'all but ' if self.outside else ''}{' and '.join(parts)}{of}"
 
 
-def _plane_said(x: float, y: float, z: float, d: float) -> str:
+def _describe_plane(x: float, y: float, z: float, d: float) -> str:
     for name, value in zip("xyz", (x, y, z), strict=True):
         if abs(value) == 1.0:
             return f"{name} {'>' if value > 0 else '<'} {value * d:.4g}"
@@ -224,7 +224,7 @@ def _shape(kind: str, parts: Sequence[tuple[float, ...]]) -> Cut:
     raise ValueError
 
 
-def kept_spans(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+def clip_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
     """Return the pieces of rays that no cut takes away, whatever the regions.
 
     Args:

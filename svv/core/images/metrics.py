@@ -60,7 +60,7 @@ def on_white(truth: NDArray[np.uint8]) -> NDArray[np.floating]:
 
 def psnr(prediction: Image, truth: Image) -> float:
     """Return the peak signal-to-noise ratio -10 log10 MSE in dB; infinite for equal pictures."""
-    prediction, truth = _checked(prediction, truth)
+    prediction, truth = _validate_pair(prediction, truth)
     return _decibels((prediction - truth) ** 2)
 
 
@@ -69,7 +69,7 @@ def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating]
 
     A white background, which every method reproduces, inflates the PSNR of sparse scenes; here it is excluded.
     """
-    prediction, truth = _checked(prediction, truth)
+    prediction, truth = _validate_pair(prediction, truth)
     if alpha.shape != truth.shape[:2]:
         raise BadInput(f"The alpha is {alpha.shape}, the picture {truth.shape[:2]}; give the truth's alpha.")
     return _decibels(((prediction - truth) ** 2)[alpha > 0])
@@ -77,7 +77,7 @@ def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating]
 
 def ssim(prediction: Image, truth: Image) -> float:
     """Return the structural similarity (Wang et al. 2004): 11-tap Gaussian, sigma 1.5; 1 for equal pictures."""
-    prediction, truth = _checked(prediction, truth)
+    prediction, truth = _validate_pair(prediction, truth)
     if min(truth.shape[:2]) < SSIM_TAPS:
         raise BadInput(f"SSIM needs pictures of {SSIM_TAPS} x {SSIM_TAPS} pixels or more; render them larger.")
     value = structural_similarity(
@@ -100,7 +100,7 @@ def flip(prediction: Image, truth: Image) -> float:
 
 def flip_map(prediction: Image, truth: Image) -> NDArray[np.float32]:
     """Return the FLIP error of each pixel (h, w); see :func:`flip`."""
-    return error_map(*_checked(prediction, truth))
+    return error_map(*_validate_pair(prediction, truth))
 
 
 def _decibels(squared_error: NDArray[np.floating]) -> float:
@@ -110,7 +110,7 @@ def _decibels(squared_error: NDArray[np.floating]) -> float:
     return float(-10 * np.log10(mean)) if mean > 0 else float("inf")
 
 
-def _checked(prediction: Image, truth: Image) -> tuple[Image, Image]:
+def _validate_pair(prediction: Image, truth: Image) -> tuple[Image, Image]:
     if prediction.shape != truth.shape or truth.ndim != 3 or truth.shape[2] != 3:
         raise BadInput(
             f"Pictures of {prediction.shape} and {truth.shape} cannot be compared; make both (height, width, 3)."

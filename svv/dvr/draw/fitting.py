@@ -8,8 +8,13 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.dvr.draw.casters import choose_mapper
 from svv.dvr.draw.large import LargeVolume, Opened, quickest
-from svv.dvr.draw.tables import is_resolved, unresolved_said
-from svv.dvr.functions.histogram import default_said, default_transfer_function, stretched_said, usual_range
+from svv.dvr.draw.tables import describe_fallback_caster, is_resolved
+from svv.dvr.functions.histogram import (
+    default_transfer_function,
+    describe_default_range,
+    describe_stretching,
+    usual_range,
+)
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
 
@@ -58,8 +63,8 @@ def fitted_to(
     if reason is not None and mapper != "auto":
         notes.append(reason)
     if usual is not None and tf is None:
-        notes.append(default_said(usual))
-    elif usual is not None and rescaled and (said := stretched_said(small, usual, given)) is not None:
+        notes.append(describe_default_range(usual))
+    elif usual is not None and rescaled and (said := describe_stretching(small, usual, given)) is not None:
         notes.append(said)
     fitted = replace(fitted, unit_distance=fitted.unit_distance or opened.unit_distance)
     return Fitting(opened, fitted, rescaled, chosen, tuple(notes))
@@ -76,4 +81,4 @@ def _resolving(
     fitted = tf.fitted(*span, rescale)
     if is_resolved(caster, fitted, span, values.dtype, values):
         return mapper, None
-    return "bricks", unresolved_said(caster, fitted, span)
+    return "bricks", describe_fallback_caster(caster, fitted, span)

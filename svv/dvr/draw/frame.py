@@ -225,7 +225,7 @@ def _small_type(
     if values.dtype.itemsize <= 2 and max(abs(low), abs(high)) <= FINE * max(high - low, 1.0):
         return values, 1.0, 0.0
     check_precision(values)
-    first, last = tf.told_apart(low, high)
+    first, last = tf.varying_range(low, high)
     width = max(last - first, STEP * max(abs(first), abs(last)))
     if high - low <= FAR * width:
         first, width = low, high - low

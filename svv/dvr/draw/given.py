@@ -17,7 +17,7 @@ from svv.dvr.draw.plotted import function_of, image_shown
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.appearance import without_interpolation
 from svv.dvr.read.grids import Triple, as_volume, from_array, put_assumed
-from svv.dvr.read.meshes import is_mesh, resampled, resampled_said
+from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
 from svv.errors import BadInput, Progress, silent
 from svv.options.making import ViewOptions
 
@@ -88,7 +88,7 @@ def given_volume(
     shown = image_shown(volume)
     if shown is None and is_mesh(volume):
         shown = as_volume(resampled(volume, name="The volume"))
-        put_assumed(shown, resampled_said(volume, shown))
+        put_assumed(shown, describe_resampling(volume, shown))
     elif shown is None and isinstance(volume, vtkImageData):
         shown = as_volume(volume)
     elif shown is None:

@@ -182,14 +182,14 @@ class BrickMapper:
     def __init__(self, volume: LargeVolume, tf: TransferFunction, stage: Stage, shading: Shading, step: float) -> None:
         from svv.bricks.caster import Look
 
-        first, last = tf.told_apart(*volume.range)
+        first, last = tf.varying_range(*volume.range)
         if last - first <= STEP * max(abs(first), abs(last)):  # one label alone
             first, last = volume.range
         tf = settled(tf, last - first)
         assert tf.unit_distance is not None
         self._volume, self._stage = volume, stage
         whole, ranges = seen_of(volume, tf)
-        low, high = tf.told_apart(*whole)
+        low, high = tf.varying_range(*whole)
         values = np.linspace(low, high, entries_for(tf, low, high, to_array(volume.overview)))
         table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
         shown = Appearance.of(volume.overview)
@@ -352,7 +352,7 @@ def quickest(
     if mapper != "auto" or not isinstance(volume, vtkImageData):
         return mapper
     voxels, (low, high) = int(np.prod(volume.GetDimensions())), volume.GetScalarRange()
-    first, last = (low, high) if tf is None or tf.is_stretched(low, high, rescale) else tf.told_apart(low, high)
+    first, last = (low, high) if tf is None or tf.is_stretched(low, high, rescale) else tf.varying_range(low, high)
     is_far = high - low > MOST_WIDTHS * (last - first) > 0.0
     if choose_mapper(mapper) is not CpuMapper and not is_far:
         return mapper

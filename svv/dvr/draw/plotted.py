@@ -33,7 +33,7 @@ from svv.dvr.read.grids import (
     set_geometry,
     to_array,
 )
-from svv.dvr.read.meshes import is_mesh, resampled, resampled_said
+from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def image_shown(given: object) -> vtkImageData | None:
     voxels, nearest = shown.GetInterpolationType() == 0, False
     if is_mesh(data):
         image = as_volume(resampled(data, array, cells, name="The volume"))
-        notes += [resampled_said(data, image)]
+        notes += [describe_resampling(data, image)]
         if voxels and not isinstance(data, vtkUnstructuredGrid):  # those are always interpolated
             notes.append(BETWEEN.format(kind=data.GetClassName()))
     else:
@@ -128,7 +128,7 @@ def image_shown(given: object) -> vtkImageData | None:
     put(image, replace(Appearance.of(image), nearest=nearest))
     renderers = _renderers(given) or []
     if shown.GetShade() and renderers:
-        notes += _light_said(next(renderer for renderer in renderers if actor in list(renderer.GetVolumes())))
+        notes += _describe_lights(next(renderer for renderer in renderers if actor in list(renderer.GetVolumes())))
     beside = sum(bool(one.GetVisibility()) for renderer in renderers for one in renderer.GetActors())
     notes += [BESIDE.format(count=beside)] if beside else []
     put_assumed(image, " ".join(filter(None, [assumed_of(image), *notes])) or None)
@@ -277,7 +277,7 @@ def _coloured(shown: vtkVolumeProperty) -> vtkColorTransferFunction:
     return colour
 
 
-def _light_said(renderer: vtkRenderer) -> Iterator[str]:
+def _describe_lights(renderer: vtkRenderer) -> Iterator[str]:
     """Yield a sentence if a renderer's lights are others than one white headlight."""
     lights = [light for light in renderer.GetLights() if light.GetSwitch()]
     head = [light.GetLightType() == HEADLIGHT and light.GetIntensity() == 1.0 for light in lights]

@@ -53,7 +53,7 @@ def grid_of(level: Level, kind: str, span: tuple[float, float]) -> VolumeGrid:
     )
 
 
-def told_of(image: vtkImageData, tf: TransferFunction) -> tuple[str, ...]:
+def describe_deviations(image: vtkImageData, tf: TransferFunction) -> tuple[str, ...]:
     """Return sentences on what may look otherwise than expected.
 
     Args:

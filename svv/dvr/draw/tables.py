@@ -56,7 +56,7 @@ def is_resolved(
     kind = np.dtype(dtype)
     # Whole numbers are rounded between voxels, too, unless they are given as reals.
     whole = caster == "cpu" and kind.kind in "iub" and kind.itemsize <= 2 and high - low > LEVELS
-    first, last = tf.told_apart(low, high)
+    first, last = tf.varying_range(low, high)
     shown = [(max(a, first), min(b, last)) for a, b in tf.visible_ranges(first, last)[:RANGES]]
     within = np.concatenate([_middles(first, last, 1024), *(_middles(a, b, INSIDE) for a, b in shown)])
     tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
@@ -70,7 +70,7 @@ def is_resolved(
     return all(error <= UNRESOLVED for error in found)
 
 
-def unresolved_said(caster: str, tf: TransferFunction, span: tuple[float, float]) -> str:
+def describe_fallback_caster(caster: str, tf: TransferFunction, span: tuple[float, float]) -> str:
     """Say that another ray caster draws because :func:`is_resolved` does not hold."""
     return (
         f"VTK's {caster.upper()} ray caster has {ENTRIES[caster]:,} colours for all of the volume's values, from "
@@ -86,7 +86,7 @@ def limits(tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike) ->
     """
     if is_resolved("cpu", tf, span, dtype, np.empty(0)):
         return span
-    first, last = tf.told_apart(*span)
+    first, last = tf.varying_range(*span)
     far = WIDTHS * (last - first)
     return max(span[0], first - far), min(span[1], last + far)
 

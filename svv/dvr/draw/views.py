@@ -24,7 +24,7 @@ from svv.dvr.draw.frame import Stage, set_stage
 from svv.dvr.draw.given import GivenFunction, GivenVolume, given_function, given_volume
 from svv.dvr.draw.large import BrickMapper, LargeVolume
 from svv.dvr.draw.plotted import shows_voxels
-from svv.dvr.draw.record import grid_of, told_of
+from svv.dvr.draw.record import describe_deviations, grid_of
 from svv.dvr.draw.rig import FOV, FRAMING, rig_of
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import Triple, assumed_of
@@ -176,7 +176,7 @@ def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views ar
     opened, fitted = fit.opened, fit.tf
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
-    notes = (*filter(None, [said]), *fit.notes, *told_of(opened.image, fitted))
+    notes = (*filter(None, [said]), *fit.notes, *describe_deviations(opened.image, fitted))
     subject = Subject(
         stage, grid, opened.whole, title, fitted, fit.rescaled, notes, caster=opened.caster(fitted), kept=kept
     )

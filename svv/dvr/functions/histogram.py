@@ -141,7 +141,7 @@ def _ends(
     return ends[0], ends[1]
 
 
-def stretched_said(image: vtkImageData, usual: UsualRange, tf: TransferFunction) -> str | None:
+def describe_stretching(image: vtkImageData, usual: UsualRange, tf: TransferFunction) -> str | None:
     """Say that a function stretched over all values shows hardly any voxel, or nearly all, because of outliers.
 
     None if it does not, or would just as well without them.
@@ -167,7 +167,7 @@ def stretched_said(image: vtkImageData, usual: UsualRange, tf: TransferFunction)
     )
 
 
-def default_said(usual: UsualRange) -> str:
+def describe_default_range(usual: UsualRange) -> str:
     """Say that the default transfer function is made without outliers."""
     return (
         f"{usual}: the default transfer function is made for those, and what is beyond has the colour and opacity of "

@@ -193,7 +193,7 @@ class TransferFunction:
 
     def resolved(self, low: float, high: float, count: int = 4097) -> NDArray[np.float64]:
         """Return ascending values in [low, high] that miss no extremum, ``count`` of them even where values differ."""
-        return np.union1d(self.samples(low, high), np.linspace(*self.told_apart(low, high), count))
+        return np.union1d(self.samples(low, high), np.linspace(*self.varying_range(low, high), count))
 
     def visible_ranges(self, low: float, high: float) -> list[tuple[float, float]]:
         """Return the intervals of values in [low, high] with an opacity above 0, in ascending order."""
@@ -206,7 +206,7 @@ class TransferFunction:
             for a, b in zip(starts.tolist(), stops.tolist())
         ]
 
-    def told_apart(self, low: float, high: float) -> tuple[float, float]:
+    def varying_range(self, low: float, high: float) -> tuple[float, float]:
         """Return the part of the values in [low, high] outside of which all look the same, or are invisible.
 
         A table of entries from end to end then resolves the function, whatever single values lie far away.

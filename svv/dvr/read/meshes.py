@@ -98,7 +98,7 @@ def resampled(
     return image
 
 
-def resampled_said(data: vtkDataObject, image: vtkImageData) -> str:
+def describe_resampling(data: vtkDataObject, image: vtkImageData) -> str:
     """Return a sentence that says to how many points a mesh was resampled."""
     size = " x ".join(map(str, image.GetDimensions()))
     return f"The input, a {data.GetClassName()}, was resampled to {size} points."

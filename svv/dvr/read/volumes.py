@@ -17,7 +17,7 @@ from svv.bricks.formats.hdf5 import is_hdf5
 from svv.bricks.formats.source import Source
 from svv.bricks.opened import HDF5, HDF5_INSIDE, header_reader, open_bricks
 from svv.dvr.read.grids import Triple, as_volume, assumed_of, from_array, put_assumed, rectilinear, set_geometry
-from svv.dvr.read.meshes import is_mesh, resampled, resampled_said
+from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
 from svv.dvr.read.other_formats import reader_of
 from svv.dvr.read.reader_process import apart, can_start
 from svv.dvr.read.slc import read_slc
@@ -101,7 +101,7 @@ def read_here(  # noqa: PLR0913 - as above
     if is_mesh(image):
         said, mesh = assumed_of(image), image
         image = resampled(mesh, array, along=resample_to, name=file.name)
-        put_assumed(image, " ".join(filter(None, (said, resampled_said(mesh, image)))))
+        put_assumed(image, " ".join(filter(None, (said, describe_resampling(mesh, image)))))
     for values, put in ((spacing, image.SetSpacing), (origin, image.SetOrigin)):
         if values is not None:
             if len(values) != 3:

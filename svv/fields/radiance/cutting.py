@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from svv.core.geometry.cuts import Cut, kept_spans
+from svv.core.geometry.cuts import Cut, clip_rays
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, Rays, march
@@ -38,7 +38,7 @@ def march_uncut(
     whole = [cut.in_box(occupancy.box) for cut in cuts if not cut.regions]
     if not whole:
         return march(rays, occupancy, density, how)
-    begins, ends = kept_spans(whole, rays.origins, rays.directions)
+    begins, ends = clip_rays(whole, rays.origins, rays.directions)
     depth = torch.zeros_like(begins[:, 0])
     tail, pieces, numbers = torch.zeros_like(depth), [], []
     for begin, end in zip(begins.unbind(1), ends.unbind(1), strict=True):

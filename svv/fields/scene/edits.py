@@ -17,18 +17,18 @@ from typing import Any
 import numpy as np
 
 from svv.core.colour.colour import to_hex
-from svv.core.colour.light import Lamp, checked_coefficients
+from svv.core.colour.light import Lamp, validate_coefficients
 from svv.core.geometry.cuts import Cut
 from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress
 from svv.fields.scene.history import MOST_CUTS, Edits, History, Step, edits_of, named_alone, restyled, with_edits
-from svv.fields.scene.matcaps import check_has_normals, checked_matcap, said_of
+from svv.fields.scene.matcaps import check_has_normals, describe_matcap, validate_matcap
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.occlusion import check_has_extinction
 from svv.fields.scene.parts import counted
-from svv.fields.scene.region import Region, checked_name, checked_space
+from svv.fields.scene.region import Region, validate_name, validate_space
 from svv.fields.scene.splitting import piece_at
-from svv.fields.scene.stroke_edits import checked_edits, said
+from svv.fields.scene.stroke_edits import describe_stroke_edits, validate_stroke_edits
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH
 
 
@@ -66,11 +66,11 @@ def edited(
             said.append(f"{what} {factor:g}")
     if texts["matcap"] is not None:
         check_has_normals(scene)
-    for what, checked in (("recolour_in", checked_space), ("name", checked_name), ("matcap", checked_matcap)):
+    for what, checked in (("recolour_in", validate_space), ("name", validate_name), ("matcap", validate_matcap)):
         if (text := texts[what]) is not None:
             changes[what] = checked(text)
-            said.append(f"{what.replace('_', ' ')} {said_of(changes[what])}")
-    if given := checked_coefficients(reflects):
+            said.append(f"{what.replace('_', ' ')} {describe_matcap(changes[what])}")
+    if given := validate_coefficients(reflects):
         _check_light([scene.every_layer[scene.regions[region].layer]])
         changes |= given
         said += [f"{what} {value:g}" for what, value in given.items()]
@@ -87,7 +87,7 @@ def with_light(
     fixed: Any = None if direction is None else tuple(direction)  # Lamp checks that they are three
     bright = scene.lamp.intensity if intensity is None else intensity
     lamp = Lamp(float(azimuth), float(elevation), fixed, float(bright))
-    return after(scene, lamp.said(), scene.regions, lamp)
+    return after(scene, lamp.describe(), scene.regions, lamp)
 
 
 def hidden(scene: S, regions: Sequence[int]) -> S:
@@ -151,7 +151,7 @@ def with_strokes(
     palette: Sequence[Sequence[float]] | None,
 ) -> S:
     """Return a scene with other strokes in these regions; see :meth:`svv.Scene.with_strokes`."""
-    edits = checked_edits(relief, width, light, palette)
+    edits = validate_stroke_edits(relief, width, light, palette)
     there = scene.regions_with_strokes
     if regions:
         check_regions(scene, *regions)
@@ -160,7 +160,7 @@ def with_strokes(
             raise BadInput(f"Region {region} has no strokes to edit: paint it with svv stylize --manner strokes.")
     if not there:
         raise BadInput("No region of this painting has strokes: paint it with svv stylize --manner strokes.")
-    return changed(scene, said(edits), dict.fromkeys(regions or there, edits))
+    return changed(scene, describe_stroke_edits(edits), dict.fromkeys(regions or there, edits))
 
 
 def with_outline(
@@ -189,7 +189,7 @@ def cut(scene: S, cuts: Sequence[Cut]) -> S:
     every = (*scene.cuts, *(one for one in dict.fromkeys(cuts) if one not in scene.cuts))
     if len(every) > MOST_CUTS:
         raise BadInput(f"A scene has at most {MOST_CUTS} cuts, not {len(every)}: take some away with --uncut.")
-    return after(scene, "; ".join(one.said() for one in cuts), scene.regions, cuts=every)
+    return after(scene, "; ".join(one.describe() for one in cuts), scene.regions, cuts=every)
 
 
 def uncut(scene: S) -> S:

@@ -32,7 +32,7 @@ CODE = re.compile("#[0-9a-f]{6}")
 Arrays = dict[str, NDArray[np.generic]]
 
 
-def without_kept(made: Mapping[str, object]) -> dict[str, object]:
+def drop_styles(made: Mapping[str, object]) -> dict[str, object]:
     """Return the record of how a scene was made without the styles that it keeps, for people to read."""
     painted = made.get("stylized")
     if not isinstance(painted, Mapping) or KEPT not in painted:

@@ -130,7 +130,7 @@ _ALL_ANEW: ContextVar[bool] = ContextVar("_ALL_ANEW", default=False)
 
 
 @contextmanager
-def nothing_kept() -> Iterator[None]:
+def disable_view_cache() -> Iterator[None]:
     """Draw every image anew, for whoever measures what an image costs; also a decorator."""
     before = _ALL_ANEW.set(True)
     try:
@@ -143,7 +143,7 @@ _AT_ONCE: ContextVar[list[Hashable] | None] = ContextVar("_AT_ONCE", default=Non
 
 
 @contextmanager
-def kept_at_once() -> Iterator[None]:
+def cache_every_view() -> Iterator[None]:
     """Keep every view from its first image on, until the end: for whoever draws several edits of a scene in turn."""
     keys: list[Hashable] = []
     before = _AT_ONCE.set(keys)

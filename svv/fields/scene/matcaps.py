@@ -43,7 +43,7 @@ NONE = "none"
 _known: WeakKeyDictionary[SparseLattice, tuple[int, SparseLattice]] = WeakKeyDictionary()
 
 
-def checked_matcap(text: str) -> str | None:
+def validate_matcap(text: str) -> str | None:
     """Return a MatCap as a region holds it, from a name, a file, or what a region holds; None for none.
 
     Raises:
@@ -68,7 +68,7 @@ def checked_matcap(text: str) -> str | None:
     return as_data(picture, STORED, sharp=True)
 
 
-def said_of(text: str | None) -> str:
+def describe_matcap(text: str | None) -> str:
     """Return a few words about a region's MatCap, or its name; a picture is not spelled out."""
     return (text and ("of a picture" if text.startswith("data:") else text)) or "none"
 

@@ -147,16 +147,16 @@ def label_of(regions: Sequence[Region], number: int) -> str:
     return f"Region {number}"
 
 
-def checked_name(name: str) -> str | None:
+def validate_name(name: str) -> str | None:
     """Return a region's name without blanks at its ends; None if nothing is left.
 
     Raises:
         BadInput: It is too long, or has characters that cannot be shown, such as line breaks.
     """
-    return checked_line(name, "The name of a region") or None
+    return validate_line(name, "The name of a region") or None
 
 
-def checked_line(line: str, what: str, longest: int = LONGEST_NAME) -> str:
+def validate_line(line: str, what: str, longest: int = LONGEST_NAME) -> str:
     """Return a line of text without blanks at its ends; ``what`` it is begins the sentence of an error.
 
     Raises:
@@ -174,7 +174,7 @@ def checked_line(line: str, what: str, longest: int = LONGEST_NAME) -> str:
     return text
 
 
-def checked_space(name: str) -> str:
+def validate_space(name: str) -> str:
     """Return the name of a space to recolour in; raises BadInput for any other."""
     if name not in get_args(RecolourName):
         raise BadInput(f"Colours cannot be changed in '{name}': choose {' or '.join(get_args(RecolourName))}.")

@@ -25,7 +25,7 @@ from svv.fields.radiance.value_function import ValueFunction
 from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
 from svv.fields.scene.history import History, cuts_in
 from svv.fields.scene.joined import members
-from svv.fields.scene.kept_styles import KEPT, put_apart, put_back, without_kept
+from svv.fields.scene.kept_styles import KEPT, drop_styles, put_apart, put_back
 from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
@@ -345,14 +345,14 @@ def info_of(scene: Model) -> dict[str, Any]:
         "bounds": scene.occupancy.box.bounds.tolist(),
         "regions": [vars(r) for r in scene.regions],
         **_light_of(scene),
-        "cuts": [cut.said() for cut in scene.cuts],
+        "cuts": [cut.describe() for cut in scene.cuts],
         "times": [] if scene.steps is None or len(scene.steps) < 2 else scene.steps.times,
         "variant": scene.variant,
         "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in scene.every_variant},
         "undo": [step.what for step in scene.history.past],
         "redo": [step.what for step in scene.history.future],
         "camera_rig": {} if scene.camera_rig is None else scene.camera_rig.to_json(),
-        "made": without_kept(scene.made),
+        "made": drop_styles(scene.made),
     }
 
 
@@ -362,4 +362,4 @@ def _light_of(scene: Model) -> dict[str, object]:
         return {"lighting": scene.settings.lighting}
     rows = [row for coefficients in every if coefficients is not None for row in coefficients.tolist()]
     reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in rows]
-    return {"lighting": scene.settings.lighting, "light": scene.lamp.said(), "reflects": reflects}
+    return {"lighting": scene.settings.lighting, "light": scene.lamp.describe(), "reflects": reflects}

@@ -122,8 +122,8 @@ def _piece_at(scene: Model, known: Cells, point: Sequence[float], level: float) 
     others[asked] = False
     if not others.any():
         raise BadInput(
-            f"Region {region} is in one piece at {_said(point)}: nothing was split. A higher level, up to 1, may "
-            f"separate what faint matter connects; it is {level:g} now."
+            f"Region {region} is in one piece at {format_point(point)}: nothing was split. A higher level, up to 1, "
+            f"may separate what faint matter connects; it is {level:g} now."
         )
     territory = _nearer(labels == asked, others[labels]) & occupied
     inside = own & territory[occupied]
@@ -192,8 +192,9 @@ def _occupied(occupancy: Occupancy, place: NDArray[np.float64]) -> bool:
 
 
 def _nothing(point: Sequence[float]) -> BadInput:
-    return BadInput(f"There is nothing at {_said(point)}: click on something visible.")
+    return BadInput(f"There is nothing at {format_point(point)}: click on something visible.")
 
 
-def _said(point: Sequence[float]) -> str:
+def format_point(point: Sequence[float]) -> str:
+    """Return a point's coordinates for a sentence."""
     return ", ".join(f"{value:.4g}" for value in point)

@@ -40,7 +40,7 @@ Owners = Callable[[Floats], NDArray[np.int64]]
 """Region of vertices at box coordinates (V, 3), -1 for none. (V,)"""
 
 
-def checked_edits(
+def validate_stroke_edits(
     relief: float | None, width: float | None, light: Sequence[float] | None, palette: Sequence[Sequence[float]] | None
 ) -> dict[str, Any]:
     """Return edits of strokes by field, for a scene's ``with_strokes``; None changes nothing.
@@ -67,7 +67,7 @@ def checked_edits(
     return edits
 
 
-def said(edits: Mapping[str, Any]) -> str:
+def describe_stroke_edits(edits: Mapping[str, Any]) -> str:
     """Return a few words about edits of strokes, for the history."""
     words = [f"stroke {name} {edits[f'stroke_{name}']:g}" for name in ("relief", "width") if f"stroke_{name}" in edits]
     if "stroke_light" in edits:

@@ -107,7 +107,7 @@ def placed_about(
     names, first = [str(name) for name in table.files], None
     for backwards in (False, True) if not table.ascent else (False,):
         try:
-            turned = _meant(table, -1.0, 1.0, 0.0) if backwards else rotations
+            turned = _reinterpret_angles(table, -1.0, 1.0, 0.0) if backwards else rotations
             cameras, notes = cameras_about(turned, shot, images, table.ascent)
             also = [] if backwards else _other_meanings(table, cameras, shot)
             agreement = check_agreement(cameras, images, names, table.folder, also)
@@ -133,13 +133,13 @@ def _other_meanings(table: Table, cameras: Sequence[Camera], shot: Shot) -> list
         ("phi runs the other way and theta counts from the other pole", (-1.0, 1.0, -90.0)),
     ):  # fmt: skip
         matrices = np.stack([camera.camera_to_world for camera in cameras])
-        matrices[:, :3, :3] = _meant(table, *signs)
+        matrices[:, :3, :3] = _reinterpret_angles(table, *signs)
         matrices[:, :3, 3] = point + distance * matrices[:, :3, 2]
         found.append(Mistake(said, "write the angles as ParaView counts them", matrices))
     return found
 
 
-def _meant(table: Table, phi: float, theta: float, offset: float) -> Array:
+def _reinterpret_angles(table: Table, phi: float, theta: float, offset: float) -> Array:
     """Return rotations of other angles: phi and theta times signs, theta with an offset in degrees. (n, 3, 3)"""
     own = np.array([table.column("phi"), table.column("theta")], np.float64)
     return paraview_rotations(phi * own[0], theta * own[1] + offset)

@@ -43,7 +43,7 @@ class Shot:
             known["parallel_scale"] = None
         return Shot(**{**vars(other), **known})
 
-    def checked(self, where: str) -> Shot:
+    def validate(self, where: str) -> Shot:
         """Return itself; raise BadInput, which begins with ``where``, if a value is out of range."""
         for name, most in (("distance", np.inf), ("view_angle", 180.0), ("parallel_scale", np.inf)):
             value = getattr(self, name)
@@ -76,7 +76,7 @@ def read_shot(path: Path) -> Shot:
             f"{path} contains {len(shots)} views with different cameras; give the right one by --focal-point, "
             "--distance and --view-angle."
         )
-    return shots[0].checked(str(path))
+    return shots[0].validate(str(path))
 
 
 View = dict[str, list[float]]
@@ -163,7 +163,7 @@ def _of_json(path: Path, text: str) -> Shot:
         number("distance"),
         None if parallel else number("view_angle"),
         number("parallel_scale") if parallel else None,
-    ).checked(str(path))
+    ).validate(str(path))
 
 
 def _of_state(path: Path, text: str) -> list[View]:

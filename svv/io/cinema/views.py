@@ -135,7 +135,7 @@ def _shot(options: DatabaseOptions, folder: Path) -> Shot:
     """Return what options, their file, and the file beside the table say, in this order."""
     if options.view_angle is not None and options.parallel_scale is not None:
         raise BadInput("Give --view-angle for perspective or --parallel-scale for orthographic cameras, not both.")
-    shot = Shot(options.focal_point, options.distance, options.view_angle, options.parallel_scale).checked("Options")
+    shot = Shot(options.focal_point, options.distance, options.view_angle, options.parallel_scale).validate("Options")
     if options.cameras is not None:
         return shot.or_else(read_shot(options.cameras))
     return shot.or_else(read_shot(folder / BESIDE)) if (folder / BESIDE).is_file() else shot

@@ -2,7 +2,8 @@
 
 A key is made from content, never from sums, sizes or paths: from the bytes of arrays and files, from settings and
 other plain values, and from the version (:func:`key_of`). Results are kept as JSON records that contain the key
-(:func:`write_record`) or in folders with such a record (:func:`kept`); a result with another key is computed again.
+(:func:`write_record`) or in folders with such a record (:func:`make_keyed_folder`); a result with another key is
+computed again.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ def write_record(path: Path, key: str, record: Mapping[str, object]) -> None:
     write_json(path, {**record, "key": key})
 
 
-def kept(folder: Path, key: str) -> Path:
+def make_keyed_folder(folder: Path, key: str) -> Path:
     """Return a folder for results with this key; create it if it is missing, and empty it if it has another key.
 
     Raises:

@@ -93,7 +93,7 @@ class Worker:
             self._process.stdin.write(json.dumps(order).encode() + b"\n")
             self._process.stdin.flush()
 
-    def said(self) -> dict[str, Any]:
+    def read_status(self) -> dict[str, Any]:
         """Return what the process said last; empty if it has said nothing yet."""
         try:
             said = parsed((self.folder / SAID).read_text(encoding="utf-8"))

@@ -265,7 +265,7 @@ def write_volume(
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
         'compressor="vtkZLibDataCompressor">\n'
-        f'<ImageData WholeExtent="{extent}" Origin="{_said(origin)}" Spacing="{_said(spacing)}">\n'
+        f'<ImageData WholeExtent="{extent}" Origin="{_format_numbers(origin)}" Spacing="{_format_numbers(spacing)}">\n'
         f'{_field_data(fields or {})}<Piece Extent="{extent}">\n'
         f"<PointData Scalars={quoteattr(next(iter(arrays)))}>\n" + "\n".join(entries) + "\n</PointData>\n</Piece>\n"
         '</ImageData>\n<AppendedData encoding="raw">\n_'
@@ -277,13 +277,13 @@ def write_volume(
 def _field_data(fields: Mapping[str, NDArray[np.float64]]) -> str:
     lines = [
         f'<DataArray type="Float64" Name={quoteattr(name)} NumberOfComponents="{values.shape[1]}" '
-        f'NumberOfTuples="{len(values)}" format="ascii">{_said(values.ravel().tolist())}</DataArray>\n'
+        f'NumberOfTuples="{len(values)}" format="ascii">{_format_numbers(values.ravel().tolist())}</DataArray>\n'
         for name, values in fields.items()
     ]
     return f"<FieldData>\n{''.join(lines)}</FieldData>\n" if lines else ""
 
 
-def _said(numbers: Sequence[float]) -> str:
+def _format_numbers(numbers: Sequence[float]) -> str:
     return " ".join(f"{number:.17g}" for number in numbers)
 
 

@@ -309,14 +309,14 @@ def _slight(views: Views, outlines: Outlines, camera: Camera) -> list[tuple[str,
     found = []
     for count in (3, 4) if not views.parallel.any() else (3,):
         best = least_squares(left, np.zeros(count), loss="soft_l1", max_nfev=STEPS, x_scale=0.1).x
-        found.append(_told(views, at(best), best[:3], camera))
+        found.append(_describe_turn(views, at(best), best[:3], camera))
     if not views.parallel.any():
         best = least_squares(lambda x: left(np.array([0.0, 0.0, 0.0, *x])), np.zeros(1), loss="soft_l1", max_nfev=STEPS)
-        found.insert(1, _told(views, at(np.array([0.0, 0.0, 0.0, *best.x])), np.zeros(3), camera))
+        found.insert(1, _describe_turn(views, at(np.array([0.0, 0.0, 0.0, *best.x])), np.zeros(3), camera))
     return found
 
 
-def _told(given: Views, views: Views, turn: Array, camera: Camera) -> tuple[str, str, Views]:
+def _describe_turn(given: Views, views: Views, turn: Array, camera: Camera) -> tuple[str, str, Views]:
     said = []
     degrees = np.degrees(turn)
     if np.abs(degrees).max() > 0.2:

@@ -91,7 +91,7 @@ def _options(laid: Laid) -> PaintOptions:
     )
 
 
-def _told(notes: Sequence[str]) -> list[str]:
+def _drop_manner_hint(notes: Sequence[str]) -> list[str]:
     return [note for note in notes if not note.endswith("--manner chooses otherwise.")]
 
 
@@ -108,7 +108,7 @@ def _painted(
     if (style := matches.divided_anew(look)) is not None:
         options: Any = _options(look.regions[0].laid)
         scene, report = stylize_scene(scene, [style], replace(options, **paint), progress, checkpoint)
-        return scene, _told(report["notes"])
+        return scene, _drop_manner_hint(report["notes"])
     ways: dict[Laid, dict[int, str]] = {}
     for number, theirs in source.items():
         if theirs.style is not None:
@@ -123,7 +123,7 @@ def _painted(
         each = part(progress, count / len(ways), (count + 1) / len(ways))
         styles = [look.styles[name] for name in used]
         scene, report = stylize_scene(scene, styles, replace(options, **asked), each, saved)
-        notes += _told(report["notes"])
+        notes += _drop_manner_hint(report["notes"])
         if saved is not None:
             saved.unlink(missing_ok=True)
     return scene, notes

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from svv.core.colour.light import COEFFICIENTS, checked_coefficients
+from svv.core.colour.light import COEFFICIENTS, validate_coefficients
 from svv.core.images.outlines import Pen
 from svv.core.json_values import object_in
 from svv.errors import BadInput
 from svv.fields.scene import stroke_edits
 from svv.fields.scene.checked import values_of
 from svv.fields.scene.history import edits_of, with_edits
-from svv.fields.scene.matcaps import checked_matcap, picture_of
-from svv.fields.scene.region import Region, checked_name
+from svv.fields.scene.matcaps import picture_of, validate_matcap
+from svv.fields.scene.region import Region, validate_name
 
 RANGES = {
     "opacity": (0.0, np.inf),
@@ -25,7 +25,7 @@ RANGES = {
 """Bounds of edits that are numbers; other edits are checked where they are made."""
 
 
-def checked_edits(told: object, name: str) -> dict[str, object]:
+def validate_region_edits(told: object, name: str) -> dict[str, object]:
     """Return edits of a region from plain values.
 
     Args:
@@ -46,18 +46,18 @@ def checked_edits(told: object, name: str) -> dict[str, object]:
     colours = [c for c in (region.edited_colour, region.outline_colour) if c is not None]
     if not all(0.0 <= value <= 1.0 for colour in colours for value in colour):
         raise BadInput(f"{name}: colours must have red, green and blue between 0 and 1.")
-    checked_coefficients({key: getattr(region, key) for key in COEFFICIENTS})
+    validate_coefficients({key: getattr(region, key) for key in COEFFICIENTS})
     Pen(region.outline, region.outline_width, region.outline_colour)
     if region.matcap is not None:
         picture_of(region.matcap)
-        if region.matcap != checked_matcap(region.matcap):
+        if region.matcap != validate_matcap(region.matcap):
             raise BadInput(f"{name}: the MatCap must be a name or a picture inside the file.")
     if region.name is not None:
         try:
-            checked_name(region.name)
+            validate_name(region.name)
         except BadInput as error:
             raise BadInput(f"{name}: {error}") from error
-    stroke_edits.checked_edits(None, None, region.stroke_light, region.stroke_palette or None)
+    stroke_edits.validate_stroke_edits(None, None, region.stroke_light, region.stroke_palette or None)
     return {key: value for key, value in edits_of(region).items() if key in given} | {
         key: value for key, value in given.items() if key == "paint_light"
     }

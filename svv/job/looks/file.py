@@ -27,7 +27,7 @@ from svv.errors import BadInput
 from svv.fields.scene.checked import values_of
 from svv.io.files.atomic import write_json
 from svv.io.pictures.picture_data import as_data, mask_as_data, mask_in, picture_in
-from svv.job.looks.checked import checked_edits
+from svv.job.looks.checked import validate_region_edits
 from svv.job.looks.kept import Kept, Laid, LookRegion, style_with
 from svv.job.looks.offered import offered
 from svv.options.described import Described, described
@@ -83,8 +83,8 @@ def to_json(look: Kept) -> dict[str, Any]:
     content: dict[str, object] = {KEY: VERSION}
     if look.title:
         content["title"] = look.title
-    content["regions"] = [_region_told(region) for region in look.regions]
-    content["styles"] = {name: _style_told(style) for name, style in look.styles.items()}
+    content["regions"] = [_region_to_json(region) for region in look.regions]
+    content["styles"] = {name: _style_to_json(style) for name, style in look.styles.items()}
     if look.lamp is not None:
         content["lamp"] = vars(look.lamp)
     if look.camera is not None:
@@ -98,13 +98,13 @@ def to_json(look: Kept) -> dict[str, Any]:
     return content
 
 
-def _region_told(region: LookRegion) -> dict[str, object]:
+def _region_to_json(region: LookRegion) -> dict[str, object]:
     told: dict[str, object] = {"edits": dict(region.edits)}
     told |= {key: value for key in ("colour", "values", "style") if (value := getattr(region, key)) is not None}
     return told if region.laid == Laid() else {**told, "laid": vars(region.laid)}
 
 
-def _style_told(style: StyleInput) -> dict[str, str]:
+def _style_to_json(style: StyleInput) -> dict[str, str]:
     if isinstance(style.style, Ink):
         return {"ink": style.style.kind}
     masks = {"mask": style.measured, "part": style.mask} if style.divided else {"mask": style.mask}
@@ -171,7 +171,11 @@ def _region_in(told: object, styles: Mapping[str, StyleInput], name: str) -> Loo
         raise BadInput(f"{name}: the colour must have red, green and blue between 0 and 1.")
     values = None if content.get("values") is None else pair_in(content["values"], f"{name}, values")
     return LookRegion(
-        checked_edits(content.get("edits", {}), name), colour, values, style, _laid_in(content.get("laid", {}), name)
+        validate_region_edits(content.get("edits", {}), name),
+        colour,
+        values,
+        style,
+        _laid_in(content.get("laid", {}), name),
     )
 
 

@@ -61,7 +61,7 @@ class Matches:
             return None
         return whole_of(styles[0]) if styles[0].divided else styles[0]
 
-    def said(self, look: Kept, scene: Scene) -> list[str]:
+    def describe(self, look: Kept, scene: Scene) -> list[str]:
         """Return a line for each region of both sides: what it gets, or that it gets nothing."""
         lines = [
             f"{_named(scene, m.region)} looks like {look.regions[m.source].label(m.source)}: {m.reason}"
@@ -90,7 +90,7 @@ def matched(look: Kept, scene: Scene, mapping: Mapping[int, int] | None = None) 
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     regions, sources = scene.regions, look.regions
-    found = {k: Match(k, v, ASKED) for k, v in _checked(mapping or {}, len(regions), len(sources)).items()}
+    found = {k: Match(k, v, ASKED) for k, v in _validate_mapping(mapping or {}, len(regions), len(sources)).items()}
     used = {match.source for match in found.values()}
 
     def pair(costs: Callable[[Sequence[int], Sequence[int]], NDArray[np.float64]], most: float, why: str) -> None:
@@ -124,7 +124,7 @@ ASKED, NAME, VALUES = "as asked", "the same name", "overlapping values"
 COLOUR, TURN = "the nearest colour, {:.0f} apart", "in turn"
 
 
-def _checked(mapping: Mapping[int, int], regions: int, sources: int) -> Mapping[int, int]:
+def _validate_mapping(mapping: Mapping[int, int], regions: int, sources: int) -> Mapping[int, int]:
     for region, source in mapping.items():
         if not 0 <= region < regions:
             raise BadInput(f"There is no region {region}: the scene has the regions 0 to {regions - 1}.")

@@ -57,7 +57,7 @@ def say(
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     clauses = understood(text, scene.regions)
-    lines = [_told(scene, clause) for clause in clauses]
+    lines = [_describe_clause(scene, clause) for clause in clauses]
     if wanted := [str(clause.wants["style"]) for clause in clauses if "style" in clause.wants and not paints]:
         name = wanted[0].removeprefix(PREFIX)
         raise BadInput(
@@ -75,7 +75,7 @@ def say(
     return Spoken(result.as_one_step(before), tuple(lines))
 
 
-def _told(scene: Scene, clause: Clause) -> str:
+def _describe_clause(scene: Scene, clause: Clause) -> str:
     wanted = ", ".join(clause.texts)
     if set(clause.wants) <= {"light", "intensity"}:
         return wanted

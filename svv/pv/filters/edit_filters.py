@@ -66,11 +66,11 @@ class StyleRFEdit(SceneOutput, Picking):
         return "" if scene is None else point_seen(scene, seen)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.work.editing import as_edited, told
+        from svv.pv.work.editing import as_edited, describe_edits
 
         scene, understood = as_edited(scene_of(inputs[0]), self.values, self.progress)
         self.give(scene, outputs[0])
-        return " ".join([*(f"Understood: {line}." for line in understood), told(scene)])
+        return " ".join([*(f"Understood: {line}." for line in understood), describe_edits(scene)])
 
 
 @smproxy.filter(label="StyleRF Join", support_reload=False)
@@ -93,15 +93,15 @@ class StyleRFJoin(SceneOutput):
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.scene.joined import joined, members, named, relit
-        from svv.pv.work.editing import told
+        from svv.pv.work.editing import describe_edits
 
         given = [self.GetInputDataObject(0, number) for number in range(self.GetNumberOfInputConnections(0))]
         scenes = [finished_scene_of(data) for data in given]
         arrays = [scene.made.get("source", {}).get("volume") for scene in scenes]
         if None not in arrays and len(set(arrays)) == len(arrays):
             scenes = [named(scene, array) for scene, array in zip(scenes, arrays, strict=True)]
-        scene = self.kept("joined", tuple(map(key_of_scene, given)), lambda: joined(scenes))
+        scene = self.get_or_make("joined", tuple(map(key_of_scene, given)), lambda: joined(scenes))
         self.give(scene, outputs[0])
         counts = " + ".join(str(len(member.regions)) for member in members(scene))
         dark = "".join(f" Input {number + 1} gets the light of the others." for number in relit(scenes))
-        return f"{counts} regions.{dark} {told(scene)}"
+        return f"{counts} regions.{dark} {describe_edits(scene)}"

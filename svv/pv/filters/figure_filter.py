@@ -81,8 +81,8 @@ class StyleRFFigure(Filter):
         from svv.pv.filters.figures import pixels_of
 
         scene = finished_scene_of(data)
-        self.kept("scene", object(), lambda: scene)
+        self.get_or_make("scene", object(), lambda: scene)
         looks = {name: value for name, value in self.values.items() if name not in ("SeenWith", "FigureFile")}
-        return self.kept(
+        return self.get_or_make(
             "figure", (key_of_scene(data), repr(looks)), lambda: pixels_of(scene, self.values, self.progress)
         )

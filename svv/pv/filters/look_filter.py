@@ -51,10 +51,10 @@ class StyleRFLook(SceneOutput):
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.devices.gpu import device_named
         from svv.job.looks.look import Look
-        from svv.pv.work.editing import told
+        from svv.pv.work.editing import describe_edits
 
         scene, values = finished_scene_of(inputs[0]), self.values
-        self.kept("input", object(), lambda: scene)
+        self.get_or_make("input", object(), lambda: scene)
         shipped = values["Look"] != FILE
         if not shipped and not values["LookFile"]:
             self.give(scene, outputs[0])
@@ -69,9 +69,11 @@ class StyleRFLook(SceneOutput):
                 return look.applied(on, pairs_in(values["Pairs"]), progress, preset=values["Preset"])
 
         key = (key_of_scene(inputs[0]), named, values["Pairs"], values["Preset"])
-        found = self.kept("applied", key, apply)
+        found = self.get_or_make("applied", key, apply)
         self.give(found.scene, outputs[0])
-        return "; ".join([*found.matches.said(look, found.scene), *found.notes]) + ". " + told(found.scene)
+        return (
+            "; ".join([*found.matches.describe(look, found.scene), *found.notes]) + ". " + describe_edits(found.scene)
+        )
 
     def SaveLook(self) -> None:
         """Write the input's look to a file."""

@@ -73,7 +73,7 @@ class StyleRFSceneReader(Filter):
             asked = executive.UPDATE_TIME_STEP()
             step = step_at(steps, info.Get(asked)) if info.Has(asked) else steps.own
             whole, (file, _) = scene, self._kept["scene"]
-            scene = self.kept("step", (file, step), lambda: at_step(whole, step))
+            scene = self.get_or_make("step", (file, step), lambda: at_step(whole, step))
             outputs[0].GetInformation().Set(vtkDataObject.DATA_TIME_STEP(), times[step])
             told = f" time step {step} of {len(times)};"
         put_scene(scene, outputs[0])
@@ -92,7 +92,7 @@ class StyleRFSceneReader(Filter):
 
         name = self.values["FileName"]
         changed = Path(name).stat().st_mtime_ns if Path(name).exists() else 0
-        return self.kept("scene", (name, changed), lambda: Scene.load(name))
+        return self.get_or_make("scene", (name, changed), lambda: Scene.load(name))
 
     @staticmethod
     def _times(scene: Scene) -> list[float]:
@@ -137,4 +137,6 @@ class StyleRFViewsReader(ViewsOutput):
 
         path = Path(self.values["FileName"])
         changed = path.stat().st_mtime_ns if path.exists() else 0
-        return self.kept("views", (path, changed), lambda: ViewSet.read(path.parent, split_of(path), self.progress))
+        return self.get_or_make(
+            "views", (path, changed), lambda: ViewSet.read(path.parent, split_of(path), self.progress)
+        )

@@ -48,11 +48,11 @@ from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
     Property,
     button,
+    cached_names_property,
     choice,
     file,
     files,
     integer,
-    kept_as,
     number,
     panel,
     status,
@@ -102,7 +102,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
     button("RedoPalette", "Redo the last change that was undone."),
     button("ResetPalette", "Reset this panel, so that the scene passes through unchanged."),
     *save_properties(),
-    *kept_as(),
+    *cached_names_property(),
     status(),
 ))  # fmt: skip
 @takes_scene
@@ -143,7 +143,7 @@ class StyleRFPalette(SceneBeside, Pointing):
         from svv.pv.work.requests import correcting
 
         scene, correction = finished_scene_of(inputs[0]), correction_in(self.values)
-        self.kept("before", object(), lambda: scene)
+        self.get_or_make("before", object(), lambda: scene)
         if not correction:
             self._learner.stop_here()
             self._learner.forget()
@@ -172,12 +172,12 @@ class StyleRFPalette(SceneBeside, Pointing):
 
         stated = self.stated().get("corrected", "")
         if self.last("corrected") is None and settings_in(stated, "palette") == settings:
-            before = self.kept_as(stated, "palette")
+            before = self.load_cached(stated, "palette")
             if before is not None and before.made.get("of") == base:
-                self.kept("corrected", key, lambda: before)
+                self.get_or_make("corrected", key, lambda: before)
                 self.gives(corrected=stated)
                 self.note = FOUND
-        result = tuned_like(self.kept("corrected", key, get), scene)
+        result = tuned_like(self.get_or_make("corrected", key, get), scene)
         self.give(result, outputs[0])
         report = result.made["corrected"][-1]
         return f"{'; '.join(report['notes'][:-1])}; trained in {report['seconds']['total']:.0f} s.{self.note}"
@@ -195,7 +195,7 @@ class StyleRFPalette(SceneBeside, Pointing):
     def _file_key(self) -> str:
         file = self._file()
         changed = file.stat().st_mtime_ns if file.is_file() else 0
-        return self.kept("key of the file", (file, changed), lambda: digest_of_listed(file))
+        return self.get_or_make("key of the file", (file, changed), lambda: digest_of_listed(file))
 
     def _views_in_file(self, progress: Progress) -> ViewSet:
         """Return the views that the panel names; they are read again only if the file has changed."""
@@ -203,7 +203,7 @@ class StyleRFPalette(SceneBeside, Pointing):
         from svv.io.views.viewset import ViewSet
 
         file, key = self._file(), self._file_key()
-        return self.kept("views in the file", key, lambda: ViewSet.read(file.parent, split_of(file), progress))
+        return self.get_or_make("views in the file", key, lambda: ViewSet.read(file.parent, split_of(file), progress))
 
     def _file(self) -> Path:
         if not self.values["ViewsFile"]:
@@ -246,7 +246,7 @@ class StyleRFPalette(SceneBeside, Pointing):
     button("PaintAgain", "Paint again: from the start, or on the last painting if Continue is on."),
     button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),
     *save_properties(),
-    *kept_as(),
+    *cached_names_property(),
     status(),
 ))  # fmt: skip
 @takes_scene
@@ -304,7 +304,7 @@ class StyleRFStylize(SceneBeside):
             said = self._show_picture(outputs[1])
             if values["MaskFolder"]:
                 folder = Path(values["MaskFolder"])
-                self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
+                self.get_or_make("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
         elif values["PreviewOnly"]:
             raise BadInput(self.lost)
         self._begin_with_paintings(scene, base)
@@ -326,9 +326,9 @@ class StyleRFStylize(SceneBeside):
                 result, kept = self.found_or_made(slot, "painting", now, paint)
                 return Painting(base, result.on(scene.device), kept)
 
-            painting = self.kept(slot, (base, style, self._round), make)
+            painting = self.get_or_make(slot, (base, style, self._round), make)
             self.gives(**{slot: painting.name, **{f"{FILE}{file}": key for file, key in files_of(values).items()}})
-            said = painting.told() + (LOST.format(lost=self.lost) if self.lost else self.note)
+            said = painting.describe() + (LOST.format(lost=self.lost) if self.lost else self.note)
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
         if any(layer.styled is not None for layer in result.every_layer):
@@ -352,10 +352,10 @@ class StyleRFStylize(SceneBeside):
         for slot, name in self.stated().items():
             if not slot.startswith(PAINTING) or self.last(slot) is not None:
                 continue
-            found = self.kept_as(name, "painting")
+            found = self.load_cached(name, "painting")
             if found is not None and digest_of_scene(found) == base:
                 key = (base, settings_in(name, "painting"), 0)
-                self.kept(slot, key, lambda: Painting(base, found.on(scene.device), name))  # noqa: B023
+                self.get_or_make(slot, key, lambda: Painting(base, found.on(scene.device), name))  # noqa: B023
                 self.gives(**{slot: name})
                 self.note = FOUND
 
@@ -376,4 +376,4 @@ class StyleRFStylize(SceneBeside):
         from svv.pv.work.style_masks import preview
 
         key = (style_key(self.values), self.values["ShownMask"])
-        return self.kept("preview", key, lambda: preview(self.values, self.progress))
+        return self.get_or_make("preview", key, lambda: preview(self.values, self.progress))

@@ -38,19 +38,19 @@ from svv.pv.panel.groups import (
 )
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
-from svv.pv.panel.properties import file, kept_as, panel, picked, shown_view, status, switch
+from svv.pv.panel.properties import cached_names_property, file, panel, picked, shown_view, status, switch
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of, name_of, source_of
 from svv.pv.results.stored import Stored
 from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
-from svv.pv.work import default_function
 from svv.pv.work.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in, write_views
+from svv.pv.work.default_function import describe_default_function
 from svv.pv.work.own_edits import edits_of, painted_as_edited, put_edited
 from svv.pv.work.parallel import DividedInput
 from svv.pv.work.picking import Clickable
-from svv.pv.work.resampled import told as told_of
+from svv.pv.work.resampled import describe_resampled_input
 from svv.pv.work.shown_scene import ShownScene, mark_scene, shown_in
 from svv.pv.work.unfinished import mark_unfinished
 from svv.pv.work.vtk_data import (
@@ -86,7 +86,7 @@ __all__ = [
     *take_buttons(),
     file("Folder", "", "", "Folder to which the views are also written, as a set that `svv` and other programs read."),
     *shown_view(),
-    *kept_as(),
+    *cached_names_property(),
     status(),
 )
 @takes_volume
@@ -117,7 +117,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 
         def own() -> Views | None:
             found = views_in(Path(folder), key_of(now), self.progress) if folder else None
-            return found and self.kept("written", (key_of(now), folder), lambda: found)
+            return found and self.get_or_make("written", (key_of(now), folder), lambda: found)
 
         def write() -> Views:
             write_views(views, Path(folder), part(self.progress, 0.9, 1.0))
@@ -128,12 +128,12 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
         self.gives(views=name)
         train = views[0]
         if folder:
-            self.kept("written", (key_in(name), folder), write)
+            self.get_or_make("written", (key_in(name), folder), write)
         self.show(train, outputs, key_in(name))
         said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
         said = " ".join(filter(None, [said, train.meta.assumed]))
-        said += told_of(inputs[0], self.values) + default_function.told(inputs[0], self.values)
-        return said + self.note + self.steps.told(now, "Drawn", "draws them again")
+        said += describe_resampled_input(inputs[0], self.values) + describe_default_function(inputs[0], self.values)
+        return said + self.note + self.steps.describe_staleness(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Data]) -> None:
         if self.steps.result is not None:
@@ -154,7 +154,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
          "File for the scene, which is read again if the input is the same, so that a saved state need not train.",
          save=True),
     *volume_properties(ViewOptions(test=0)),
-    *kept_as(),
+    *cached_names_property(),
     status(),
 )  # fmt: skip
 @takes_volume
@@ -167,7 +167,7 @@ class StyleRFTrain(DividedInput, Beside):
         super().__init__(1, 1, "vtkTable")
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.work.engine import followed, follows, regions_said, training_moment
+        from svv.pv.work.engine import describe_regions, followed, follows, training_moment
         from svv.pv.work.requests import learning
 
         present, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
@@ -195,18 +195,19 @@ class StyleRFTrain(DividedInput, Beside):
         whole, moved = scene, ""
         if not isinstance(whole, Stored) and follows(whole, inputs[0], self.steps.made, present):
             moved, key = f" Followed to time {present.time:g}.", (name, present.data)
-            scene = self.kept("followed", key, lambda: followed(whole, inputs[0], self.values, present))
+            scene = self.get_or_make("followed", key, lambda: followed(whole, inputs[0], self.values, present))
         scene, told = as_edited_since(self, scene, name, present, moved)
         if isinstance(scene, Stored):
             put_stored(*Stored.and_content(scene.path), outputs[0])
         else:
             put_scene(scene, outputs[0])
-        self.kept("table", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
-        said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
+        self.get_or_make("table", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        said = f"{describe_regions(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
         said = " ".join(
             [said, *scene.made.get("warnings", []), scene.made.get("source", {}).get("assumed") or ""]
         ).rstrip()
-        return said + told_of(inputs[0], self.values) + default_function.told(inputs[0], self.values) + self.note + told
+        said += describe_resampled_input(inputs[0], self.values) + describe_default_function(inputs[0], self.values)
+        return said + self.note + told
 
     def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
         if not self.put_newest(outputs[0]):
@@ -240,7 +241,7 @@ class StyleRFRender(ImageOutput, Clickable):
         drawn = draw(scene, camera, self.values, self.progress)
         put_drawn(outputs[0], drawn, camera)
         self.framed = " ".join(f"{number:.9g}" for number in numbers_of(camera, scene.rig.centre))
-        self.kept("shown", key_of_scene(inputs[0]), lambda: shown_in(inputs[0])).mark(outputs[0])
+        self.get_or_make("shown", key_of_scene(inputs[0]), lambda: shown_in(inputs[0])).mark(outputs[0])
         return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}"
 
 
@@ -299,13 +300,13 @@ class StyleRFVolume(VolumeOutput, Clickable):
 
         options = options_in(BakeOptions, self.values)
         scene = scene_of(inputs[0]).on(device_named(options.device))
-        baker: Baker = self.kept("baker", options.device, Baker)
+        baker: Baker = self.get_or_make("baker", options.device, Baker)
         key = key_of_scene(inputs[0]), options
-        baked = self.kept("baked", key, lambda: baker.bake(scene, options, self.progress))
-        self.kept("volume", object(), lambda: as_cut(baked, self.values))
+        baked = self.get_or_make("baked", key, lambda: baker.bake(scene, options, self.progress))
+        self.get_or_make("volume", object(), lambda: as_cut(baked, self.values))
         self.before(outputs)
         self.announce(out_info, self.last("volume").grid)
-        return f"{self.last('volume').told()}."
+        return f"{self.last('volume').describe()}."
 
     def before(self, outputs: list[Data]) -> None:
         if self.last("volume") is not None:
@@ -334,7 +335,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         said = super().work(inputs, outputs, out_info)
         given: ShownScene | None = self.last("given")
         mark_scene(outputs[0]) if given is None else given.mark(outputs[0])
-        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        self.get_or_make("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         return said
 
     def result(  # long: one step after the other
@@ -342,17 +343,17 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
     ) -> str:
         from svv.pv.work.engine import (
             camera_for,
+            describe_regions,
             draw,
             emptiness_of,
             followed,
             follows,
             moving_from,
-            regions_said,
             training_moment,
         )
         from svv.pv.work.requests import learning
         from svv.pv.work.style_files import files_of, lost_file, style_key
-        from svv.pv.work.styling import parts_said
+        from svv.pv.work.styling import describe_parts
 
         values = self.values
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
@@ -381,7 +382,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         def wants(scene: str) -> None:
             self.wants(scene, name_of("painting", source_of(ours(scene)), look) if styles else "")
 
-        paintings: Steps[tuple[Scene | Stored, str]] = self.kept("paintings", None, Steps)
+        paintings: Steps[tuple[Scene | Stored, str]] = self.get_or_make("paintings", None, Steps)
         look = digest(styles, now.settings)
         wants(name_of("scene", source_of(now), now.settings))
         if styles:
@@ -395,31 +396,36 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
             painted, name = paintings.get(on, lambda: self.found_or_made("painted", "painting", on, paint), each)
             self.gives(painted=name, **{f"{FILE}{file}": key for file, key in files_of(values).items()})
             scene = painted
-        parts = "" if isinstance(scene, Stored) else parts_said(scene)
+        parts = "" if isinstance(scene, Stored) else describe_parts(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         note = LOST.format(lost=self.lost) if self.lost else self.note
-        shown = told_of(inputs[0], values) + default_function.told(inputs[0], values)
-        said = f"{regions_said(scene)}{hint}.{shown}{note}"
+        shown = describe_resampled_input(inputs[0], values) + describe_default_function(inputs[0], values)
+        said = f"{describe_regions(scene)}{hint}.{shown}{note}"
         said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed"), parts]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))
         camera = camera_for(whole.rig, values)
         if made is not None and made.data == present.data:
-            self.kept("moving", (name, made.data), lambda: moving_from(whole, inputs[0], values, present, self.times))
+            self.get_or_make(
+                "moving", (name, made.data), lambda: moving_from(whole, inputs[0], values, present, self.times)
+            )
         if made is not None and follows(whole, inputs[0], made, present):
-            moving = self.kept("moving", (name, made.data), lambda: None)
+            moving = self.get_or_make("moving", (name, made.data), lambda: None)
             make = partial(followed, whole, inputs[0], values, present, moving)
-            scene, moved = self.kept("followed", (name, present.data), make), f" Followed to time {present.time:g}."
+            scene = self.get_or_make("followed", (name, present.data), make)
+            moved = f" Followed to time {present.time:g}."
         scene, told = as_edited_since(self, scene, name, present, moved)
         assert not isinstance(scene, Stored)
         edits, plain = edits_of(values), scene
         key = id(plain), repr(edits)  # which the result holds
-        _, scene, edited = self.kept("edited", key, lambda: (plain, *painted_as_edited(plain, edits, self.progress)))
+        _, scene, edited = self.get_or_make(
+            "edited", key, lambda: (plain, *painted_as_edited(plain, edits, self.progress))
+        )
         drawn = draw(scene, camera, values, self.progress)
         put_drawn(outputs[0], drawn, camera)
-        self.kept("given", key, lambda: ShownScene(partial(put_scene, scene)))
-        self.kept("glance", None, lambda: None)  # no longer needed
+        self.get_or_make("given", key, lambda: ShownScene(partial(put_scene, scene)))
+        self.get_or_make("glance", None, lambda: None)  # no longer needed
         return said + told + edited + emptiness_of(scene, drawn["Depth"])
 
     def _drawn(self, scene: Stored, name: str, present: Moment, put: tuple[Data, Data]) -> str:
@@ -429,7 +435,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         drawn, sharp, edited = self._learner.result(shown, self.values, self.values["Late"])
         self.drawn_beside(*put, drawn)
         edits = edits_of(self.values)
-        self.kept("given", (shown.path, repr(edits)), lambda: ShownScene(partial(put_edited, shown.path, edits)))
+        self.get_or_make("given", (shown.path, repr(edits)), lambda: ShownScene(partial(put_edited, shown.path, edits)))
         return told + edited + ("" if sharp else SHARPENS)
 
     def meanwhile(self, inputs: list[Data], outputs: list[Data], learner: Ordered) -> None:
@@ -437,10 +443,10 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         mark_unfinished(outputs[0])
         state, edits = learner.state(), edits_of(self.values)
         if state is None:
-            self.kept("given", None, lambda: None)
+            self.get_or_make("given", None, lambda: None)
             return
         key = state, state.stat().st_mtime_ns, repr(edits)
-        self.kept("given", key, lambda: ShownScene(partial(put_edited, state, edits, sketch=True)))
+        self.get_or_make("given", key, lambda: ShownScene(partial(put_edited, state, edits, sketch=True)))
 
     def release(self) -> None:
         super().release()

@@ -128,7 +128,7 @@ class Beside(Keeping):
                 said = self.result(inputs, outputs, out_info)
         except NotYet:
             self.meanwhile(inputs, outputs, self._learner)
-            return self._learner.told(self.nothing)
+            return self._learner.describe_progress(self.nothing)
         finally:
             self.values["Late"] = False
         self._moment = None
@@ -148,15 +148,15 @@ class Beside(Keeping):
         """Forget the results in memory: in this process they are scenes, beside it no more than their headers."""
         self.steps.results.clear()
 
-    def kept_as(self, name: str, kind: str) -> Scene | Stored | None:
+    def load_cached(self, name: str, kind: str) -> Scene | Stored | None:
         """Return the result that is kept under a name, or None; only its header, if another process draws it."""
         if not (self.headers and self._lives()):
-            return super().kept_as(name, kind)
+            return super().load_cached(name, kind)
         found = Cache.of_user().read(name, Stored.read)
-        return super().kept_as(name, kind) if found is not None and self._follows(found) else found
+        return super().load_cached(name, kind) if found is not None and self._follows(found) else found
 
     def found_in(self, file: Path, now: Moment) -> Scene | Stored | None:
-        """Return the scene in the user's file, as :meth:`kept_as` does; None if it is something else."""
+        """Return the scene in the user's file, as :meth:`load_cached` does; None if it is something else."""
         from svv.pv.work.engine import scene_in
 
         if self.headers and self._lives():
@@ -227,7 +227,7 @@ class Beside(Keeping):
     def GetLearned(self) -> str:
         """Return a text that changes whenever there is something new to show; it ends in * while more is to come."""
         if self._learner.busy:
-            self._status = self._learner.told(self.nothing)
+            self._status = self._learner.describe_progress(self.nothing)
         return self._learner.news(self.values)
 
     def Pause(self) -> None:
@@ -243,7 +243,7 @@ class Beside(Keeping):
     def StopHere(self) -> None:
         """Stop learning; what is shown stays."""
         self._learner.stop_here()
-        self._status = self._learner.told(self.nothing)
+        self._status = self._learner.describe_progress(self.nothing)
 
 
 class DrawnBeside(Beside):
@@ -262,7 +262,7 @@ class DrawnBeside(Beside):
 
         arrays, camera = glanced(self, data) if drawn is None else (drawn.arrays, drawn.camera)
         if drawn is not None:
-            self.kept("glance", None, lambda: None)  # no longer needed
+            self.get_or_make("glance", None, lambda: None)  # no longer needed
         camera = camera.resized(*size_of(self.values))
         put_drawn(image, enlarged(arrays, camera), camera)
 

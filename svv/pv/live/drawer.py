@@ -138,7 +138,7 @@ class Drawer:
         until = time.monotonic() + patience
         while self.pending and time.monotonic() < until:
             time.sleep(0.004)
-        said = self._said()
+        said = self._read_status()
         if said.get("number") == self._number and said.get("gone"):
             raise Gone
         if said.get("number") == self._number and "error" in said:
@@ -160,18 +160,18 @@ class Drawer:
     @property
     def drawn(self) -> str:
         """A text that changes with every image and error."""
-        said = self._said()
+        said = self._read_status()
         return f"{said.get('number', 0)}{'' if self._is_sharp(said) else '~'}{'' if self.alive else ' ended'}"
 
     @property
     def edited(self) -> str:
         """What to say of the edits in the newest image, after a space."""
-        return self._said().get("edited", "")
+        return self._read_status().get("edited", "")
 
     @property
     def pending(self) -> bool:
         """Whether an image is being drawn that is better than the newest one."""
-        said = self._said()
+        said = self._read_status()
         failed = said.get("number") == self._number and "error" in said
         return self._wanted is not None and self.alive and not failed and not self._is_sharp(said)
 
@@ -189,8 +189,8 @@ class Drawer:
             self._worker.stop()
         self._worker = None
 
-    def _said(self) -> DrawnOf:
-        return {} if self._worker is None else cast(DrawnOf, self._worker.said())
+    def _read_status(self) -> DrawnOf:
+        return {} if self._worker is None else cast(DrawnOf, self._worker.read_status())
 
     def _is_sharp(self, said: DrawnOf) -> bool:
         """Whether the newest image is the sharp one that was asked for last."""

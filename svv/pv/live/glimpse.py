@@ -44,7 +44,7 @@ def glanced(filter: Filter, data: Data | None) -> tuple[Arrays, Camera]:
         image = volume_shown(volume_of(data, values), values)
         return Glance(image, transfer_function_of(values), shading_of(values))
 
-    glance: Glance = filter.kept("glance", (now.look, now.data, now.settings), make)
+    glance: Glance = filter.get_or_make("glance", (now.look, now.data, now.settings), make)
     camera = camera_for(glance.rig, values)
     rgba = glance.draw(small(camera))
     nothing: Arrays = {

@@ -111,11 +111,11 @@ class Window:
 
     def keep(self, name: str, scene: Scene) -> Scene:
         """Put a scene into the cache; if that has no room, the window will say so."""
-        from svv.job.request import as_kept
+        from svv.job.request import round_trip
 
         Cache.of_user().write(name, scene.save)
         found = self.found(name)
-        return as_kept(scene) if found is None else found.on(scene.device)
+        return round_trip(scene) if found is None else found.on(scene.device)
 
     def checkpoint(self, name: str) -> Path | None:
         """Return a file in the cache, which keeps it while this process holds it."""
@@ -130,7 +130,7 @@ class Window:
         Cache.of_user().remove_checkpoint(name)
         self._let_go()
 
-    def said(self, error: Exception) -> str:
+    def describe_error(self, error: Exception) -> str:
         """Return one sentence on an error."""
         return sentence_on(error)
 

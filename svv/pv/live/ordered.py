@@ -166,7 +166,7 @@ class Ordered:
         there = self._drawer.drawn if self._draws else self._answer().get("state", 0)
         return f"{self._number} {learning} {there}{'*' if self.busy or self._drawer.pending else ''}"
 
-    def told(self, nothing: str) -> str:
+    def describe_progress(self, nothing: str) -> str:
         """Return one line about the work; ``nothing`` says what is shown before the first state."""
         said = self._answer()
         shown = said.get("shown") or nothing
@@ -216,5 +216,5 @@ class Ordered:
 
     def _answer(self) -> Progressed:
         """Return what the process says about the last order; empty if nothing yet."""
-        said = {} if self._worker is None else self._worker.said()
+        said = {} if self._worker is None else self._worker.read_status()
         return cast(Progressed, said) if said.get("order") == self._number else {}

@@ -27,8 +27,8 @@ class SceneBeside(SceneOutput, Beside):
     slots: tuple[str, ...] = ()
     """Beginnings of the names under which it keeps what it has learned in memory."""
 
-    def kept_as(self, name: str, kind: str) -> Scene | None:
-        found = super().kept_as(name, kind)
+    def load_cached(self, name: str, kind: str) -> Scene | None:
+        found = super().load_cached(name, kind)
         assert not isinstance(found, Stored)
         return found
 

@@ -20,7 +20,7 @@ from svv.pv.panel.groups import (
 )
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import properties_of
-from svv.pv.panel.properties import Property, files, group, kept_as, status
+from svv.pv.panel.properties import Property, cached_names_property, files, group, status
 
 MEANINGS = {"draft": "Sketch", "fast": "Good", "balanced": "Better", "best": "Best", "paper": "hours"}
 """What the panel says of each preset, behind its name; long words would widen the panel."""
@@ -49,7 +49,7 @@ def stylized_view_properties() -> list[Property]:
         *titled("Training", [*without(training, "Preset"), preview_file()]),
         *titled("Image", without(image, "FollowCamera")),
         *titled("Volume", without(volume, "Shade")),
-        *kept_as(),
+        *cached_names_property(),
     ]
 
 

@@ -49,7 +49,7 @@ def options_in(kind: type[Options], values: Values, prefix: str = "", **others: 
         prefix: Prefix of the property names, as for :func:`properties_of`.
         others: Values of fields that the panel shows in another way.
     """
-    given = {f.name: _meant(f, values, prefix) for f in _shown(kind) if prefix + f.property_name in values}
+    given = {f.name: _convert_property(f, values, prefix) for f in _shown(kind) if prefix + f.property_name in values}
     return kind(**{**given, **others})
 
 
@@ -81,7 +81,7 @@ def _property(field: Described, default: Any, prefix: str, advanced: bool) -> Pr
     return text(name, help, default or "", advanced)
 
 
-def _meant(field: Described, values: Values, prefix: str) -> object:
+def _convert_property(field: Described, values: Values, prefix: str) -> object:
     """Return the field's value that corresponds to the property's value."""
     held, setting = by_name(values), field.setting
     value = held[prefix + field.property_name]

@@ -305,7 +305,7 @@ def display() -> Property:
     return Property("Display", xml, None, {"SetDisplay": stored("Display", lambda shown: shown)})
 
 
-def kept_as() -> list[Property]:
+def cached_names_property() -> list[Property]:
     """Return the property with the names under which results are kept, so that a saved state finds them.
 
     :mod:`svv.pv.panel.cached_names` fills it in. Setting it changes no result, and so starts no work.

@@ -94,7 +94,7 @@ class Steps(Generic[Result]):
         self._asked, self._last = False, now
         return next(reversed(self.results.values()))[1]
 
-    def told(self, now: Moment, done: str = "Trained", again: str = "trains it again") -> str:
+    def describe_staleness(self, now: Moment, done: str = "Trained", again: str = "trains it again") -> str:
         """Return a sentence, after a space, if the result was made from other data than the present; otherwise ''."""
         made = self.made
         if made is None or (made.data, made.look) == (now.data, now.look):

@@ -254,7 +254,7 @@ class Filter(VTKPythonAlgorithmBase):
             _working.clear()
             give_memory_back()
 
-    def kept(self, name: str, key: object, make: Callable[[], Result]) -> Result:
+    def get_or_make(self, name: str, key: object, make: Callable[[], Result]) -> Result:
         """Return the result kept under a name, and call ``make`` only if the key differs from the last one's."""
         if name not in self._kept or self._kept[name][0] != key:
             self._kept[name] = (key, make())

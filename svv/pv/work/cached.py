@@ -61,8 +61,8 @@ class Keeping(Filter):
         name = self.stated().get(slot, "")
         if self.steps.results or settings_in(name, kind) != now.settings:
             return
-        found = self.kept_as(name, kind)
-        if found is not None and _told(found):
+        found = self.load_cached(name, kind)
+        if found is not None and _provenance_of(found):
             self.steps.put(_moment_of(found, now), (found, name))
             self.gives(**{slot: name})
             self.note = FOUND
@@ -72,8 +72,8 @@ class Keeping(Filter):
         name = self.stated().get("painted", "")
         if self.steps.results or paintings.results or settings_in(name, "painting") != settings:
             return
-        found = self.kept_as(name, "painting")
-        if found is not None and _told(found):
+        found = self.load_cached(name, "painting")
+        if found is not None and _provenance_of(found):
             below = name_of("scene", *found.made["key"].split("-"))
             scene = found if isinstance(found, Stored) else found.without_variant(found.variant)
             self.steps.put(_moment_of(found, now), (scene, below))
@@ -106,13 +106,13 @@ class Keeping(Filter):
         if not self._anew:
             found = None if own is None else own()
             if found is None:
-                found = self.kept_as(name, kind)
+                found = self.load_cached(name, kind)
             if found is not None:
                 self.note = FOUND
                 return found, name
             if slot not in self._names and settings_in(stated, kind) == now.settings and not self._asked:
                 raise BadInput(self._gone(stated, kind))
-        result = self._kept_and_read(name, kind, make())
+        result = self._save_and_reload(name, kind, make())
         self._anew = False
         return result, name
 
@@ -121,7 +121,7 @@ class Keeping(Filter):
         self._names |= names
         self.values["KeptAs"] = self.GetKept()
 
-    def kept_as(self, name: str, kind: str) -> Any:
+    def load_cached(self, name: str, kind: str) -> Any:
         """Return the result that is kept under a name, or None."""
         if kind == "views":
             return Cache.of_user().read(name, read_views)
@@ -160,12 +160,12 @@ class Keeping(Filter):
         self._anew = True
         self.Modified()
 
-    def _kept_and_read(self, name: str, kind: str, result: Any) -> Any:
+    def _save_and_reload(self, name: str, kind: str, result: Any) -> Any:
         """Keep a result, and return it as later processes will read it: scenes lose a little precision in files."""
         self.note = Cache.of_user().write(name, lambda path: _write(result, path))
         if kind == "views":
             return result
-        kept = None if self.note else self.kept_as(name, kind)
+        kept = None if self.note else self.load_cached(name, kind)
         if kept is None:
             kept = type(result).from_bytes(result.to_bytes())
         self.note = self.note and f" {self.note}"
@@ -187,7 +187,7 @@ class SceneOutput(Keeping):
 
     def give(self, scene: Scene, table: Data) -> None:
         """Put a scene into an output table, and remember it for Save Scene."""
-        self.kept("given", object(), lambda: scene)
+        self.get_or_make("given", object(), lambda: scene)
         put_scene(scene, table)
 
     def SaveScene(self) -> None:
@@ -231,7 +231,7 @@ def write_views(views: Views, folder: Path, progress: Progress = silent) -> None
     write_splits(folder, *views, progress)
 
 
-def _told(result: Views | Scene | Stored) -> dict[str, Any]:
+def _provenance_of(result: Views | Scene | Stored) -> dict[str, Any]:
     """Return a result's record of what it was made from; empty if no filter made it."""
     told = result[0].meta.to_json() if isinstance(result, tuple) else result.made
     return told if all(name in told for name in ("key", "look", "data", "time")) else {}
@@ -239,7 +239,7 @@ def _told(result: Views | Scene | Stored) -> dict[str, Any]:
 
 def _moment_of(result: Views | Scene | Stored, now: Moment) -> Moment:
     """Return what a kept result was made from, with the current settings."""
-    told = _told(result)
+    told = _provenance_of(result)
     return replace(now, look=told["look"], data=told["data"], time=told["time"], asked=None)
 
 

@@ -30,7 +30,7 @@ RAMP = ((0.0, 0.0, 0.5, 0.0), (1.0, 1.0, 0.5, 0.0))
 """Position, opacity, midpoint and sharpness of the points of ParaView's default opacities."""
 
 
-def told(data: vtkDataObject | None, values: Values) -> str:
+def describe_default_function(data: vtkDataObject | None, values: Values) -> str:
     """Return a sentence, after a space, if the panel's transfer function is ParaView's default; '' if it is not."""
     if not is_default(data, values):
         return ""

@@ -106,7 +106,7 @@ def _strokes_in(values: Values) -> dict[str, object]:
     return found
 
 
-def told(scene: Scene) -> str:
+def describe_edits(scene: Scene) -> str:
     """Return one line for the panel: the edits that can be undone, and the paintings."""
     past = scene.history.past
     lines = [f"{len(scene.regions)} regions"]
@@ -114,9 +114,9 @@ def told(scene: Scene) -> str:
     lines += [f"region {k} is part of region {r.part_of}" for k, r in enumerate(scene.regions) if r.part_of is not None]
     if past:
         lines.append(f"last edit: {past[-1].what} ({len(past)} to undo)")
-    lines += [cut.said() for cut in scene.cuts]
+    lines += [cut.describe() for cut in scene.cuts]
     if scene.settings.lighting == "phong":
-        lines.append(scene.lamp.said())
+        lines.append(scene.lamp.describe())
     if scene.variants:
         lines.append(f"paintings: {', '.join(scene.variants)}, shown: {scene.variant}")
     return "; ".join(lines) + "."

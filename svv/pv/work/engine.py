@@ -276,7 +276,7 @@ def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
     return scene.on(device_named(options_in(DeviceOptions, values).device))
 
 
-def regions_said(scene: Scene | Stored) -> str:
+def describe_regions(scene: Scene | Stored) -> str:
     """Say how many regions a scene has and what it was learned from, which scenes of older versions do not tell."""
     origin = f", learned from {scene.made['learned_from']}" if "learned_from" in scene.made else ""
     return f"{len(scene.regions)} regions{origin}"

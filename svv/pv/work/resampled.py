@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vtkImageData
 
-from svv.dvr.read.meshes import is_mesh, resampled, resampled_said
+from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
 from svv.pv.panel_values import Values
 
-__all__ = ["image_of", "is_mesh", "told"]
+__all__ = ["image_of", "is_mesh", "describe_resampled_input"]
 
 _last: dict[tuple[object, ...], vtkImageData] = {}
 """What an image was resampled from -> the last such image, which the filters on one input share."""
@@ -27,11 +27,11 @@ def image_of(data: vtkDataObject, values: Values) -> vtkImageData:
     return _last[key]
 
 
-def told(data: vtkDataObject | None, values: Values) -> str:
+def describe_resampled_input(data: vtkDataObject | None, values: Values) -> str:
     """Return a sentence about the image that a mesh was resampled to; nothing for other data."""
     if data is None or not is_mesh(data) or data.IsA("vtkPolyData"):
         return ""
-    return f" {resampled_said(data, image_of(data, values))}"
+    return f" {describe_resampling(data, image_of(data, values))}"
 
 
 def _changed(data: vtkDataObject) -> int:

@@ -30,14 +30,14 @@ class Painting:
     name: str
     """Name under which the painting is kept."""
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """Return one line about the painting."""
         report = self.scene.made["stylized"]
-        said = [f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"], parts_said(self.scene)]
+        said = [f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"], describe_parts(self.scene)]
         return " ".join(filter(None, said))
 
 
-def parts_said(scene: Scene) -> str:
+def describe_parts(scene: Scene) -> str:
     """Return which part of a picture each region has, and its colours from dark to light; '' if none is divided."""
     from svv.train.paint.dividing import swatches
 

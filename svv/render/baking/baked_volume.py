@@ -53,7 +53,7 @@ class BakedVolume:
         """Return the field data that go with it: the opacity function (256, 2) and its unit distance (1, 1)."""
         return {OPACITY: np.array(opacity_points(self.most)), UNIT_DISTANCE: np.array([[self.grid.unit_distance]])}
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """Return its size for the user."""
         x, y, z = self.grid.shape
         nothing = ", nothing of it visible" * self.empty

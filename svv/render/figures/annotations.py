@@ -35,10 +35,10 @@ LEAST_SEEN_AXIS = 0.12
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def length_said(length: float, unit: str | None) -> str:
+def format_length(length: float, unit: str | None) -> str:
     """Return a length for a scale bar.
 
-    >>> [length_said(x, "mm") for x in (50.0, 0.02, 2e-6)]
+    >>> [format_length(x, "mm") for x in (50.0, 0.02, 2e-6)]
     ['50 mm', '0.02 mm', '2 × 10⁻⁶ mm']
     """
     if 1e-3 <= length < 1e5:

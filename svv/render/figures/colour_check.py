@@ -35,10 +35,11 @@ def merging(seen: Sequence[Seen]) -> list[Pair]:
     return sorted(alike, key=lambda pair: pair.difference)
 
 
-def alike_said(pairs: Sequence[Pair]) -> str:
+def describe_lookalikes(pairs: Sequence[Pair]) -> str:
     """Return which regions look alike, for a legend; '' if none do.
 
-    >>> alike_said([Pair(*names.split(), "normal", 5.0) for names in ("bone fat", "bone skin", "fat skin", "fat air")])
+    >>> names = ("bone fat", "bone skin", "fat skin", "fat air")
+    >>> describe_lookalikes([Pair(*pair.split(), "normal", 5.0) for pair in names])
     'bone, fat and skin look alike; fat and air look alike'
     """
     alike = {frozenset((pair.first, pair.second)) for pair in pairs}
@@ -77,11 +78,11 @@ def seen_in_picture(path: Path) -> list[list[Seen]]:
     Raises:
         BadInput: It is no picture, or what it tells is damaged.
     """
-    from svv.render.figures.files import told_in
+    from svv.render.figures.files import read_region_metadata
 
     try:
         with Image.open(path) as picture:
-            told, rgba = told_in(picture), np.asarray(picture.convert("RGBA"), np.float32) / 255.0
+            told, rgba = read_region_metadata(picture), np.asarray(picture.convert("RGBA"), np.float32) / 255.0
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise BadInput(
             f"{path} is no picture that can be checked: give a scene, or a PNG or TIFF of the figure."
@@ -96,7 +97,7 @@ def seen_in_picture(path: Path) -> list[list[Seen]]:
     return [_main_colours(over(rgba).reshape(-1, 3))]
 
 
-def told_of(panels: Sequence[Sequence[Seen]]) -> str:
+def regions_to_json(panels: Sequence[Sequence[Seen]]) -> str:
     """Return what a figure tells of the colours of its panels' regions, for :func:`seen_in_picture`."""
     return json.dumps({"panels": [[one.to_json() for one in panel] for panel in panels]}, ensure_ascii=True)
 

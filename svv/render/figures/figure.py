@@ -22,12 +22,12 @@ from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene.model import in_words
-from svv.fields.scene.region import checked_line
+from svv.fields.scene.region import validate_line
 from svv.fields.scene.seen_colours import Pair, Seen, seen_in, seen_of
 from svv.io.pictures.output import to_bytes
 from svv.options.figures import FigureOptions
 from svv.render.emptiness import SHOW, why_empty
-from svv.render.figures.colour_check import alike_said, merging, report_on, told_of
+from svv.render.figures.colour_check import describe_lookalikes, merging, regions_to_json, report_on
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import (
     camera_through,
@@ -153,7 +153,7 @@ def drawing_of(
     listed = [panels] if not isinstance(panels, Sequence) else list(panels)
     every = [p if isinstance(p, Panel) else Panel(p) for p in listed]
     for panel in every:
-        checked_line(panel.title, "The title of a panel", LONGEST_TITLE)
+        validate_line(panel.title, "The title of a panel", LONGEST_TITLE)
     if not 1 <= len(every) <= MOST_PANELS:
         raise BadInput(f"A figure has 1 to {MOST_PANELS} panels, not {len(every)}.")
     for number, panel in enumerate(every):
@@ -166,7 +166,7 @@ def drawing_of(
         tell(said)
     drawing.figure.set_label(". ".join(dict.fromkeys(map(_in_words, drawing.panels))))
     if out is not None:
-        write_figure(drawing.figure, out, told_of(drawing.seen))
+        write_figure(drawing.figure, out, regions_to_json(drawing.seen))
     progress(1.0, "figure")
     return drawing
 
@@ -199,11 +199,11 @@ def _check(options: FigureOptions) -> None:
     if len(options.behind) != 3 or not all(0.0 <= c <= 1.0 for c in options.behind):
         raise BadInput(f"{tuple(options.behind)} is no background: give red, green and blue between 0 and 1.")
     for what, text in (("unit", options.unit), ("unit of the values", options.value_unit)):
-        checked_line(text or "", f"The {what}", LONGEST_UNIT)
+        validate_line(text or "", f"The {what}", LONGEST_UNIT)
     for number, title in enumerate(options.title):
-        checked_line(title, f"Title {number}", LONGEST_TITLE)
+        validate_line(title, f"Title {number}", LONGEST_TITLE)
     for name in axis_names(options.axes) or ():
-        checked_line(name, "The name of an axis")
+        validate_line(name, "The name of an axis")
 
 
 def axis_names(text: str | None) -> tuple[str, str, str] | None:
@@ -247,7 +247,7 @@ class Alike:
     pair: Pair
     where: str
 
-    def said(self) -> str:
+    def describe(self) -> str:
         """Return it in words."""
         return f"{self.pair.first} and {self.pair.second} {self.where} ({self.pair.difference:.1f})"
 
@@ -274,7 +274,7 @@ class Drawing:
         """Numbers of the panels of each legend."""
         legends = self._legends(part(progress, 0.0, 0.3))
         self._look(part(progress, 0.3, 0.4))
-        remarks = [alike_said([told.pair for told in alike]) for alike in self.alike]
+        remarks = [describe_lookalikes([told.pair for told in alike]) for alike in self.alike]
         remarks = [said if own else "" for said, own in zip(remarks, legends)] if options.legend != "none" else [""]
         units = [unit for unit in (options.unit,) if unit]
         entries = [entry for legend in legends for entry in legend]
@@ -361,7 +361,7 @@ class Drawing:
             for number, why in enumerate(self.empty)
             if why
         ]
-        alike = dict.fromkeys(told.said() for legend in self.alike for told in legend)
+        alike = dict.fromkeys(told.describe() for legend in self.alike for told in legend)
         if alike:
             said.append(
                 f"Regions look alike: {'; '.join(alike)}. They are told apart from {LEAST_DIFFERENCE:g} (CIEDE2000). "
@@ -510,7 +510,7 @@ class Drawing:
             across = max(1, self._pixels(box.width))
             camera = camera_through(seen_by, window, across, max(1, round(across * window.aspect)))
             length, mm = notes.bar_of(camera, _middle(panel.scene), box.width)
-            text = notes.length_said(length, self.options.unit)
+            text = notes.format_length(length, self.options.unit)
             bar = partial(notes.draw_bar, lettering=self.lettering, text=text, length=mm)
             found.append((notes.bar_size(self.lettering, text, mm), bar))
         return found

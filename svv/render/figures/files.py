@@ -50,7 +50,7 @@ def write_figure(figure: Figure, path: str | Path, told: str = "") -> None:
         figure: The figure; its own resolution is kept. Its label is the title of an SVG, the subject of a PDF, and the
             description of a PNG: by default what it shows, in words.
         path: A .pdf, .svg, .png, .tif or .tiff.
-        told: What a PNG or TIFF tells of the colours of its regions, for :func:`told_in`.
+        told: What a PNG or TIFF tells of the colours of its regions, for :func:`read_region_metadata`.
 
     Raises:
         BadInput: The extension is not known, or the file cannot be written.
@@ -82,7 +82,7 @@ def pixels_of(figure: Figure) -> NDArray[np.uint8]:
     return pixels.copy() if figure.patch.get_alpha() == 0.0 else pixels[..., :3].copy()
 
 
-def told_in(picture: Image.Image) -> str:
+def read_region_metadata(picture: Image.Image) -> str:
     """Return what a PNG or TIFF tells of its regions; empty if nothing."""
     text = picture.info.get(TOLD, "")
     if not text and hasattr(picture, "tag_v2"):

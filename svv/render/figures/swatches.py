@@ -57,10 +57,10 @@ class Entry:
     """Straight RGBA in [0, 1]. (size, size, 4)"""
 
 
-def values_said(ranges: tuple[tuple[float, float], ...], unit: str | None) -> str:
+def format_ranges(ranges: tuple[tuple[float, float], ...], unit: str | None) -> str:
     """Return ranges of values with their unit.
 
-    >>> values_said(((450.0, 900.0), (-1000.0, -300.0)), "HU")
+    >>> format_ranges(((450.0, 900.0), (-1000.0, -300.0)), "HU")
     '450 to 900, −1000 to −300 HU'
     """
     text = ", ".join(" to ".join(f"{value:.4g}".replace("-", "−") for value in ends) for ends in ranges)
@@ -87,7 +87,7 @@ def entries_of(
         ranges = region.ranges or (() if region.values is None else (region.values,))
         picture = swatch(scene, number, camera, network, size, diameter)
         if picture is not None:
-            found.append(Entry(number, label_of(scene.regions, number), values_said(ranges, unit), picture))
+            found.append(Entry(number, label_of(scene.regions, number), format_ranges(ranges, unit), picture))
     return found
 
 

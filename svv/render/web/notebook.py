@@ -68,7 +68,7 @@ class SceneWidget(anywidget.AnyWidget):
             scene.watch(partial(self._sharpen, title=title, background=background))
             return
         page = html_of(scene, title, title, background, progress).decode()
-        super().__init__(page=page, height=height, _name=uuid4().hex, _said=_said(title, scene))
+        super().__init__(page=page, height=height, _name=uuid4().hex, _said=_describe_frame(title, scene))
         self._scene = scene
 
     def _sharpen(self, learning: Learning, title: str, background: Sequence[float]) -> None:
@@ -78,7 +78,7 @@ class SceneWidget(anywidget.AnyWidget):
             self._number, self._scene = found[0], learning.scene
             with self.hold_sync():
                 self.edits = {}  # they were of another scene
-                self._said = _said(title, self._scene)
+                self._said = _describe_frame(title, self._scene)
                 self.page = found[1]
         self.fraction, self.told = learning.progress
         if learning.done:
@@ -86,7 +86,7 @@ class SceneWidget(anywidget.AnyWidget):
             try:
                 scene, _ = learning.wait()
                 if self._number != learning.number:  # it was done before its process heard that pages are wanted
-                    self._scene, self._number, self._said = scene, learning.number, _said(title, scene)
+                    self._scene, self._number, self._said = scene, learning.number, _describe_frame(title, scene)
                     self.page = html_of(scene, title, title, background).decode()
             except BadInput as error:
                 self.told = str(error)
@@ -131,7 +131,7 @@ class SceneWidget(anywidget.AnyWidget):
         display(*(self._repr_mimebundle_() or ({},))[:1], raw=True)
 
 
-def _said(title: str, scene: Scene | None) -> str:
+def _describe_frame(title: str, scene: Scene | None) -> str:
     """Return the title of a frame, by which those who do not see it tell what it shows."""
     return title if scene is None else f"{title}. {in_words(scene)}"
 

@@ -141,7 +141,7 @@ def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: st
 
     shader = f"const MARCH = {_script_json(read('march.glsl'))};"
     return filled(
-        read("page.html"), title=title, words=words, text=_said(header), style=read("style.css"),
+        read("page.html"), title=title, words=words, text=_describe_contents(header), style=read("style.css"),
         version=__version__, header=_script_json(header), arrays=arrays, **stills,
         script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
     ).encode()  # fmt: skip
@@ -152,7 +152,7 @@ def _script_json(data: object) -> str:
     return to_json(data).replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def _said(header: dict[str, Any]) -> str:
+def _describe_contents(header: dict[str, Any]) -> str:
     regions, paintings = len(header["regions"]), len(header["paintings"])
     said = f"{regions} region{'s' * (regions != 1)}"
     if len(header["layers"]) > 1:

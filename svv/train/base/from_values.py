@@ -150,7 +150,7 @@ def _thresholds(count: int, device: torch.device) -> tuple[Tensor, Tensor]:
     return STEEPNESS * torch.where(torch.arange(count, device=device) % 2 == 0, 1.0, -1.0), start
 
 
-def colours_told(grid: ValueGrid, device: torch.device) -> tuple[Tensor, Tensor] | None:
+def sample_transfer_function(grid: ValueGrid, device: torch.device) -> tuple[Tensor, Tensor] | None:
     """Return visible values, which count from 0 to 1 over these, and the transfer function's colours there.
 
     (K,), (K, 3); None if the grid does not tell the colours.

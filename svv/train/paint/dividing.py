@@ -78,7 +78,8 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     glimpse: Glimpse | None = None
     for style in sorted(set(order.pairs.values())):
         regions = sorted(region for region, number in order.pairs.items() if number == style)
-        named, kept = {k: words[k] for k in regions if k in words}, _kept(scene, order, style, asked.go_on)
+        named = {k: words[k] for k in regions if k in words}
+        kept = _find_unchanged_parts(scene, order, style, asked.go_on)
         own = [k for k in regions if scene.regions[k].seen_opacity > 0.0 or k in named]
         whole = isinstance(order.styles[style], Ink) or inputs[style].divided
         if named and whole:
@@ -131,7 +132,7 @@ def _without_words(
     return replace(options, mapping=plain), words
 
 
-def _kept(scene: Scene, order: Order, style: int, go_on: bool) -> dict[int, str]:
+def _find_unchanged_parts(scene: Scene, order: Order, style: int, go_on: bool) -> dict[int, str]:
     """Return the regions that keep their paint, and their parts of a picture of this style's name."""
     if not go_on:
         return {}

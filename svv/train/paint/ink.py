@@ -135,10 +135,10 @@ class StyleInput:
 
     def __post_init__(self) -> None:
         if not isinstance(self.style, Ink):
-            object.__setattr__(self, "style", _checked(self.style))
+            object.__setattr__(self, "style", _validate_style(self.style))
 
 
-def _checked(picture: object) -> Floats:
+def _validate_style(picture: object) -> Floats:
     """Return a picture whose bytes, if it has some, count from 0 to 1; raises BadInput if it is none. (H, W, 3)"""
     if isinstance(picture, str | Path):
         raise BadInput(

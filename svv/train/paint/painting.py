@@ -164,7 +164,7 @@ def painted_start(
     show(paint)
     views = _views_of(scene, start.views, painted, part(progress, 0.0, 0.1))
     progress = part(progress, 0.15, 1.0)
-    left = _kept_strokes(before, kept)
+    left = _select_strokes(before, kept)
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
         paint.brushed = _brush(brushing, start, region, place, colours, left, part(progress, 0.0, 0.9))
@@ -315,7 +315,7 @@ def _brush(
     return Brushed({**works, **left}, None, flats, glazes)
 
 
-def _kept_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:
+def _select_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:
     """Return the strokes of regions that keep their paint."""
     if before is None or before.brushed is None:
         return {}

@@ -20,7 +20,7 @@ from svv.options.making import AskedHandName, MannerName, PaintOptions
 from svv.styles.hand import Hand, measure_hand
 from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.manner import manner_of, technique_of
-from svv.train.paint.style_choice import checked_masks, pairs_by_colour, style_pairs
+from svv.train.paint.style_choice import pairs_by_colour, style_pairs, validate_masks
 
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
 """Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
@@ -78,7 +78,7 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     name, styles, keep = scene.free_name(options.variant), [given.style for given in inputs], options.keep
     if go_on and options.variant is None and scene.variant is not None:
         name = scene.variant
-    masks, notes = checked_masks(inputs)
+    masks, notes = validate_masks(inputs)
     by_hand: Mapping[int, int | str] | None
     by_hand = (pairs_by_colour(scene.regions, styles, masks, keep) or None) if mapping == "colour" else mapping
     pairs = style_pairs(len(scene.regions), len(styles), by_hand, keep)

@@ -16,7 +16,7 @@ from svv.train.paint.ink import PAPER, Ink, Style, StyleInput, picture_of
 Mask = NDArray[np.bool_]
 
 
-def checked_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list[str]]:
+def validate_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list[str]]:
     """Return one mask or None for each style, and notes about them.
 
     A mask that covers the whole picture has no effect and counts as None.

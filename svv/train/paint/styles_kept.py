@@ -14,7 +14,7 @@ from svv.train.paint.plan import ordered
 from svv.train.run.report import Report
 
 
-def with_styles_kept(
+def keep_styles(
     before: Scene, painted: Scene, inputs: Sequence[StyleInput], asked: PaintOptions, report: Report
 ) -> Scene:
     """Return a painted scene that keeps the pictures of its styles.

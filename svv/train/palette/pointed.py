@@ -27,8 +27,9 @@ from svv.core.geometry.components import large, least_opacity, nearest_piece, pi
 from svv.errors import BadInput
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.splitting import REACH, regions_in_cells
+from svv.fields.scene.splitting import REACH, format_point, regions_in_cells
 from svv.options.editing import SPLIT_LEVEL
+from svv.train.palette.ranges import Unshared
 
 MOST_CELLS = 200_000
 """Number of cells in which a piece is divided; larger ones are divided on a coarser grid."""
@@ -42,11 +43,8 @@ Seeds = list[tuple[Cell, int]]
 """Cells, each with the region that it is said to be."""
 
 
-class InCells:
+class InCells(Unshared):
     """Regions of the cells of a box, which are those of the points in them."""
-
-    shared = False
-    """Whether several regions share a point: never."""
 
     def __init__(
         self, region: NDArray[np.integer], cells: int, device: torch.device, moved: NDArray[np.floating] | None = None
@@ -75,11 +73,6 @@ class InCells:
         right = network.material(position)[1].argmax(dim=1) == self.of(position)
         opacity = self._moved[tuple(there.T)]
         return float(np.average(right.cpu().numpy(), weights=opacity)) if len(there) else 1.0
-
-    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""
-        owner = self.of(position)
-        return owner, weights.gather(1, owner[:, None])[:, 0]
 
 
 @dataclass(frozen=True)
@@ -163,7 +156,7 @@ def _placed(
     for (one, other), (place, _) in zip(itertools.combinations(seeds, 2), itertools.combinations(points, 2)):
         if one[1] != other[1] and _beside(one[0], other[0]):
             raise BadInput(
-                f"Two points contradict each other: {_said(place[0])} is said to be region {one[1]} and region "
+                f"Two points contradict each other: {format_point(place[0])} is said to be region {one[1]} and region "
                 f"{other[1]}; leave one out."
             )
     for cells_of, (first, second), (here, there) in zip(ends, pairs, same, strict=True):
@@ -172,8 +165,8 @@ def _placed(
         told = [{number for cell, number in seeds if _beside(cell, end)} for end in cells_of]
         if all(told) and told[0] != told[1]:
             raise BadInput(
-                f"Points contradict each other: {_said(here)} and {_said(there)} are said to be one region, and to be "
-                f"regions {min(told[0])} and {min(told[1])}; leave one out."
+                f"Points contradict each other: {format_point(here)} and {format_point(there)} are said to be one "
+                f"region, and to be regions {min(told[0])} and {min(told[1])}; leave one out."
             )
     return (cells, region, opacity), seeds, pairs
 
@@ -200,7 +193,7 @@ def _cell_of(scene: Scene, place: Point, region: Grid, cells: int) -> Cell:
         cell = tuple(int(c) for c in np.floor(at * cells))
         if all(0 <= c < n for c, n in zip(cell, region.shape, strict=True)) and region[cell] >= 0:
             return cell
-    raise BadInput(f"There is nothing at {_said(place)}: click on something visible.")
+    raise BadInput(f"There is nothing at {format_point(place)}: click on something visible.")
 
 
 def _by_piece(
@@ -277,7 +270,3 @@ def _colour_of(scene: Scene, inside: NDArray[np.bool_], cells: int, opacity: NDA
     colour = _colours_at(scene, np.argwhere(inside), cells)
     red, green, blue = np.average(colour, axis=0, weights=opacity[inside] + 1e-9).clip(0.0, 1.0)
     return float(red), float(green), float(blue)
-
-
-def _said(place: Sequence[float]) -> str:
-    return ", ".join(f"{value:.4g}" for value in place)

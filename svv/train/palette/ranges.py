@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -37,8 +38,23 @@ class Labelled(Protocol):
     def of(self, position: Tensor) -> Tensor:
         """Return the region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
 
-    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
+    def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
+
+
+class Unshared(ABC):
+    """Regions none of which share a point."""
+
+    shared = False
+
+    @abstractmethod
+    def of(self, position: Tensor) -> Tensor:
+        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
+
+    def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""
+        owner = self.of(position)
+        return owner, weights.gather(1, owner[:, None])[:, 0]
 
 
 class Owners:
@@ -71,7 +87,7 @@ class Owners:
         """Return the region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
         return self._first[self.range_of(position)]
 
-    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
+    def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
         number = self.range_of(position)
         owner = self._first[number]

@@ -25,7 +25,7 @@ from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Owned, Room, Samples, TrainingKernels
-from svv.train.base.from_values import colours_told, palette_given
+from svv.train.base.from_values import palette_given, sample_transfer_function
 from svv.train.palette.ranges import Labelled, shares_of
 from svv.train.palette.unmix import Unmixing
 from svv.train.run import ranks
@@ -60,7 +60,7 @@ a pixel, averaged over the colours."""
 PENALTIES = 3
 """Weights among a step's numbers: of offsets, of the shade's deviation from 1, and of mixed palette weights."""
 
-TOLD_WEIGHT = 0.1
+FUNCTION_WEIGHT = 0.1
 """Weight of the mean squared difference of a value's colour to the transfer function's."""
 
 
@@ -85,7 +85,7 @@ class Recolouring:
     given: Unmixing | None = None
     """Palette shares in the pixels, for a palette made by hand or of more than three colours."""
 
-    told: tuple[Tensor, Tensor] | None = None
+    function_colours: tuple[Tensor, Tensor] | None = None
     """Values and their colours, if the network is a function of the values. (K,), (K, 3)"""
 
     def __post_init__(self) -> None:
@@ -154,7 +154,8 @@ class Recolouring:
         """Return the kernels that take a whole step, if there are any for these networks and penalties."""
         base, field, lighting = self.base, self.field, self.field.lighting_mlp
         alike = isinstance(base.encoding, SparseLattice) and isinstance(field.encoding, SparseLattice)
-        if base.density is None or lighting is None or not alike or self.given is not None or self.told is not None:
+        unguided = self.given is None and self.function_colours is None
+        if base.density is None or lighting is None or not (alike and unguided):
             return None
         if self.owners is not None and self.owners.shared:
             return None
@@ -198,9 +199,9 @@ class Recolouring:
         if self.owners is not None:
             loss = loss + self._foreign(self.owners, weights, samples.position)
         if self.given is not None:
-            loss = loss + self._not_as_given(self.given, mixtures, batch)
-        if self.told is not None:
-            loss = loss + batch.share * self._not_as_told(*self.told)
+            loss = loss + self._unmixing_penalty(self.given, mixtures, batch)
+        if self.function_colours is not None:
+            loss = loss + batch.share * self._transfer_function_penalty(*self.function_colours)
         loss.backward()
         return error
 
@@ -253,18 +254,18 @@ class Recolouring:
         if not len(position):
             ranks.summed(torch.zeros(count, dtype=torch.int64, device=weights.device))
             return weights.sum()
-        owner, own = owners.told(weights, position)
+        owner, own = owners.assign(weights, position)
         each = 1.0 / ranks.summed(torch.bincount(owner, minlength=count)).clamp(min=1)[owner]
         return -OWNER_WEIGHT * (each * own.log()).sum() / count
 
-    def _not_as_told(self, values: Tensor, colours: Tensor) -> Tensor:
+    def _transfer_function_penalty(self, values: Tensor, colours: Tensor) -> Tensor:
         """Return the penalty of other colours than the transfer function's, a scalar.
 
         The views show nothing of values that others hide, until these are made more transparent.
         """
-        return TOLD_WEIGHT * (colours_of(self.field, values)[0] - colours).square().mean()
+        return FUNCTION_WEIGHT * (colours_of(self.field, values)[0] - colours).square().mean()
 
-    def _not_as_given(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
+    def _unmixing_penalty(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
         """Return the penalty of palette shares in pixels, ``mixtures`` (R, P), other than those given, a scalar."""
         counts = batch.weight[:, None] * batch.premultiplied.amax(dim=1, keepdim=True)
         shares = given.shares(batch.premultiplied) * counts
@@ -345,12 +346,12 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
         network.phong.start(base.density if values is None else None, occupancy, views.meta.shading, seed)
     if values is not None:
         palette_given(network, base)
-    told = None if values is None else colours_told(values, device)
+    function_colours = None if values is None else sample_transfer_function(values, device)
     if start is not None:
         network.load_state_dict(start.state_dict())
     ranks.alike(network)
     pool = RayPool(views, occupancy.box, seed, device, scene.settings.headlight)
-    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given, told)
+    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given, function_colours)
     if start is not None and owners is not None:
         for number in range(SETTLED_IN):
             work.settle(number)

@@ -37,7 +37,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import moved
 from svv.kernels.dispatch import kernels_for
 from svv.train.palette.along_rays import Seen, agreement, divided, joined, summed, unmixed
-from svv.train.palette.ranges import KnownRegions
+from svv.train.palette.ranges import KnownRegions, Unshared
 from svv.train.run.batches import RayPool
 
 Array = NDArray[np.float64]
@@ -86,11 +86,8 @@ SAME_HUE = 0.06
 """Angle in radians between two colours' directions up to which only their brightness tells them apart."""
 
 
-class Labels:
+class Labels(Unshared):
     """Regions of the vertices of a grid, which are those of the points around them."""
-
-    shared = False
-    """Whether several regions share a point: never."""
 
     def __init__(self, lattice: SparseLattice, region: NDArray[np.integer], device: torch.device) -> None:
         """Keep the region of each vertex (V,) of a lattice with one level, in the order of its rows."""
@@ -106,11 +103,6 @@ class Labels:
     def of(self, position: Tensor) -> Tensor:
         """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
         return self._region[self.rows_of(position).clamp(max=len(self._region) - 1)]
-
-    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""
-        owner = self.of(position)
-        return owner, weights.gather(1, owner[:, None])[:, 0]
 
 
 class _Points:

@@ -77,13 +77,13 @@ class Learning:
         """The finished fraction in [0, 1], and what is being done."""
         if self._result is not None:
             return 1.0, "done"
-        said = self._worker.said()
+        said = self._worker.read_status()
         return float(said.get("fraction", 0.0)), "paused" if said.get("paused") else str(said.get("label", "starting"))
 
     @property
     def left(self) -> float | None:
         """Seconds that are left; None if that is not known."""
-        left = self._worker.said().get("left")
+        left = self._worker.read_status().get("left")
         return None if left is None else float(left)
 
     @property
@@ -165,7 +165,7 @@ class Learning:
         """Return why the training has failed; '' if it has not."""
         if self._failed or self._result is not None:
             return self._failed
-        alive, said = self._worker.alive, self._worker.said()  # in this order: what it said last counts
+        alive, said = self._worker.alive, self._worker.read_status()  # in this order: what it said last counts
         if "error" in said:
             return str(said["error"])
         return "" if alive or "report" in said else ENDED.format(why=self._worker.last_line() or "it was killed")
@@ -193,7 +193,7 @@ class Learning:
     def _look(self) -> bool:
         if self._result is not None or not self._end.alive:
             return self._result is not None
-        said = self._worker.said()
+        said = self._worker.read_status()
         if said.get("page", 0) and (self._page is None or self._page[0] != said["page"]):
             self._page = said["page"], (self._worker.folder / PAGE).read_text(encoding="utf-8")
         if "report" in said:

@@ -133,14 +133,14 @@ def joined(device: str = "cpu") -> Iterator[None]:
         with _ended_by_launcher():
             yield
     except (Cancelled, KeyboardInterrupt):
-        _tell("stopped")
+        _signal("stopped")
         if is_first():
             raise
         raise Elsewhere(130) from None
     except (BadInput, MemoryError, OSError) as error:
-        if _told("stopped"):
+        if _is_signalled("stopped"):
             raise (Cancelled() if is_first() else Elsewhere(130)) from error
-        if _tell("said") > 1:
+        if _signal("said") > 1:
             raise Elsewhere(2) from error
         raise
     finally:
@@ -229,7 +229,7 @@ def _ended_by_launcher() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
-def _tell(what: str) -> int:
+def _signal(what: str) -> int:
     """Let all ranks know something; returns how many have told it so far, 1 if they cannot be reached any more."""
     assert _group is not None
     try:
@@ -238,7 +238,7 @@ def _tell(what: str) -> int:
         return 1
 
 
-def _told(what: str) -> bool:
+def _is_signalled(what: str) -> bool:
     assert _group is not None
     try:
         return int(_group.store.add(what, 0)) > 0

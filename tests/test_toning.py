@@ -11,6 +11,7 @@ from skimage.color import rgb2lab
 
 from svv.core.colour.colour import lab_to_rgb
 from svv.core.strokes.strokes import Brush, Strokes, joined, straight_stroke
+from svv.fields.scene.seen_colours import Seen
 from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
@@ -70,13 +71,20 @@ def mean_of(found: Toned, region: int, view: StyledView) -> np.ndarray:
     return np.asarray(rgb2lab(shown[np.unique(pixels.pixel[own])]).mean(0))
 
 
-def halves(hand: Hand, colours: tuple[tuple[float, float, float], ...]) -> Toned:
+def lit(*colours: tuple[float, float, float], shade: float) -> dict[int, Seen]:
+    """Regions of which images show the colours darkened by a factor."""
+    return {k: Seen(str(k), shade * np.array([colour]), np.ones(1)) for k, colour in enumerate(colours)}
+
+
+def halves(hand: Hand, colours: tuple[tuple[float, float, float], ...], shade: float | None = None) -> Toned:
     """Two opaque regions side by side, painted by strokes of the same colours."""
     every = hand.colours[:: max(len(hand.colours) // 40, 1)]
     own = lab_to_rgb(every)
     works = {0: laid(strokes_over(0.5, 0.0, 0.47, own), hand), 1: laid(strokes_over(0.5, 0.53, 1.0, own), hand)}
     flats = np.array(colours)
-    return toned(works, [HALVES] * 5, flats, flats, np.ones(2), SOFT)
+    return toned(
+        works, [HALVES] * 5, flats, flats, np.ones(2), SOFT, lambda: {} if shade is None else lit(*colours, shade=shade)
+    )
 
 
 def apart(found: Toned) -> float:
@@ -87,6 +95,15 @@ def test_regions_with_the_same_strokes_are_moved_apart(hand: Hand) -> None:
     found = halves(hand, (RED, BLUE))
     assert found.legibility.asked[0, 1] == 12.0
     assert apart(found) >= 12.0
+
+
+def test_in_the_shade_regions_are_moved_farther_apart(hand: Hand) -> None:
+    asked = []
+    for shade in (1.0, 0.6, 0.01):
+        found = halves(hand, (RED, BLUE), shade)
+        asked.append(found.legibility.asked[0, 1])
+        assert apart(found) >= asked[-1]
+    assert asked[0] == pytest.approx(12.0, rel=0.01) and asked[0] < asked[1] < asked[2] == 24.0, "twice as much at most"
 
 
 def test_regions_that_the_volume_rendering_does_not_tell_apart_stay_alike(hand: Hand) -> None:

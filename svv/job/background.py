@@ -73,10 +73,10 @@ class Jobs:
         job, until = self._jobs[number - 1], time.monotonic() + min(wait, LONGEST_WAIT)
         if stop:
             job.stop()
-        while (told := job.poll())["state"] == "running" and time.monotonic() < until:
-            progress(told["fraction"], told["label"])
+        while (status := job.poll())["state"] == "running" and time.monotonic() < until:
+            progress(status["fraction"], status["label"])
             time.sleep(LOOK_EVERY)
-        return told
+        return status
 
     def end(self) -> None:
         """Stop all jobs."""
@@ -106,11 +106,11 @@ class Job:
                 self._said |= {"state": "failed", "error": ENDED.format(why=why)}
             if self._said["state"] != "running":
                 self._worker.stop()
-        told = {"job": self.number, "tool": self.tool, **self._said, "seconds": round(self._seconds, 1)}
-        fraction = told["fraction"]
-        if told["state"] == "running" and fraction > 0.05:
-            told["left"] = round(self._seconds * (1.0 - fraction) / fraction, 1)
-        return told
+        status = {"job": self.number, "tool": self.tool, **self._said, "seconds": round(self._seconds, 1)}
+        fraction = status["fraction"]
+        if status["state"] == "running" and fraction > 0.05:
+            status["left"] = round(self._seconds * (1.0 - fraction) / fraction, 1)
+        return status
 
     def stop(self, within: float = STOP_WITHIN) -> None:
         """Stop the tool; what it has half written is put away."""

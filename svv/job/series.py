@@ -123,10 +123,10 @@ def _interval(scenes: Sequence[Scene]) -> tuple[float, float]:
 
 
 def _read_transfer_function(scene: Scene) -> TransferFunction:
-    told = scene.made.get("source", {}).get("tf")
-    if told is None:
+    recorded = scene.made.get("source", {}).get("tf")
+    if recorded is None:
         raise BadInput("The scene does not record its transfer function: give it with --tf.")
-    return TransferFunction.from_dict(told)
+    return TransferFunction.from_dict(recorded)
 
 
 def _own(scene: Scene) -> TimeSteps:

@@ -228,14 +228,14 @@ def voxel_size(opened: TiffFile, series: TiffPageSeries, name: str) -> NDArray[n
     Raises:
         BadInput: The sizes have units that cannot be compared.
     """
-    told = _read_metadata(opened, series)
-    given = [axis for axis in "XYZ" if f"PhysicalSize{axis}" in told]
+    metadata = _read_metadata(opened, series)
+    given = [axis for axis in "XYZ" if f"PhysicalSize{axis}" in metadata]
     if given:
-        sizes = [float(told.get(f"PhysicalSize{axis}", 1.0)) for axis in "XYZ"]
-        known = {axis: str(told.get(f"PhysicalSize{axis}Unit", "µm")) for axis in given}
+        sizes = [float(metadata.get(f"PhysicalSize{axis}", 1.0)) for axis in "XYZ"]
+        known = {axis: str(metadata.get(f"PhysicalSize{axis}Unit", "µm")) for axis in given}
         return in_one_unit(sizes, [known.get(axis, known[given[0]]) for axis in "XYZ"], name)
-    if opened.is_imagej or "spacing" in told or "unit" in told:
-        return in_one_unit(*_of_imagej(told, series.keyframe), name)
+    if opened.is_imagej or "spacing" in metadata or "unit" in metadata:
+        return in_one_unit(*_of_imagej(metadata, series.keyframe), name)
     return shape_of_pixels(series.keyframe)
 
 
@@ -244,13 +244,13 @@ def unsized(opened: TiffFile, series: TiffPageSeries) -> str:
 
     ImageJ leaves out a spacing of 1 where pixels have a size.
     """
-    told = _read_metadata(opened, series)
-    given = "".join(axis.lower() for axis in "XYZ" if f"PhysicalSize{axis}" in told)
+    metadata = _read_metadata(opened, series)
+    given = "".join(axis.lower() for axis in "XYZ" if f"PhysicalSize{axis}" in metadata)
     if given:
         return "".join(axis for axis in "xyz" if axis not in given)
     sizes, _ = _of_resolution(series.keyframe)
     known = opened.is_imagej and sizes[0] not in (0.0, 1.0, 1.0 / 72.0)
-    return "" if known or "spacing" in told or "unit" in told else "xyz"
+    return "" if known or "spacing" in metadata or "unit" in metadata else "xyz"
 
 
 def _read_metadata(opened: TiffFile, series: TiffPageSeries) -> Mapping[str, Any]:
@@ -264,20 +264,20 @@ def _read_metadata(opened: TiffFile, series: TiffPageSeries) -> Mapping[str, Any
     return {}
 
 
-def _fits(told: Mapping[str, Any], series: TiffPageSeries) -> bool:
+def _fits(metadata: Mapping[str, Any], series: TiffPageSeries) -> bool:
     """Return whether metadata that tifffile has written belong to an image."""
-    return tuple(told.get("shape", ())) in (tuple(series.shape), tuple(series.get_shape(squeeze=False)))
+    return tuple(metadata.get("shape", ())) in (tuple(series.shape), tuple(series.get_shape(squeeze=False)))
 
 
-def _of_imagej(told: Mapping[str, Any], page: TiffPage) -> tuple[list[float], list[str | None]]:
+def _of_imagej(metadata: Mapping[str, Any], page: TiffPage) -> tuple[list[float], list[str | None]]:
     """Return the sizes along x, y, z, and their units, by the rules of ImageJ's own reader."""
     sizes, unit = _of_resolution(page)
     sizes = [size or 1.0 for size in sizes]
-    if "unit" not in told and sizes[0] == 1.0 / 72.0:  # a screen's, which means nothing
+    if "unit" not in metadata and sizes[0] == 1.0 / 72.0:  # a screen's, which means nothing
         sizes = [1.0, 1.0]
-    unit = str(told.get("unit") or unit)
-    other = [str(told.get(f"{axis}unit") or unit) for axis in "yz"]
-    spacing = abs(float(told.get("spacing", 1.0))) or 1.0
+    unit = str(metadata.get("unit") or unit)
+    other = [str(metadata.get(f"{axis}unit") or unit) for axis in "yz"]
+    spacing = abs(float(metadata.get("spacing", 1.0))) or 1.0
     return [*sizes, spacing], [unit, *other]
 
 

@@ -62,14 +62,14 @@ def describe_deviations(image: vtkImageData, tf: TransferFunction) -> tuple[str,
     """
     nearest, values = Appearance.of(image).nearest, to_array(image)
     own = slicer.NEAREST.format(name=tf.name)
-    said = [note for note in tf.notes if not (nearest and note == own)]
+    notes = [note for note in tf.notes if not (nearest and note == own)]
     if np.linalg.det(index_to_world(image)[:3, :3]) < 0:
-        said.append(LEFT_HANDED)
+        notes.append(LEFT_HANDED)
     labels = labels_of(values)
     if labels is not None:
-        said += [] if nearest else _between(values, labels, tf)
-        said += _at_jumps(labels, tf)
-    return tuple(said)
+        notes += [] if nearest else _between(values, labels, tf)
+        notes += _at_jumps(labels, tf)
+    return tuple(notes)
 
 
 def labels_of(values: NDArray[np.number]) -> Array | None:

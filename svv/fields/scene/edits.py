@@ -66,9 +66,9 @@ def edited(
             said.append(f"{what} {factor:g}")
     if texts["matcap"] is not None:
         check_has_normals(scene)
-    for what, checked in (("recolour_in", validate_space), ("name", validate_name), ("matcap", validate_matcap)):
+    for what, validate in (("recolour_in", validate_space), ("name", validate_name), ("matcap", validate_matcap)):
         if (text := texts[what]) is not None:
-            changes[what] = checked(text)
+            changes[what] = validate(text)
             said.append(f"{what.replace('_', ' ')} {describe_matcap(changes[what])}")
     if given := validate_coefficients(reflects):
         _check_light([scene.every_layer[scene.regions[region].layer]])

@@ -94,12 +94,12 @@ class Worker:
             self._process.stdin.flush()
 
     def read_status(self) -> dict[str, Any]:
-        """Return what the process said last; empty if it has said nothing yet."""
+        """Return the status that the process wrote last; empty if it has written none yet."""
         try:
-            said = parsed((self.folder / SAID).read_text(encoding="utf-8"))
+            status = parsed((self.folder / SAID).read_text(encoding="utf-8"))
         except (OSError, ValueError):  # nothing yet
             return {}
-        return said if isinstance(said, dict) else {}
+        return status if isinstance(status, dict) else {}
 
     def last_line(self) -> str:
         """Return the last line of what the process wrote to its error stream."""

@@ -317,16 +317,16 @@ def _slight(views: Views, outlines: Outlines, camera: Camera) -> list[tuple[str,
 
 
 def _describe_turn(given: Views, views: Views, turn: Array, camera: Camera) -> tuple[str, str, Views]:
-    said = []
+    causes = []
     degrees = np.degrees(turn)
     if np.abs(degrees).max() > 0.2:
         size = float(np.linalg.norm(degrees))
         axis = ("their x axis (right)", "their y axis (up)", "their line of sight")[int(np.abs(degrees).argmax())]
-        said.append(f"all are turned by {size:.1f} degrees, mostly about {axis}")
+        causes.append(f"all are turned by {size:.1f} degrees, mostly about {axis}")
     if not given.parallel.any() and abs(np.log(views.focal[0] / given.focal[0])) > 0.01:
         angle, was = (np.degrees(2.0 * np.arctan(0.5 * camera.width / f[0])) for f in (views.focal, given.focal))
-        said.append(f"their horizontal angle of view is {angle:.1f} degrees rather than {was:.1f}")
-    return " and ".join(said) or "they are turned a little", "correct the cameras", views
+        causes.append(f"their horizontal angle of view is {angle:.1f} degrees rather than {was:.1f}")
+    return " and ".join(causes) or "they are turned a little", "correct the cameras", views
 
 
 def _score(found: Array) -> float:

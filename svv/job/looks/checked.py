@@ -25,18 +25,18 @@ RANGES = {
 """Bounds of edits that are numbers; other edits are checked where they are made."""
 
 
-def validate_region_edits(told: object, name: str) -> dict[str, object]:
+def validate_region_edits(edits: object, name: str) -> dict[str, object]:
     """Return edits of a region from plain values.
 
     Args:
-        told: Values by field of :class:`svv.fields.scene.region.Region`.
+        edits: Values by field of :class:`svv.fields.scene.region.Region`.
         name: Name of the region in messages.
 
     Raises:
         BadInput: A field is unknown or no edit, or a value is of another type or out of range.
     """
     try:
-        given = values_of(Region, object_in(told, f"{name}, edits"))
+        given = values_of(Region, object_in(edits, f"{name}, edits"))
         region = with_edits(Region((0.5, 0.5, 0.5), 1.0), given)
     except (BadInput, KeyError, TypeError, ValueError) as error:
         raise BadInput(f"An edit of {name} is not valid: {str(error).rstrip('.')}; save the look again.") from error

@@ -47,18 +47,18 @@ def as_edited_since(
         present: The present inputs.
         followed: What is said if the scene shows the present time already, though it was trained at another one.
     """
-    made, told = filter.steps.made, followed or filter.steps.describe_staleness(present)
+    made, stale = filter.steps.made, followed or filter.steps.describe_staleness(present)
     filter.shows_edits = can_be_retuned(scene, filter.data)
     if made is None or made.look == present.look or not filter.shows_edits:
-        return scene, told
+        return scene, stale
     if made.data != present.data and not followed:
-        return scene, told
+        return scene, stale
     key = (name, present.look, present.data)
     changed, why = filter.get_or_make("retuned", key, lambda: retuned(scene, filter.values, filter.data))
     if changed is None:
         return scene, followed + NOT.format(why=why)
     if RETUNED not in changed.made:
-        return scene, told
+        return scene, stale
     said = " ".join([followed + NOW, *changed.made.get("approximate", [])])
     if not (isinstance(scene, Stored) and filter.draws):
         return changed, said

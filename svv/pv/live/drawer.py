@@ -138,14 +138,14 @@ class Drawer:
         until = time.monotonic() + patience
         while self.pending and time.monotonic() < until:
             time.sleep(0.004)
-        said = self._read_status()
-        if said.get("number") == self._number and said.get("gone"):
+        status = self._read_status()
+        if status.get("number") == self._number and status.get("gone"):
             raise Gone
-        if said.get("number") == self._number and "error" in said:
-            raise BadInput(said["error"])
-        if self._wanted is not None and not self.alive and not self._is_sharp(said) and self._died:
+        if status.get("number") == self._number and "error" in status:
+            raise BadInput(status["error"])
+        if self._wanted is not None and not self.alive and not self._is_sharp(status) and self._died:
             raise BadInput(ENDED.format(why=self._worker.last_line() if self._worker else "it was stopped"))
-        number = said.get("drawn")
+        number = status.get("drawn")
         if number and number != self._read and self._worker is not None:
             try:
                 with np.load(self._worker.folder / IMAGE) as stored:
@@ -160,8 +160,8 @@ class Drawer:
     @property
     def drawn(self) -> str:
         """A text that changes with every image and error."""
-        said = self._read_status()
-        return f"{said.get('number', 0)}{'' if self._is_sharp(said) else '~'}{'' if self.alive else ' ended'}"
+        status = self._read_status()
+        return f"{status.get('number', 0)}{'' if self._is_sharp(status) else '~'}{'' if self.alive else ' ended'}"
 
     @property
     def edited(self) -> str:
@@ -171,9 +171,9 @@ class Drawer:
     @property
     def pending(self) -> bool:
         """Whether an image is being drawn that is better than the newest one."""
-        said = self._read_status()
-        failed = said.get("number") == self._number and "error" in said
-        return self._wanted is not None and self.alive and not failed and not self._is_sharp(said)
+        status = self._read_status()
+        failed = status.get("number") == self._number and "error" in status
+        return self._wanted is not None and self.alive and not failed and not self._is_sharp(status)
 
     def forget(self) -> None:
         """Forget what was asked for last; the newest image stays."""
@@ -192,9 +192,9 @@ class Drawer:
     def _read_status(self) -> DrawnOf:
         return {} if self._worker is None else cast(DrawnOf, self._worker.read_status())
 
-    def _is_sharp(self, said: DrawnOf) -> bool:
+    def _is_sharp(self, status: DrawnOf) -> bool:
         """Whether the newest image is the sharp one that was asked for last."""
-        return said.get("drawn") == [self._number, True]
+        return status.get("drawn") == [self._number, True]
 
 
 # --- the process itself ---------------------------------------------------------------------------------------------

@@ -168,16 +168,16 @@ class Ordered:
 
     def describe_progress(self, nothing: str) -> str:
         """Return one line about the work; ``nothing`` says what is shown before the first state."""
-        said = self._answer()
-        shown = said.get("shown") or nothing
+        answer = self._answer()
+        shown = answer.get("shown") or nothing
         if self._stopped:
             return STOPPED.format(shown=shown)
-        if not said:
+        if not answer:
             return f"Learning begins. {shown}"
-        if said["paused"] or self._paused:
-            return f"Paused at {said['fraction']:.0%}; press Go On. {shown}"
-        left = "" if said["left"] is None else f", {duration(said['left'])} left"
-        return f"Learning, {said['fraction']:.0%}{left}: {said['label']}. {shown}"
+        if answer["paused"] or self._paused:
+            return f"Paused at {answer['fraction']:.0%}; press Go On. {shown}"
+        left = "" if answer["left"] is None else f", {duration(answer['left'])} left"
+        return f"Learning, {answer['fraction']:.0%}{left}: {answer['label']}. {shown}"
 
     def made(self, wanted: Wanted) -> bool:
         """Return whether the process has made this."""
@@ -216,5 +216,5 @@ class Ordered:
 
     def _answer(self) -> Progressed:
         """Return what the process says about the last order; empty if nothing yet."""
-        said = {} if self._worker is None else self._worker.read_status()
-        return cast(Progressed, said) if said.get("order") == self._number else {}
+        status = {} if self._worker is None else self._worker.read_status()
+        return cast(Progressed, status) if status.get("order") == self._number else {}

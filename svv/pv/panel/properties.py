@@ -319,8 +319,8 @@ def cached_names_property() -> list[Property]:
     def setter(self: Owner, value: str) -> None:
         self.values["KeptAs"] = value or ""
 
-    told = hidden_text("Kept", "GetKept", "Names under which the results are kept now.")
-    return [Property("KeptAs", xml, "", {"SetKeptAs": setter}), told]
+    current = hidden_text("Kept", "GetKept", "Names under which the results are kept now.")
+    return [Property("KeptAs", xml, "", {"SetKeptAs": setter}), current]
 
 
 def moving() -> Property:

@@ -165,11 +165,11 @@ class Keeping(Filter):
         self.note = Cache.of_user().write(name, lambda path: _write(result, path))
         if kind == "views":
             return result
-        kept = None if self.note else self.load_cached(name, kind)
-        if kept is None:
-            kept = type(result).from_bytes(result.to_bytes())
+        reloaded = None if self.note else self.load_cached(name, kind)
+        if reloaded is None:
+            reloaded = type(result).from_bytes(result.to_bytes())
         self.note = self.note and f" {self.note}"
-        return kept.on(result.device)
+        return reloaded.on(result.device)
 
     def _gone(self, name: str, kind: str) -> str:
         place = Cache.of_user()
@@ -233,14 +233,14 @@ def write_views(views: Views, folder: Path, progress: Progress = silent) -> None
 
 def _provenance_of(result: Views | Scene | Stored) -> dict[str, Any]:
     """Return a result's record of what it was made from; empty if no filter made it."""
-    told = result[0].meta.to_json() if isinstance(result, tuple) else result.made
-    return told if all(name in told for name in ("key", "look", "data", "time")) else {}
+    record = result[0].meta.to_json() if isinstance(result, tuple) else result.made
+    return record if all(name in record for name in ("key", "look", "data", "time")) else {}
 
 
 def _moment_of(result: Views | Scene | Stored, now: Moment) -> Moment:
     """Return what a kept result was made from, with the current settings."""
-    told = _provenance_of(result)
-    return replace(now, look=told["look"], data=told["data"], time=told["time"], asked=None)
+    made_from = _provenance_of(result)
+    return replace(now, look=made_from["look"], data=made_from["data"], time=made_from["time"], asked=None)
 
 
 def _write(result: Views | Scene, path: Path) -> None:

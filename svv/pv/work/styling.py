@@ -33,8 +33,8 @@ class Painting:
     def describe(self) -> str:
         """Return one line about the painting."""
         report = self.scene.made["stylized"]
-        said = [f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"], describe_parts(self.scene)]
-        return " ".join(filter(None, said))
+        sentences = [f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"], describe_parts(self.scene)]
+        return " ".join(filter(None, sentences))
 
 
 def describe_parts(scene: Scene) -> str:

@@ -53,8 +53,8 @@ def describe_lookalikes(pairs: Sequence[Pair]) -> str:
             if all(frozenset((name, other)) in alike for other in group):
                 group.append(name)
         groups.append(group)
-    said = [f"{', '.join(group[:-1])} and {group[-1]} look alike" for group in groups[:MOST_GROUPS]]
-    return "; ".join([*said, "others look alike, too"] if len(groups) > MOST_GROUPS else said)
+    listed = [f"{', '.join(group[:-1])} and {group[-1]} look alike" for group in groups[:MOST_GROUPS]]
+    return "; ".join([*listed, "others look alike, too"] if len(groups) > MOST_GROUPS else listed)
 
 
 def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str, Any]:
@@ -82,14 +82,14 @@ def seen_in_picture(path: Path) -> list[list[Seen]]:
 
     try:
         with Image.open(path) as picture:
-            told, rgba = read_region_metadata(picture), np.asarray(picture.convert("RGBA"), np.float32) / 255.0
+            metadata, rgba = read_region_metadata(picture), np.asarray(picture.convert("RGBA"), np.float32) / 255.0
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise BadInput(
             f"{path} is no picture that can be checked: give a scene, or a PNG or TIFF of the figure."
         ) from error
-    if told:
+    if metadata:
         try:
-            content = object_in(parsed(told), "the figure")
+            content = object_in(parsed(metadata), "the figure")
             panels: Any = content["panels"]
             return [[Seen.from_json(one) for one in panel] for panel in panels]
         except (ValueError, KeyError, TypeError) as error:

@@ -274,7 +274,7 @@ class Drawing:
         """Numbers of the panels of each legend."""
         legends = self._legends(part(progress, 0.0, 0.3))
         self._look(part(progress, 0.3, 0.4))
-        remarks = [describe_lookalikes([told.pair for told in alike]) for alike in self.alike]
+        remarks = [describe_lookalikes([one.pair for one in alike]) for alike in self.alike]
         remarks = [said if own else "" for said, own in zip(remarks, legends)] if options.legend != "none" else [""]
         units = [unit for unit in (options.unit,) if unit]
         entries = [entry for legend in legends for entry in legend]
@@ -347,7 +347,7 @@ class Drawing:
         whose = "" if len(self.shared) == 1 else f" {self._name(numbers[0])}'s scene"
         found += [Alike(pair, f"from all around{whose}") for pair in merging(around)]
         nearest: dict[tuple[str, str], Alike] = {}
-        for one in sorted(found, key=lambda told: told.pair.difference):
+        for one in sorted(found, key=lambda one: one.pair.difference):
             nearest.setdefault((one.pair.first, one.pair.second), one)
         return list(nearest.values())
 
@@ -361,7 +361,7 @@ class Drawing:
             for number, why in enumerate(self.empty)
             if why
         ]
-        alike = dict.fromkeys(told.describe() for legend in self.alike for told in legend)
+        alike = dict.fromkeys(one.describe() for legend in self.alike for one in legend)
         if alike:
             said.append(
                 f"Regions look alike: {'; '.join(alike)}. They are told apart from {LEAST_DIFFERENCE:g} (CIEDE2000). "
@@ -386,7 +386,7 @@ class Drawing:
             for number, (panel, (_, title)) in enumerate(zip(self.panels, self._heads(), strict=True))
         ]
         legends = [
-            {"panels": [ascii_lowercase[k] for k in numbers], "look_alike": [told.to_json() for told in alike]}
+            {"panels": [ascii_lowercase[k] for k in numbers], "look_alike": [one.to_json() for one in alike]}
             for numbers, alike in zip(self.shared, self.alike, strict=True)
         ]
         return {"panels": panels, "legends": legends}

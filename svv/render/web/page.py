@@ -154,10 +154,10 @@ def _script_json(data: object) -> str:
 
 def _describe_contents(header: dict[str, Any]) -> str:
     regions, paintings = len(header["regions"]), len(header["paintings"])
-    said = f"{regions} region{'s' * (regions != 1)}"
+    text = f"{regions} region{'s' * (regions != 1)}"
     if len(header["layers"]) > 1:
-        said += f" of {len(header['layers'])} transfer functions"
-    return said + (f", {paintings} painting{'s' * (paintings != 1)}" if paintings else "")
+        text += f" of {len(header['layers'])} transfer functions"
+    return text + (f", {paintings} painting{'s' * (paintings != 1)}" if paintings else "")
 
 
 def _closer(scene: Scene) -> CameraRig:

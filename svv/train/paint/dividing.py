@@ -136,10 +136,10 @@ def _find_unchanged_parts(scene: Scene, order: Order, style: int, go_on: bool) -
     """Return the regions that keep their paint, and their parts of a picture of this style's name."""
     if not go_on:
         return {}
-    told = scene.made.get("stylized", {}).get("divided", {})
+    recorded = scene.made.get("stylized", {}).get("divided", {})
     return {
         int(k): one["part"]
-        for k, one in told.items()
+        for k, one in recorded.items()
         if int(k) not in order.pairs and one["style"] == order.labels[style] and int(k) < len(scene.regions)
     }
 

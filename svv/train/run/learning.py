@@ -77,8 +77,9 @@ class Learning:
         """The finished fraction in [0, 1], and what is being done."""
         if self._result is not None:
             return 1.0, "done"
-        said = self._worker.read_status()
-        return float(said.get("fraction", 0.0)), "paused" if said.get("paused") else str(said.get("label", "starting"))
+        status = self._worker.read_status()
+        label = "paused" if status.get("paused") else str(status.get("label", "starting"))
+        return float(status.get("fraction", 0.0)), label
 
     @property
     def left(self) -> float | None:
@@ -165,10 +166,10 @@ class Learning:
         """Return why the training has failed; '' if it has not."""
         if self._failed or self._result is not None:
             return self._failed
-        alive, said = self._worker.alive, self._worker.read_status()  # in this order: what it said last counts
-        if "error" in said:
-            return str(said["error"])
-        return "" if alive or "report" in said else ENDED.format(why=self._worker.last_line() or "it was killed")
+        alive, status = self._worker.alive, self._worker.read_status()  # in this order: the last status counts
+        if "error" in status:
+            return str(status["error"])
+        return "" if alive or "report" in status else ENDED.format(why=self._worker.last_line() or "it was killed")
 
     def page(self, title: str, background: Sequence[float]) -> tuple[int, str] | None:
         """Return the page of the newest scene that has one, and the scene's number; None if there is none yet.
@@ -193,15 +194,15 @@ class Learning:
     def _look(self) -> bool:
         if self._result is not None or not self._end.alive:
             return self._result is not None
-        said = self._worker.read_status()
-        if said.get("page", 0) and (self._page is None or self._page[0] != said["page"]):
-            self._page = said["page"], (self._worker.folder / PAGE).read_text(encoding="utf-8")
-        if "report" in said:
+        status = self._worker.read_status()
+        if status.get("page", 0) and (self._page is None or self._page[0] != status["page"]):
+            self._page = status["page"], (self._worker.folder / PAGE).read_text(encoding="utf-8")
+        if "report" in status:
             scene = Scene.load(self._worker.folder / RESULT)
-            self._read = int(said["state"]), scene
-            self._result = scene, said["report"]
+            self._read = int(status["state"]), scene
+            self._result = scene, status["report"]
             self._end()
-        elif said.get("state", 0) and (self._read is None or self._read[0] != said["state"]):
+        elif status.get("state", 0) and (self._read is None or self._read[0] != status["state"]):
             with suppress(BadInput):  # the process has just been stopped
-                self._read = int(said["state"]), Scene.load(self._worker.folder / STATE)
+                self._read = int(status["state"]), Scene.load(self._worker.folder / STATE)
         return self._result is not None

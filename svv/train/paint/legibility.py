@@ -31,8 +31,9 @@ MARGIN = 1.25
 DOUBTFUL = 1.05
 """How much more than what is asked they differ by in these views from which they surely do in images."""
 
-MOST_DIMMED = 2.0
-"""How many times less images show at most of a difference: what is nearly black shows next to nothing of its colour."""
+LEAST_DIMMED, MOST_DIMMED = 1.1, 1.4
+"""How many times less images show of a difference, from what :data:`MARGIN` does not cover up to what strokes can make
+up for: what is nearly black shows next to nothing of its colour."""
 
 SMALL, VESSELS = 0.15, 24.0
 """Share of what is visible below which a region is a vessel, a wire or a speck, and the largest CIEDE2000 to what is
@@ -198,7 +199,7 @@ class Legibility:
             ratio = away / max(set_difference(one.colours, other.colours, one.weights, other.weights, "normal"), 1e-6)
             if abs(self.lighter[pair]) > ORDERED:  # in lightness, by which strokes move apart, shade takes the most
                 ratio = max(ratio, abs(self.lighter[pair]) / max(abs(lights[pair[0]] - lights[pair[1]]), 1e-6))
-            self.dimmed[pair] = float(np.clip(ratio, 1.0, MOST_DIMMED))
+            self.dimmed[pair] = min(float(ratio), MOST_DIMMED) if ratio > LEAST_DIMMED else 1.0
             self.asked[pair] *= self.dimmed[pair]
 
     def doubtful(self, lab: Mapping[int, Floats]) -> bool:
@@ -231,6 +232,7 @@ class Legibility:
             bound for k in movable for bound in _bounds(means[k], gamuts[k], before.get(k, Move()))
         ])  # fmt: skip
         pairs = [pair for pair in self.asked if set(pair) & set(movable)]
+        share = self.pixels.inside.sum(0)[movable] / max(float(self.pixels.inside.sum()), 1e-9)
 
         def changes(values: Floats) -> dict[int, Move]:
             return {k: Move(AWAY * values[2 * n], float(np.exp(values[2 * n + 1]))) for n, k in enumerate(movable)}
@@ -240,7 +242,8 @@ class Legibility:
             found = self.differences(tried)
             missing = sum(max(MARGIN * self.asked[pair] - found[pair], 0.0) ** 2 for pair in pairs)
             wrong = sum(max(EASY - sign * _lighter(tried, pair), 0.0) ** 2 for pair, sign in self.order.items())
-            return float(missing + wrong + STIFF * np.square(values).sum())
+            tone = len(movable) * float(share @ values[::2]) ** 2  # the painting as a whole stays as light
+            return float(missing + wrong + STIFF * (np.square(values).sum() + tone))
 
         # Where regions are equally light, both ways apart are possible, and the search would stay between them.
         spread = _spread([float(means[k][0]) for k in movable])

@@ -104,6 +104,12 @@ def test_reference_pages_are_what_the_code_says(name: str, monkeypatch: pytest.M
     assert "\n".join(getattr(made, name)()) + "\n" == (DOCS / folder / f"{name}.md").read_text()
 
 
+def test_no_page_has_a_placeholder() -> None:
+    words = re.compile(r"\b(?:TODO|TBD|XXX|FIXME|[A-Z]{5,}\d{3})\b")
+    found = {path.name: words.findall(path.read_text(encoding="utf-8")) for path in DOCS.rglob("*.md")}
+    assert {name: some for name, some in found.items() if some} == {}
+
+
 def test_what_maintainers_open_first_is_there() -> None:
     paths = re.findall(r"`(svv/[\w/]+\.py)`", (DOCS / "design" / "layers.md").read_text(encoding="utf-8"))
     assert len(paths) > 9 and [path for path in paths if not (DOCS.parent / path).exists()] == []

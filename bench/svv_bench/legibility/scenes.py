@@ -391,12 +391,12 @@ def vessels(random: np.random.Generator) -> TaskScene:
     levels = np.array([-0.6, -0.2, 0.2, 0.6])
     while len(tubes) < len(levels):
         if not tubes:
-            heights = np.stack([random.permutation(levels) for _ in range(4)], axis=1)  # at places along each tube
-            heights[:, 1:3] *= 0.65
+            heights = np.stack([random.permutation(levels) for _ in range(5)], axis=1)  # at places along each tube
+            heights[:, 1:4] *= 0.65
         height = heights[len(tubes)]
         out = np.sqrt(0.8**2 - height[[0, -1]] ** 2)  # ends lie on a circle
-        depth = random.uniform(-0.4, 0.4, 4) * (0.1, 1, 1, 0.1)
-        points = np.stack([(-out[0], -0.2, 0.2, out[1]), height, depth], axis=1)
+        depth = random.uniform(-0.4, 0.4, 5) * (0.1, 1, 1, 1, 0.1)
+        points = np.stack([(-out[0], -0.25, 0.0, 0.25, out[1]), height, depth], axis=1)
         curve = _dense(points, 400)
         if np.linalg.norm(curve, axis=1).max() > 0.82 or (
             tubes and cKDTree(np.concatenate(tubes)).query(curve)[0].min() < 0.12
@@ -405,7 +405,7 @@ def vessels(random: np.random.Generator) -> TaskScene:
                 tubes.clear()
             continue
         tubes.append(curve)
-    radii = random.permutation((0.032, 0.034, 0.036, 0.056))
+    radii = random.permutation((0.03, 0.03, 0.03, 0.042))
     near = cKDTree(np.concatenate(tubes))
     balls = _spread(random, count, 0.72, 0.22, lambda place: bool(near.query(place)[0] > 0.15))
 
@@ -428,7 +428,7 @@ def vessels(random: np.random.Generator) -> TaskScene:
     counted = Question("count", "How many balls are there?", _numbers(2, 8), str(count))
     return TaskScene(
         KnownScene(values, ranges), (*joined, widest, counted, _parts(len(ranges))), marks, tubes,
-        bodies=(len(ranges) - 1, count), turn=30.0, crossing=3, apart=0.08,
+        bodies=(len(ranges) - 1, count), turn=30.0, crossing=5, apart=0.08,
     )  # fmt: skip
 
 
@@ -461,7 +461,7 @@ def wrapped(random: np.random.Generator) -> TaskScene:
     marks, asked = {}, []
     for number, k in enumerate(random.permutation(count)[:3]):
         name, lies = str(number + 1), int(within[k])
-        next_skin = (_point(centres[lies]), 1.06 * radii[lies]) if lies < layers else None
+        next_skin = (_point(centres[lies]), 1.12 * radii[lies]) if lies < layers else None
         marks[name] = Mark(_point(balls[k]), layers, next_skin)
         text = f"Inside how many skins does the ball at the ring {name} lie?"
         asked.append(Question("depth", text, _numbers(1, 4), str(lies)))

@@ -46,7 +46,8 @@ Do not look at any other file, and do not go back to a picture when you have see
 The pictures are renderings or paintings of bodies in translucent skins. Skins, balls and tubes keep their form,
 whatever their colours are. Rings with a letter or a number are marks, which belong to no part; the middle of a ring
 is the place that it marks. Where there are two views side by side, the right one shows the same bodies from another
-side, with the same marks: what lies inside a skin lies inside its outline in both.
+side, with the same marks. A ball with a mark lies inside a skin if it lies inside the skin's outline in both views, and
+outside it if it does not in one of them.
 """
 
 OPAQUE, LEAST_OVERLAP = 0.5, 0.5

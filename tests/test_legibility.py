@@ -27,7 +27,16 @@ from svv.fields.scene.scene import Rendering, Scene
 from svv_bench.legibility import tasks
 from svv_bench.legibility.figure import Legibility, Yardstick, enclosures
 from svv_bench.legibility.scenes import KINDS, TaskScene, task_scene, write_scene
-from svv_bench.legibility.tasks import agreement, assignment, check_volume, read_answers, report, score, write_sheets
+from svv_bench.legibility.tasks import (
+    agreement,
+    assignment,
+    check_volume,
+    corrected,
+    read_answers,
+    report,
+    score,
+    write_sheets,
+)
 
 NAMES = ("nuts-0", "tissue-0", "shells-0")
 WAYS = ("rendered", "alike", "lost")
@@ -131,6 +140,10 @@ def test_answers_are_those_of_the_volume(kind: str) -> None:
             assert int(questions["layers"].answer) == len(ranges) - len(opaque)
         if "end" in questions:
             ends_where_it_should(scene, values, questions["end"].answer, questions["end"].choices)
+        if "joined" in questions:
+            joined_as_it_should(scene, values)
+        if "depth" in questions:
+            nested_as_it_should(scene)
         if "inside" in questions:
             within = label(values > ranges[2].low)[0]  # the inner skin and what is in it, and the other balls
             at = {name: within[voxel(scene, name)] for name in "123"}
@@ -155,7 +168,54 @@ def ends_where_it_should(scene: TaskScene, values: np.ndarray, right: str, choic
     assert [name for name in choices if near(name) == near("S")] == [right]
 
 
-@pytest.mark.parametrize("name", NAMES)
+def joined_as_it_should(scene: TaskScene, values: np.ndarray) -> None:
+    """Numbers and letters are in one piece of opaque voxels as is said, and the thickest piece has most of them."""
+    part = scene.known.ranges[0]
+    tubes = label((values > part.low) & (values < part.high), np.ones((3, 3, 3)))[0]
+    piece = {name: int(tubes[voxel(scene, name)]) for name in scene.marks}
+    assert 0 not in piece.values() and len({piece[number] for number in "1234"}) == 4
+    asked = [question for question in scene.questions if question.what == "joined"]
+    assert len(asked) == 3
+    for question in asked:
+        (letter,) = [name for name in "ABCD" if f"ring {name}:" in question.text]
+        assert piece[letter] == piece[question.answer]
+    (widest,) = [question.answer for question in scene.questions if question.what == "widest"]
+    size = {number: (tubes == piece[number]).sum() for number in "1234"}
+    assert max(size, key=lambda number: size[number]) == widest
+
+
+def nested_as_it_should(scene: TaskScene) -> None:
+    """On a straight way out from a ball, values pass the middle of every skin that is around it, and of no other."""
+    asked = [question for question in scene.questions if question.what == "depth"]
+    assert len(asked) == 3
+    for question in asked:
+        (name,) = [name for name in "123" if f"ring {name} " in question.text]
+        ball = np.array(scene.marks[name].at)
+        way = ball / np.linalg.norm(ball)
+        line = ball + np.linspace(0.12, 1.0, 300)[:, None] * way
+        values = scene.known.field(line[np.abs(line).max(axis=1) <= 1].T)
+        skins = scene.known.ranges[:-1]
+        crossed = sum(int(values[0] > (skin.low + skin.high) / 2 > values[-1]) for skin in skins)
+        assert str(crossed) == question.answer
+
+
+def test_a_second_view_is_the_scene_turned_and_shows_every_mark() -> None:
+    for name in ("wrapped-0", "vessels-0"):
+        scene, camera = task_scene(name)
+        views = scene.views(camera)
+        assert len(views) == 2 and views[0] is camera and scene.turn is not None
+        towards = [view.position / np.linalg.norm(view.position) for view in views]
+        assert np.degrees(np.arccos(towards[0] @ towards[1])) == pytest.approx(scene.turn)
+        np.testing.assert_allclose(views[0].camera_to_world[:3, 1], views[1].camera_to_world[:3, 1], atol=1e-12)
+        for view, seen in zip(views, scene.known.class_maps(scene.known.volume(64), views), strict=True):
+            for mark in scene.marks.values():
+                column, row, _ = (int(value) for value in view.project(mark.at))
+                assert seen[row, column] == mark.part
+    for name in NAMES:
+        assert len(task_scene(name)[0].views(task_scene(name)[1])) == 1
+
+
+@pytest.mark.parametrize("name", [*NAMES, "wrapped-0", "vessels-0"])
 def test_the_camera_shows_every_mark_and_every_body(name: str) -> None:
     scene, camera = task_scene(name)
     camera = camera.resized(160, 160)
@@ -280,6 +340,7 @@ def test_answers_are_counted_for_each_way_and_the_figure_is_compared(trial: Path
     assert [found["ways"][way]["right"] for way in WAYS] == [asked, 0, 0]
     assert all(r["of"] == asked for r in found["ways"].values())
     assert 0.2 < found["ways"]["rendered"]["guessed"] < 0.3
+    assert found["ways"]["rendered"]["corrected"] == 1 and -0.6 < found["ways"]["lost"]["corrected"] < -0.2
     assert found["ways"]["rendered"]["legibility"] == 1
     assert sum(found["questions"][what]["rendered"]["of"] for what in found["questions"]) == asked
     assert found["figures"]["legibility"] | {"low": 0, "high": 0} == {
@@ -332,6 +393,36 @@ def test_answers_that_are_missing_or_unknown_are_refused(trial: Path, tmp_path: 
     (tmp_path / "key.json").write_text("{}")
     with pytest.raises(BadInput, match="not a key"):
         score([path], tmp_path / "key.json")
+
+
+@given(st.lists(st.integers(2, 8), min_size=1, max_size=5))
+def test_guesses_are_corrected_to_nothing_and_right_answers_to_one(choices: list[int]) -> None:
+    """The mean over all ways to answer is what guesses have: 0, however many choices there are."""
+
+    def row(count: int, answer: str) -> dict[str, Any]:
+        return {"answer": answer, "right": answer == "1", "guess": 1 / count}
+
+    assert corrected([row(count, "1") for count in choices]) == 1
+    assert corrected([row(count, "?") for count in choices]) == 0
+    every = [corrected([row(count, str(k + 1))]) for count in choices for k in range(count)]
+    means = [np.mean([corrected([row(count, str(k + 1))]) for k in range(count)]) for count in choices]
+    assert np.allclose(means, 0) and min(every) >= -1
+    assert np.isnan(corrected([]))
+
+
+def test_views_lie_side_by_side_above_the_questions() -> None:
+    scene, camera = task_scene("wrapped-0")
+    views = [view.resized(200, 200) for view in scene.views(camera)]
+    shots = [np.full((200, 200, 3), level, np.uint8) for level in (60, 120)]
+    sheet = tasks._sheet(shots, scene, views)
+    assert sheet.shape[1] == 400 and sheet.shape[0] > 200
+    for number, view in enumerate(views):
+        own = sheet[:200, 200 * number : 200 * (number + 1)]
+        assert np.median(own) == shots[number][0, 0, 0]
+        for mark in scene.marks.values():  # a ring of black on white
+            column, row, _ = (int(value) for value in view.project(mark.at))
+            ring = own[row - 6 : row + 7, column - 6 : column + 7]
+            assert ring.min() < 30 and ring.max() > 240
 
 
 def test_letters_may_be_small_and_numbers_plain(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ LEGIBILITY = (
 )
 """Examples in the help."""
 VOLUMES = (
-    "svv bench volumes shells-0 tissue-0 tangle-0 nuts-0 --out volumes",
-    "svv views volumes/shells-0.vti --tf volumes/shells-0.tf.json --out views/shells-0",
+    "svv bench volumes vessels-0 vessels-1 wrapped-0 wrapped-1 --out volumes",
+    "svv views volumes/vessels-0.vti --tf volumes/vessels-0.tf.json --out views/vessels-0",
 )
 """Examples in the help."""
 TASKS = (
@@ -67,7 +67,11 @@ def legibility(
 
 def volumes(
     names: Annotated[
-        list[str], typer.Argument(metavar="KIND-SEED ...", help="Scenes: shells, tissue, tangle or nuts, and a seed.")
+        list[str],
+        typer.Argument(
+            metavar="KIND-SEED ...",
+            help="Scenes: vessels or wrapped (hard), shells, tissue, tangle or nuts, and a seed.",
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the volumes.")],
 ) -> None:
@@ -99,7 +103,7 @@ def tasks(
     judges: Annotated[
         int | None, typer.Option(min=1, max=99, help="Number of judges; by default as many as ways.")
     ] = None,
-    size: Annotated[int, typer.Option(min=200, max=2000, help="Width and height of a picture in pixels.")] = 700,
+    size: Annotated[int, typer.Option(min=200, max=2000, help="Width and height of each view in pixels.")] = 400,
     answers: Annotated[
         list[Path] | None,
         typer.Option(metavar="FILE.json", help="Answers of a judge; may be repeated. With it, the key is opened."),
@@ -111,7 +115,7 @@ def tasks(
 
     First make the sheets, from scenes trained on the volumes of svv bench volumes: a folder for each judge, who sees
     each scene in one way only. Answers go into its answers.json, which is passed to --answers. The result: the share of
-    right answers for each way, and how often the figure of svv bench legibility agrees.
+    right answers for each way, raw and corrected for guessing, and how often the figure of svv bench legibility agrees.
     """
     import svv.dvr  # noqa: F401  # says how to get VTK
     from svv.io.files.atomic import check_writable, write_json

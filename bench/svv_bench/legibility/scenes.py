@@ -8,8 +8,9 @@ surface, where values pass to those of the surroundings, shows no value but thos
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,9 @@ AT_ONCE = 8
 APART, AROUND = 0.1, 0.045
 """Smallest distance of two marks in a picture, and of a mark and a tube that passes it, in widths of it."""
 
+CROSSING = 0.01
+"""Distance of tubes that cross in a picture, in widths of it."""
+
 OWN = 0.25
 """Distance from a mark up to which a tube is the one that is marked."""
 
@@ -70,7 +74,7 @@ class Question:
     """A question on one picture, with its choices."""
 
     what: str
-    """Its kind: ``parts``, ``count``, ``layers``, ``inside`` or ``end``."""
+    """Its kind: ``parts``, ``count``, ``layers``, ``inside``, ``end``, ``joined``, ``widest`` or ``depth``."""
     text: str
     choices: tuple[str, ...]
     answer: str
@@ -85,7 +89,7 @@ class Mark:
     part: int
     """Number of the range that is visible there."""
     beside: tuple[Point, float] | None = None
-    """A place, and how far from the line of sight through it the mark lies at least."""
+    """A place, and how far from the line of sight through it the mark lies at least, in one of the views."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,21 @@ class TaskScene:
     forks: Sequence[tuple[Array, Array]] = ()
     """Forks of a tree, and the middles of another, which does not pass near them in the picture. (n, 3), (m, 3)"""
     bodies: tuple[int, int] | None = None
-    """Number of a range and of its bodies, which lie side by side in the picture."""
+    """Number of a range and of its bodies, which lie side by side in the first view."""
+    turn: float | None = None
+    """Degrees by which the scene is turned in a second view, about the vertical of the first; None is one view."""
+    apart: float = APART
+    """Smallest distance of two marks in the first view in widths of it; in the second, half of that."""
+    crossing: int = 0
+    """Pairs of its tubes that cross in the first view, at least."""
+
+    def views(self, camera: Camera) -> list[Camera]:
+        """Return the cameras of a picture, the first of which is given."""
+        if self.turn is None:
+            return [camera]
+        turned = np.eye(4)
+        turned[:3, :3] = Rotation.from_rotvec(-np.radians(self.turn) * camera.camera_to_world[:3, 1]).as_matrix()
+        return [camera, replace(camera, camera_to_world=turned @ camera.camera_to_world)]
 
 
 def _skin(depth: Array) -> Array:
@@ -140,12 +158,18 @@ def _dented(point: Array, phase: float, strength: float = 0.06) -> Array:
     return 1.0 + strength * np.sin(4.0 * x + phase) * np.sin(4.0 * y) * np.cos(3.0 * z)
 
 
-def _spread(random: np.random.Generator, count: int, radius: float, apart: float) -> list[Point]:
-    """Return points in a ball that are ``apart``."""
+def _spread(
+    random: np.random.Generator, count: int, radius: float, apart: float, fits: Callable[[Array], bool] | None = None
+) -> list[Point]:
+    """Return points in a ball that are ``apart`` and fit."""
     found: list[Point] = []
     while len(found) < count:
         place = random.uniform(-radius, radius, 3)
-        if np.linalg.norm(place) <= radius and all(np.linalg.norm(place - other) >= apart for other in found):
+        if (
+            np.linalg.norm(place) <= radius
+            and all(np.linalg.norm(place - other) >= apart for other in found)
+            and (fits is None or fits(place))
+        ):
             x, y, z = place.tolist()
             found.append((x, y, z))
         elif random.random() < 0.01:
@@ -360,10 +384,102 @@ def nuts(random: np.random.Generator) -> TaskScene:
     return TaskScene(KnownScene(values, ranges), questions, bodies=(layers, count))
 
 
+def vessels(random: np.random.Generator) -> TaskScene:
+    """Return four thin tubes of different widths that cross in projection, and two to eight small balls, in a skin."""
+    count, phase, skin = int(random.integers(2, 9)), random.uniform(0, 6), bool(random.integers(2))
+    tubes: list[Array] = []
+    levels = np.array([-0.6, -0.2, 0.2, 0.6])
+    while len(tubes) < len(levels):
+        if not tubes:
+            heights = np.stack([random.permutation(levels) for _ in range(5)], axis=1)  # at places along each tube
+            heights[:, 1:4] *= 0.65
+        height = heights[len(tubes)]
+        out = np.sqrt(0.8**2 - height[[0, -1]] ** 2)  # ends lie on a circle
+        depth = random.uniform(-0.4, 0.4, 5) * (0.1, 1, 1, 1, 0.1)
+        points = np.stack([(-out[0], -0.25, 0.0, 0.25, out[1]), height, depth], axis=1)
+        curve = _dense(points, 400)
+        if np.linalg.norm(curve, axis=1).max() > 0.82 or (
+            tubes and cKDTree(np.concatenate(tubes)).query(curve)[0].min() < 0.12
+        ):
+            if random.random() < 0.2:
+                tubes.clear()
+            continue
+        tubes.append(curve)
+    radii = random.permutation((0.03, 0.03, 0.03, 0.042))
+    near = cKDTree(np.concatenate(tubes))
+    balls = _spread(random, count, 0.72, 0.22, lambda place: bool(near.query(place)[0] > 0.15))
+
+    def values(point: Array) -> Array:
+        around = _skin(0.93 - _length(point) * _dented(point, phase, 0.03))
+        rest = around if skin else np.full(point.shape[1:], STEP)
+        apart = np.min([_to_curves(point, [tube], radius) for tube, radius in zip(tubes, radii)], axis=0)
+        return _put(_put(rest, BALL, _to_balls(point, balls, 0.075)), TUBE, apart)
+
+    ranges = (TUBES, *([_skin_range(0, 0.06, BEIGE)] if skin else []), BALLS)
+    order = random.permutation(len(tubes))
+    marks = {str(n + 1): Mark(_point(tube[10]), 0) for n, tube in enumerate(tubes)}
+    marks |= {letter: Mark(_point(tubes[n][-11]), 0) for letter, n in zip("ABCD", order)}
+    joined = [
+        Question("joined", f"Follow the tube that ends at the ring {letter}: at which number does it start?",
+                 _numbers(1, 4), str(n + 1))
+        for letter, n in zip("ABC", order)
+    ]  # fmt: skip
+    widest = Question("widest", "Which of the tubes 1 to 4 is the thickest?", _numbers(1, 4), str(radii.argmax() + 1))
+    counted = Question("count", "How many balls are there?", _numbers(2, 8), str(count))
+    return TaskScene(
+        KnownScene(values, ranges), (*joined, widest, counted, _parts(len(ranges))), marks, tubes,
+        bodies=(len(ranges) - 1, count), turn=30.0, crossing=5, apart=0.08,
+    )  # fmt: skip
+
+
+def wrapped(random: np.random.Generator) -> TaskScene:
+    """Return two or three skins inside one another, off centre, and three to eight small balls between and in them."""
+    layers, count, phase = int(random.integers(2, 4)), int(random.integers(3, 9)), random.uniform(0, 6)
+    radii = (0.92, 0.55) if layers == 2 else (0.92, 0.66, 0.38)
+    centres = [np.zeros(3)]
+    for _ in radii[1:]:
+        aside = random.normal(size=3)
+        centres.append(centres[-1] + 0.07 * aside / np.linalg.norm(aside))
+
+    def depths(point: Array) -> list[Array]:
+        """Return how deep points (3, ...) lie in each skin; (...) each."""
+        at = [point - np.reshape(centre, (3,) + (1,) * (point.ndim - 1)) for centre in centres]
+        return [r - _length(p) * _dented(p, phase + 2 * k, 0.04) for k, (r, p) in enumerate(zip(radii, at))]
+
+    while True:
+        balls = np.array(_spread(random, count, 0.8, 0.2, lambda place: bool(np.abs(depths(place)).min() > 0.115)))
+        within = (np.array(depths(balls.T)) > 0).sum(axis=0)
+        if len(set(within.tolist())) == layers:
+            break
+
+    def values(point: Array) -> Array:
+        skins = np.asarray(sum(_skin(depth) for depth in depths(point)))
+        return _put(skins, BALL, _to_balls(point, [_point(ball) for ball in balls], 0.07))
+
+    looks = ((0.04, BEIGE), (0.07, BLUE), (0.1, VIOLET))[:layers]
+    ranges = (*(_skin_range(k, o, c) for k, (o, c) in enumerate(looks)), BALLS)
+    marks, asked = {}, []
+    for number, k in enumerate(random.permutation(count)[:3]):
+        name, lies = str(number + 1), int(within[k])
+        next_skin = (_point(centres[lies]), 1.12 * radii[lies]) if lies < layers else None
+        marks[name] = Mark(_point(balls[k]), layers, next_skin)
+        text = f"Inside how many skins does the ball at the ring {name} lie?"
+        asked.append(Question("depth", text, _numbers(1, 4), str(lies)))
+    layered = Question("layers", "How many skins lie inside one another?", _numbers(1, 4), str(layers))
+    counted = Question("count", "How many balls are there?", _numbers(2, 8), str(count))
+    return TaskScene(
+        KnownScene(values, ranges), (*asked, layered, counted, _parts(layers + 1)), marks, bodies=(layers, count),
+        turn=75.0,
+    )  # fmt: skip
+
+
 KINDS: dict[str, Callable[[np.random.Generator], TaskScene]] = {
-    "shells": shells, "tissue": tissue, "tangle": tangle, "nuts": nuts,
+    "shells": shells, "tissue": tissue, "tangle": tangle, "nuts": nuts, "vessels": vessels, "wrapped": wrapped,
 }  # fmt: skip
-"""Kinds of scenes."""
+"""Kinds of scenes: four that most people answer from any fair picture, and two harder ones, seen in two views.
+
+Seeds depend on the order of the names, so that a new kind comes last in the alphabet.
+"""
 
 
 @lru_cache(maxsize=64)
@@ -393,38 +509,51 @@ def best_camera(scene: TaskScene) -> Camera | None:
     """Return the camera that shows all marks farthest apart, and every body by itself; None if none does."""
     cameras = RIG.sphere(CANDIDATES, LOOK)
     spreads = {number: _spread_of(scene, camera) for number, camera in enumerate(cameras)}
-    fitting = sorted((n for n, spread in spreads.items() if spread >= APART), key=lambda n: -spreads[n])
+    fitting = sorted((n for n, spread in spreads.items() if spread >= scene.apart), key=lambda n: -spreads[n])
     if not fitting:
         return None
     volume = scene.known.volume(LOOK_RESOLUTION)
     for first in range(0, len(fitting), AT_ONCE):
-        some = [cameras[number] for number in fitting[first : first + AT_ONCE]]
-        for camera, seen in zip(some, scene.known.class_maps(volume, some), strict=True):
-            if _shows(scene, camera, seen):
-                return camera
+        some = [scene.views(cameras[number]) for number in fitting[first : first + AT_ONCE]]
+        maps = iter(scene.known.class_maps(volume, [view for views in some for view in views]))
+        for views in some:
+            seen = [next(maps) for _ in views]
+            if all(_marks_are_seen(scene, *pair) for pair in zip(views, seen)) and _bodies_are_apart(scene, seen[0]):
+                return views[0]
     return None
 
 
 def _spread_of(scene: TaskScene, camera: Camera) -> float:
-    """Return the smallest distance of two marks in widths of the picture, 0 if one is not where it must be."""
-    away = -camera.camera_to_world[:3, 2]
-    places = np.array([mark.at for mark in scene.marks.values()]).reshape(-1, 3)
+    """Return the smallest distance of two marks in widths of the picture, 0 if something is not where it must be."""
+    views = scene.views(camera)
+    lines = np.array([-view.camera_to_world[:3, 2] for view in views])
     for mark in scene.marks.values():
-        if (
-            mark.beside is not None
-            and np.linalg.norm(np.cross(away, np.subtract(mark.at, mark.beside[0]))) < mark.beside[1]
-        ):
-            return 0.0
+        if mark.beside is not None:
+            aside = np.linalg.norm(np.cross(lines, np.subtract(mark.at, mark.beside[0])), axis=1)
+            if aside.max() < mark.beside[1]:
+                return 0.0
+    shown = [_in_widths(camera, curve) for curve in scene.curves] if scene.crossing else []
+    if sum(bool(cdist(one, other).min() < CROSSING) for one, other in combinations(shown, 2)) < scene.crossing:
+        return 0.0
+    places = np.array([mark.at for mark in scene.marks.values()]).reshape(-1, 3)
+    spreads = []
+    for view in views:
+        apart = cdist(*2 * (_in_widths(view, places),))
+        spreads.append(float(apart[np.triu_indices(len(places), 1)].min(initial=1.0)))
+    return 0.0 if _is_passed(scene, camera, places) else min(spreads[0], *(2 * spread for spread in spreads[1:]), 1.0)
+
+
+def _is_passed(scene: TaskScene, camera: Camera, places: Array) -> bool:
+    """Return whether a tube passes a mark (n, 3) in the picture, or a tree a fork of the other."""
     shown = _in_widths(camera, places)
     for curve in scene.curves if len(places) else ():
         passing = np.linalg.norm(places[:, None] - curve, axis=2) > OWN
         if (cdist(shown, _in_widths(camera, curve))[passing] < AROUND).any():
-            return 0.0
-    for forks, other in scene.forks:
-        if (cdist(_in_widths(camera, forks), _in_widths(camera, other)) < AROUND).any():
-            return 0.0
-    apart = cdist(shown, shown)
-    return float(apart[np.triu_indices(len(places), 1)].min(initial=1.0))
+            return True
+    return any(
+        bool((cdist(_in_widths(camera, forks), _in_widths(camera, other)) < AROUND).any())
+        for forks, other in scene.forks
+    )
 
 
 def _in_widths(camera: Camera, places: Array) -> Array:
@@ -432,12 +561,17 @@ def _in_widths(camera: Camera, places: Array) -> Array:
     return np.stack(camera.project(places)[:2], axis=1) / camera.width
 
 
-def _shows(scene: TaskScene, camera: Camera, seen: NDArray[np.int16]) -> bool:
-    """Return whether a map of classes (h, w) has each mark on its part, and each body by itself."""
+def _marks_are_seen(scene: TaskScene, camera: Camera, seen: NDArray[np.int16]) -> bool:
+    """Return whether a map of classes (h, w) has each mark on its part."""
     for mark in scene.marks.values():
         column, row, _ = (int(value) for value in camera.project(mark.at))
         if seen[row, column] != mark.part:
             return False
+    return True
+
+
+def _bodies_are_apart(scene: TaskScene, seen: NDArray[np.int16]) -> bool:
+    """Return whether a map of classes (h, w) has each body by itself."""
     if scene.bodies is None:
         return True
     part, count = scene.bodies

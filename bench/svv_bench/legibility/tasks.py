@@ -2,8 +2,8 @@
 
 ``write_sheets`` writes a folder for each judge: sheets of one picture each, in shuffled order and without names. A
 judge sees each scene in one way only (rendered, painted like this or like that), and of as many judges as there are
-ways each sees it in another one (a Latin square). ``score`` counts right answers and how often the figure of legibility
-agrees.
+ways each sees it in another one (a Latin square). ``score`` counts right answers, corrects them for guessing, and
+counts how often the figure of legibility agrees.
 """
 
 from __future__ import annotations
@@ -45,7 +45,9 @@ Do not look at any other file, and do not go back to a picture when you have see
 
 The pictures are renderings or paintings of bodies in translucent skins. Skins, balls and tubes keep their form,
 whatever their colours are. Rings with a letter or a number are marks, which belong to no part; the middle of a ring
-is the place that it marks.
+is the place that it marks. Where there are two views side by side, the right one shows the same bodies from another
+side, with the same marks. A ball with a mark lies inside a skin if it lies inside the skin's outline in both views, and
+outside it if it does not in one of them.
 """
 
 OPAQUE, LEAST_OVERLAP = 0.5, 0.5
@@ -89,7 +91,7 @@ def assignment(scenes: int, ways: int, judge: int) -> list[int]:
 
 
 def write_sheets(
-    ways: Sequence[Path], out: Path, key: Path, judges: int | None = None, size: int = 700, seed: int = 0,
+    ways: Sequence[Path], out: Path, key: Path, judges: int | None = None, size: int = 400, seed: int = 0,
     progress: Progress = silent,
 ) -> tuple[int, int]:  # fmt: skip
     """Write a folder of sheets for each judge, and the key.
@@ -100,7 +102,7 @@ def write_sheets(
         out: Folder of ``judge-1``, ``judge-2`` and so on.
         key: File for the answers and which picture is whose; it must lie outside ``out``.
         judges: Their number; by default as many as there are ways.
-        size: Width and height of the pictures in pixels.
+        size: Width and height of each view in pixels.
         seed: Of the order of the sheets.
         progress: Called before each picture.
 
@@ -126,8 +128,9 @@ def write_sheets(
                 yardstick = Yardstick(scene, [camera.resized(VIEW_SIZE, VIEW_SIZE)])
                 check_volume(name, yardstick)
             figures[way.resolve().name] = yardstick.measure_scene(scene).to_json()
-            image = scene.render(camera.resized(size, size), background=WHITE).rgba
-            pictures.append(_sheet(over_white(image), case, camera))
+            views = [view.resized(size, size) for view in case.views(camera)]
+            shots = [over_white(scene.render(view, background=WHITE).rgba) for view in views]
+            pictures.append(_sheet(shots, case, views))
         questions = [{"what": q.what, "choices": list(q.choices), "answer": q.answer} for q in case.questions]
         cases.append({"name": name, "questions": questions, "figures": figures})
         sheets.append(pictures)
@@ -163,22 +166,30 @@ def check_volume(name: str, yardstick: Yardstick) -> None:
         )
 
 
-def _sheet(picture: Picture, case: TaskScene, camera: Camera) -> Picture:
-    """Draw the marks on a picture (h, w, 3), and the questions below it."""
-    size = picture.shape[1]
-    letter, text = size // 24, max(10, size // 38)
+def _sheet(shots: Sequence[Picture], case: TaskScene, views: Sequence[Camera]) -> Picture:
+    """Draw the marks on pictures (h, w, 3) of some views, put them side by side, and the questions below them."""
+    size = views[0].width
+    letter, text = size // 24, max(12, size // 38)
+    picture = np.concatenate([_marked(shot, case, view, letter) for shot, view in zip(shots, views)], axis=1)
+    height, width = picture.shape[:2]
     lines = []
     for number, question in enumerate(case.questions):
-        lines += textwrap.wrap(f"{number + 1}. {question.text}", int(size / (0.52 * text)), subsequent_indent="    ")
+        lines += textwrap.wrap(f"{number + 1}. {question.text}", int(width / (0.52 * text)), subsequent_indent="    ")
         lines.append(f"    Choices: {', '.join(question.choices)}")
-    canvas = Image.new("RGB", (size, picture.shape[0] + int(1.35 * text * (len(lines) + 1))), "white")
+    canvas = Image.new("RGB", (width, height + int(1.35 * text * (len(lines) + 1))), "white")
     canvas.paste(Image.fromarray(picture))
     draw = ImageDraw.Draw(canvas)
-    for name, mark in case.marks.items():
-        _draw_mark(draw, name, mark, camera.resized(size, size), letter)
     for line, said in enumerate(lines):
-        at = (0.5 * text, picture.shape[0] + 0.5 * text + 1.35 * text * line)
+        at = (0.5 * text, height + 0.5 * text + 1.35 * text * line)
         draw.text(at, said, fill="black", font=ImageFont.load_default(text))
+    return np.asarray(canvas)
+
+
+def _marked(shot: Picture, case: TaskScene, view: Camera, letter: int) -> Picture:
+    """Draw the marks, with letters of a size in pixels, on the picture (h, w, 3) of a view."""
+    canvas = Image.fromarray(shot)
+    for name, mark in case.marks.items():
+        _draw_mark(ImageDraw.Draw(canvas), name, mark, view, letter)
     return np.asarray(canvas)
 
 
@@ -238,10 +249,11 @@ def score(answers: Sequence[Path], key: Path) -> dict[str, Any]:
 
     Returns:
         ``ways``: for each way, how many answers were ``right``, ``of`` how many, ``share`` and its 95 % interval
-        ``low`` to ``high``, and mean ``legibility``; ``guessed`` is the share that guesses would have.
-        ``questions``: the first five of each way for each kind of question. ``figures``: for each part of the figure,
-        how often it is higher for the picture with the larger share of right answers, of all pairs of pictures of a
-        scene that differ in both. ``sheets``: what each judge answered.
+        ``low`` to ``high``, and mean ``legibility``; ``guessed`` is the share that guesses would have, and
+        ``corrected`` the score corrected for guessing (:func:`corrected`).
+        ``questions``: all but the legibility of each way for each kind of question. ``figures``: for each part of the
+        figure, how often it is higher for the picture with the larger share of right answers, of all pairs of pictures
+        of a scene that differ in both. ``sheets``: what each judge answered.
 
     Raises:
         BadInput: See :func:`read_answers`; a judge does not exist or is given twice; or the key is damaged.
@@ -268,11 +280,11 @@ def score(answers: Sequence[Path], key: Path) -> dict[str, Any]:
         own = [row for row in rows if row["way"] == way]
         seen = {row["case"] for row in own}
         table[way] = {
-            **_right(own), "guessed": float(np.mean([row["guess"] for row in own])) if own else float("nan"),
+            **_counted(own),
             "legibility": float(np.mean([figures[n, way]["legibility"] for n in seen])) if seen else float("nan"),
         }  # fmt: skip
     kinds = dict.fromkeys(row["what"] for row in rows)
-    of_kind = {k: {w: _right([r for r in rows if r["what"] == k and r["way"] == w]) for w in ways} for k in kinds}
+    of_kind = {k: {w: _counted([r for r in rows if r["what"] == k and r["way"] == w]) for w in ways} for k in kinds}
     return {"ways": table, "questions": of_kind, "figures": agreement(rows, figures), "sheets": rows}
 
 
@@ -288,8 +300,29 @@ def _judges(answers: Sequence[Path], count: int) -> list[int]:
     return [known[folder] for folder in folders]
 
 
-def _right(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    return share(sum(bool(row["right"]) for row in rows), len(rows), "right")
+def _counted(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return how many answers were right, the share that guesses would have, and the score corrected for guessing."""
+    guessed = float(np.mean([row["guess"] for row in rows])) if rows else float("nan")
+    counted = share(sum(bool(row["right"]) for row in rows), len(rows), "right")
+    return {**counted, "guessed": guessed, "corrected": corrected(rows)}
+
+
+def corrected(rows: Sequence[Mapping[str, Any]]) -> float:
+    """Return the score corrected for guessing: 1 if all is right, and 0 on average if all is guessed.
+
+    A right answer counts 1, a wrong one of k choices -1 / (k - 1), and "?" nothing (formula scoring).
+
+    Args:
+        rows: For each question the ``answer``, whether it is ``right``, and ``guess``, which is 1 / k.
+
+    >>> corrected([{"answer": "A", "right": True, "guess": 0.25}, {"answer": "B", "right": False, "guess": 0.25}])
+    0.3333333333333333
+    """
+    points = [
+        1.0 if row["right"] else 0.0 if row["answer"] == DONT_KNOW else -row["guess"] / (1.0 - row["guess"])
+        for row in rows
+    ]
+    return float(np.mean(points)) if points else float("nan")
 
 
 def agreement(
@@ -321,17 +354,19 @@ def report(found: Mapping[str, Any]) -> str:
     """Format the tables of :func:`score` as Markdown."""
     ways, interval = found["ways"], "95 % interval"
     lines = [
-        {"way": way, **_shown(r, "right"), "guessed": percent(r["guessed"]), "legibility": f"{r['legibility']:.2f}"}
+        {"way": way, **_shown(r, "right"), "guessed": percent(r["guessed"]), "corrected": f"{r['corrected']:.2f}",
+         "legibility": f"{r['legibility']:.2f}"}
         for way, r in ways.items()
-    ]
+    ]  # fmt: skip
     kinds = [
-        {"question": what, **{way: _shown(r, "right")["right"] for way, r in each.items()}}
+        {"question": what, **{way: _shown(r, "right")["right"] for way, r in each.items()},
+         "guessed": percent(np.nanmean([r["guessed"] for r in each.values()]))}
         for what, each in found["questions"].items()
-    ]
+    ]  # fmt: skip
     parts = [{"figure": name, **_shown(r, "agreed")} for name, r in found["figures"].items()]
     tables = (
-        markdown(lines, "way", ("right", "share", interval, "guessed", "legibility")),
-        markdown(kinds, "question", list(ways)),
+        markdown(lines, "way", ("right", "share", interval, "guessed", "corrected", "legibility")),
+        markdown(kinds, "question", (*ways, "guessed")),
         markdown(parts, "figure", ("agreed", "share", interval)),
     )
     return "\n\n".join(tables) + "\n"

@@ -24,6 +24,7 @@ from svv.dvr.read.appearance import named
 from svv.ending import describe_os_error
 from svv.errors import BadInput, Cancelled, is_lack_of_memory
 from svv.pv.launch.programs import STRICT
+from svv.pv.panel_sentences import say_in_panel
 from svv.pv.panel_values import label_of
 
 MARK = "StyleRF Failed"
@@ -68,7 +69,7 @@ _wrong: dict[str, str] = {}
 def sentence_on(error: Exception) -> str:
     """Return one sentence for the user about an error in a filter."""
     if isinstance(error, BadInput):
-        return str(error)
+        return say_in_panel(str(error))
     if isinstance(error, ImportError):
         return NOT_INSTALLED.format(name=error.name or str(error))
     if isinstance(error, OSError):  # a disk that fails

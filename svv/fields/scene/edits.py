@@ -52,8 +52,8 @@ def edited(
         if scene.regions[region].style is not None:
             raise BadInput(
                 f"Region {region} is styled: its colours come from the style '{scene.regions[region].style}', not "
-                "from the palette, so only its opacity and lighting can be edited; stylize again with --keep "
-                f"{region} to recolour it."
+                "from the palette, so only its opacity and lighting can be edited; leave it unpainted to "
+                f"recolour it (svv stylize --keep {region})."
             )
         r, g, b = (float(c) for c in colour)
         changes["edited_colour"] = (r, g, b)
@@ -308,7 +308,7 @@ def _check_light(layers: Sequence[Model]) -> None:
     if "phong" not in lightings:
         raise BadInput(
             "The light of this scene cannot be moved, because a network learned it together with the surfaces: "
-            "train it again with --lighting phong (in ParaView: Lighting of StyleRF Train) for a light that can."
+            "train it again with svv train --lighting phong for a light that can."
         )
 
 

@@ -51,8 +51,8 @@ def noticed(fixed: Mask) -> str:
     """Say in a sentence what stands still on the screen, and what to do."""
     return (
         f"Something {places_of(fixed)} stands still on the screen in all views ({int(fixed.sum())} pixels), such as a "
-        "colour bar, axes, a logo or text, and no object of the scene does: leave it out with --ignore-fixed (Ignore "
-        "Fixed in ParaView), or write the pictures without it."
+        "colour bar, axes, a logo or text, and no object of the scene does: leave it out with --ignore-fixed, "
+        "or write the pictures without it."
     )
 
 

@@ -36,6 +36,7 @@ from svv.pv.failed import (
     reason_of,
     sentence_on,
 )
+from svv.pv.panel_sentences import say_in_panel
 from svv.pv.panel_values import Values, by_name, label_of
 from svv.pv.results.time_steps import Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
@@ -292,7 +293,7 @@ class Filter(VTKPythonAlgorithmBase):
 
     def say(self, sentence: str, error: bool = True) -> None:
         """Report a sentence to the user, in Output Messages and in the property Status."""
-        self._status = sentence
+        self._status = sentence = say_in_panel(sentence)
         note_failed(self, sentence, stopped=not error)
         if is_strict():
             return  # an exception will say it
@@ -309,7 +310,7 @@ class Filter(VTKPythonAlgorithmBase):
 
     def GetStatus(self) -> str:
         """Return what the filter did last, or why it failed."""
-        return self._status
+        return say_in_panel(self._status)
 
     def TakeAsEdited(self) -> None:
         """Update the result to the current transfer function and time step."""

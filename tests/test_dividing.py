@@ -19,7 +19,10 @@ import svv
 from svv.cli.options import parse_mapping
 from svv.cli.swatches import print_swatches
 from svv.errors import BadInput
+from svv.fields.scene.region import swatches
 from svv.fields.scene.scene import Scene
+from svv.io.files.atomic import write_json
+from svv.io.pictures.output import write_png
 from svv.io.scene_file import write_scene_file
 from svv.job.looks import file
 from svv.job.looks.look import Look
@@ -27,7 +30,7 @@ from svv.options.making import PaintOptions
 from svv.styles.families import areas_of, divisions, names_of
 from svv.styles.hand import measure_hand
 from svv.train.paint import dividing
-from svv.train.paint.dividing import Division, divided, swatches
+from svv.train.paint.dividing import Division, divided
 from svv.train.paint.ink import Ink, StyleInput
 from svv.train.paint.pairing import Glimpse, paired
 from svv.train.paint.plan import ordered, with_hands
@@ -368,3 +371,25 @@ def test_a_job_takes_parts_and_refuses_them_without_pictures(tmp_path: Path) -> 
     assert settings_.paint.mapping == {0: "sky"} and settings_.paint.divide == "areas"
     with pytest.raises(BadInput, match="give --style, or leave them out"):
         cli.app(["run", "x.vti", "--map", "0=sky", "--out", str(tmp_path / "o")], standalone_mode=False)
+
+
+def test_svv_run_prints_which_part_each_region_has(
+    cube: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def run_job(*_: object) -> Path:
+        cube.save(tmp_path / "styled.svv")
+        part = {"style": "a.png", "part": "sky", "colours": ["#102030", "#405060", "#708090"]}
+        write_json(tmp_path / "stylize.json", {"notes": ["a.png is divided."], "divided": {"1": part}})
+        return tmp_path / "report.html"
+
+    from svv.cli import app as cli
+
+    monkeypatch.setattr("svv.job.run.run_job", run_job)
+    monkeypatch.setattr("svv.job.run.check", lambda settings: None)
+    np.save(tmp_path / "v.npy", np.zeros((4, 4, 4), np.float32))
+    write_png(tmp_path / "a.png", np.zeros((8, 8, 3), np.float32))
+    given = ["run", str(tmp_path / "v.npy"), "--style", str(tmp_path / "a.png"), "--out", str(tmp_path)]
+    cli.app(given, standalone_mode=False)
+    said = capfd.readouterr()
+    assert said.out.strip() == str(tmp_path / "report.html")
+    assert "a.png is divided.\n" in said.err and "Region 1: sky of a.png" in said.err

@@ -38,7 +38,7 @@ def test_what_a_sentence_names_is_in_the_panel(command: str, panels: dict[str, s
 
 
 @pytest.mark.parametrize(
-    "sentence, here",
+    ("sentence", "here"),
     [
         ("Lay strokes with svv stylize --manner strokes.", "Lay strokes with Manner 'strokes' of StyleRF Stylize."),
         ("--hand oil changes that.", "Hand 'oil' changes that."),

@@ -18,7 +18,7 @@ from svv.io.files.keyed_results import digest
 from svv.io.scene_file import read_scene_file, read_scene_header
 from svv.pv.results import expected
 from svv.pv.results.keys import digest_of_scene, name_of
-from svv.pv.results.stored import Stored
+from svv.pv.results.stored import Stored, describe_parts
 from svv.pv.work.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.work.vtk_data import finished_scene_of, put_scene, put_stored, scene_of
 from tests.cube import cube_paint, cube_scene
@@ -73,6 +73,16 @@ def test_a_table_is_filled_without_what_draws(painted: Path) -> None:
         first, second = (vtk_to_numpy(table.GetColumnByName(name)) for table in (one, other))
         assert np.array_equal(first, second, equal_nan=True), name
     assert digest_of_scene(scene_of(one)) == digest_of_scene(scene_of(other))
+
+
+def test_parts_of_a_picture_are_told_from_the_header(painted: Path, tmp_path: Path) -> None:
+    """So they are told while another process draws the scene, too."""
+    scene, part = Scene.load(painted), {"style": "a.png", "part": "sky", "colours": ["#102030", "#405060", "#708090"]}
+    scene = replace(scene, made={**scene.made, "stylized": {"divided": {"0": part}}})
+    scene.save(tmp_path / "divided.svv")
+    said = describe_parts(scene)
+    assert said == "Region 0: sky of a.png (#102030, #405060, #708090)."
+    assert describe_parts(Stored.read(tmp_path / "divided.svv")) == said
 
 
 def test_what_is_still_being_learned_is_marked(painted: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -64,7 +65,9 @@ def demo(
     settings = JobSettings(drawing, training, path, recolour=True)
     check(settings)
     compile_beside()
-    print(run_demo(out, settings, resolution, shown))
+    page = run_demo(out, settings, resolution, shown)
+    _print_painting(out)
+    print(page)
 
 
 @spread
@@ -120,6 +123,8 @@ def run(  # noqa: PLR0913  (one parameter per group of options)
     finally:  # it says why a training fails, too
         if not views and transforms_file(out / "views", "train") is not None:
             _tell(read_meta(out / "views"))
+    if style:
+        _print_painting(out)
     print(page)
 
 
@@ -164,6 +169,17 @@ def views(
                 took = duration(known(made.seconds, "seconds"))
                 _tell(made)
                 print(f"{folder}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")
+
+
+def _print_painting(out: Path) -> None:
+    """Print what was noted while the result in a folder was painted, and the parts of pictures that regions have."""
+    from svv.cli.swatches import print_swatches
+    from svv.fields.scene.scene import Scene
+
+    report = json.loads((out / "stylize.json").read_text(encoding="utf-8"))
+    for note in report["notes"]:
+        print(note, file=sys.stderr)
+    print_swatches(report["divided"], Scene.load(out / "styled.svv").regions)
 
 
 def _tell(made: ViewMeta) -> None:

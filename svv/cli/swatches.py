@@ -22,7 +22,7 @@ def print_swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[R
     from rich.console import Console
     from rich.text import Text
 
-    from svv.train.paint.dividing import swatches
+    from svv.fields.scene.region import swatches
 
     console = Console(stderr=True)
     coloured = console.is_terminal and console.color_system is not None and not console.no_color

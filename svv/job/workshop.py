@@ -170,8 +170,8 @@ class Workshop:
         what other parts there are. parts chooses them by name, such as {"0": "sky"}; divide="no" gives every region the
         whole picture.
         """
+        from svv.fields.scene.region import swatches
         from svv.job.request import Paint, Request, paint
-        from svv.train.paint.dividing import swatches
         from svv.train.paint.ink import StyleInput, style_named
 
         path = self._new_scene(out)

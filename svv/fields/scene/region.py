@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Any, get_args
 
 from svv.errors import BadInput
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT, RecolourName
@@ -198,3 +198,17 @@ def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:
         numbers[number] = len(own)
         own[number] = replace(region, layer=0, part_of=parent)
     return tuple(own.values())
+
+
+def swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[Region]) -> list[tuple[list[str], str]]:
+    """Return three colours, as hex codes from dark to light, and a label for each region with a part of a picture.
+
+    Args:
+        divided: ``report["divided"]`` of :func:`svv.stylize_scene`.
+        regions: The scene's regions.
+    """
+    return [
+        (one["colours"], f"{label_of(regions, int(k))}: {one['part']} of {one['style']}")
+        for k, one in divided.items()
+        if int(k) < len(regions)
+    ]

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from svv.errors import BadInput, Progress, silent
-from svv.fields.scene.region import label_of
+from svv.fields.scene.region import label_of, swatches
 from svv.fields.scene.scene import Scene
 from svv.job.words.colours import changed
 from svv.job.words.grammar import Clause, understood
 from svv.options.making import PREFIX, PaintOptions, PresetName
-from svv.train.paint.dividing import swatches
 from svv.train.paint.ink import StyleInput, style_named
 from svv.train.pipeline import stylize_scene
 

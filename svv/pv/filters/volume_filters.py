@@ -41,7 +41,7 @@ from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import cached_names_property, file, panel, picked, shown_view, status, switch
 from svv.pv.results.expected import expected
 from svv.pv.results.keys import key_in, key_of, name_of, source_of
-from svv.pv.results.stored import Stored
+from svv.pv.results.stored import Stored, describe_parts
 from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 from svv.pv.work.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
@@ -353,7 +353,6 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         )
         from svv.pv.work.requests import learning
         from svv.pv.work.style_files import files_of, lost_file, style_key
-        from svv.pv.work.styling import describe_parts
 
         values = self.values
         present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
@@ -396,12 +395,11 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
             painted, name = paintings.get(on, lambda: self.found_or_made("painted", "painting", on, paint), each)
             self.gives(painted=name, **{f"{FILE}{file}": key for file, key in files_of(values).items()})
             scene = painted
-        parts = "" if isinstance(scene, Stored) else describe_parts(scene)
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         note = LOST.format(lost=self.lost) if self.lost else self.note
         shown = describe_resampled_input(inputs[0], values) + describe_default_function(inputs[0], values)
         said = f"{describe_regions(scene)}{hint}.{shown}{note}"
-        said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed"), parts]))
+        said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed"), describe_parts(scene)]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))

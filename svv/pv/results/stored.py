@@ -15,6 +15,7 @@ from svv.io.scene_file import header_in, read_scene_header
 
 if TYPE_CHECKING:
     from svv.fields.scene.region import Region
+    from svv.fields.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -62,3 +63,11 @@ class Stored:
     def follows_time(self) -> bool:
         """Whether it is a function of its volume's values, and so can follow the volume to other times."""
         return "values" in self.header and "steps" in self.header
+
+
+def describe_parts(scene: Scene | Stored) -> str:
+    """Return which part of a picture each region has, and its colours from dark to light; '' if none is divided."""
+    from svv.fields.scene.region import swatches
+
+    divided = scene.made.get("stylized", {}).get("divided", {})
+    return " ".join(f"{label} ({', '.join(colours)})." for colours, label in swatches(divided, scene.regions))

@@ -11,6 +11,7 @@ from svv.io.pictures.mask_file import Mask
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel_values import Values, region_row
 from svv.pv.results.keys import digest_of_scene
+from svv.pv.results.stored import describe_parts
 from svv.pv.work.style_masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 
 if TYPE_CHECKING:
@@ -35,14 +36,6 @@ class Painting:
         report = self.scene.made["stylized"]
         sentences = [f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"], describe_parts(self.scene)]
         return " ".join(filter(None, sentences))
-
-
-def describe_parts(scene: Scene) -> str:
-    """Return which part of a picture each region has, and its colours from dark to light; '' if none is divided."""
-    from svv.train.paint.dividing import swatches
-
-    divided = scene.made.get("stylized", {}).get("divided", {})
-    return " ".join(f"{label} ({', '.join(colours)})." for colours, label in swatches(divided, scene.regions))
 
 
 def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, str]:

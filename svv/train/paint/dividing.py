@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from svv.errors import BadInput
-from svv.fields.scene.region import Region, label_of
+from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Scene
 from svv.options.making import DivisionName, PaintOptions
 from svv.styles.families import Family, areas_of, divisions, joined, names_of
@@ -261,17 +261,3 @@ def _notes(scene: Scene, label: str, told: Mapping[int, Mapping[str, Any]]) -> l
             names = " and ".join(label_of(scene.regions, k) for k in regions)
             found.append(f"{names} have the same part of {label}, {part}, and may look alike.")
     return found
-
-
-def swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[Region]) -> list[tuple[list[str], str]]:
-    """Return three colours, as hex codes from dark to light, and a label for each region with a part of a picture.
-
-    Args:
-        divided: ``report["divided"]`` of :func:`svv.train.pipeline.stylize_scene`.
-        regions: The scene's regions.
-    """
-    return [
-        (one["colours"], f"{label_of(regions, int(k))}: {one['part']} of {one['style']}")
-        for k, one in divided.items()
-        if int(k) < len(regions)
-    ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,7 @@ def test_bumps_are_triangles_of_one_colour_each(tmp_path: Path) -> None:
     (tmp_path / "tf.json").write_text(json.dumps({"Name": "b", "bumps": bumps, "ScalarOpacityUnitDistance": 2}))
     tf = TransferFunction.read(tmp_path / "tf.json")
     assert tf.name == "b" and tf.unit_distance == 2
+    assert replace(TransferFunction.from_dict(bumps), name="b", unit_distance=2) == tf, "the list alone"
     values = [8, 9, 10, 11, 12, 15, 17, 18.5, 20, 23]
     np.testing.assert_allclose(tf.opacity_at(values), [0, 0.1, 0.2, 0.1, 0, 0, 0, 0.4, 0.8, 0])
     np.testing.assert_allclose(tf.colour_at([8, 10, 12]), [[1, 0, 0]] * 3)

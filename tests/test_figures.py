@@ -24,7 +24,7 @@ from svv.fields.scene.seen_colours import Pair, seen_in, seen_of
 from svv.options.figures import JOURNALS, FigureOptions
 from svv.render.figures.annotations import bar_of, format_length
 from svv.render.figures.colour_check import describe_lookalikes, report_on, seen_in_picture
-from svv.render.figures.figure import drawing_of
+from svv.render.figures.figure import Panel, _front, drawing_of
 from svv.render.figures.files import KINDS, pixels_of, write_figure
 from svv.render.figures.framing import (
     Window,
@@ -163,6 +163,17 @@ def test_a_picture_is_placed_without_being_sampled_again(cube: Scene) -> None:
     left = top = round(50 / 25.4)
     np.testing.assert_array_equal(shown[top : top + len(expected), left : left + width], expected)
     assert len(rows) and len(columns)
+
+
+def test_scenes_of_one_volume_have_one_scale(cube: Scene) -> None:
+    """Their own cameras stand as far away as each needs; scenes elsewhere, or of other sizes, keep their own."""
+    nearer = replace(cube, camera_rig=replace(cube.rig, radius=0.8 * cube.rig.radius))
+    one, other = (panel.camera for panel in drawing_of([nearer, cube], width=60.0).panels)
+    assert np.array_equal(one.camera_to_world, other.camera_to_world) and one.fov_x == other.fov_x
+    assert np.array_equal(one.camera_to_world, drawing_of(cube, width=60.0).panels[0].camera.camera_to_world)
+    for rig in (replace(cube.rig, radius=0.2 * cube.rig.radius), replace(cube.rig, centre=(90.0, 0.0, 0.0))):
+        apart = replace(cube, camera_rig=rig)
+        assert _front([Panel(apart), Panel(cube)]) is None
 
 
 def test_panels_have_letters_titles_and_one_scale(named: Scene, tmp_path: Path) -> None:

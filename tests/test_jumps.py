@@ -342,6 +342,8 @@ def test_views_of_labels_are_told_of_and_drawn_without_interpolation(mapper: str
         ((np.indices((9, 9, 9)).sum(0) > 12).astype(np.uint8), "ramp", False),  # a mask
         ((np.indices((9, 9, 9)).sum(0) > 12).astype(np.float32) * 9, "bump", True),
         (np.random.default_rng(0).random((9, 9, 9)).astype(np.float32) * 9, "bump", False),  # no labels
+        (np.indices((9, 9, 9)).sum(0).astype(np.uint16) * 62, "greys", False),  # few bits, with a piece of metal
+        (np.random.default_rng(0).permutation(25)[np.indices((9, 9, 9)).sum(0)] * 62, "greys", True),  # an atlas
     ],
 )
 def test_notices_of_labels_are_given_where_interpolation_shows_what_is_not_there(
@@ -351,10 +353,13 @@ def test_notices_of_labels_are_given_where_interpolation_shows_what_is_not_there
         **STEPS,
         "ramp": opacities((0, 0), (0.4, 0), (1, 0.5)),
         "bump": opacities((0, 0), (4, 0.0), (5, 0.5), (9, 0)),
+        "greys": opacities((0, 0), (400, 0), (700, 0.5), (900, 0)),
     }
     values = values.copy()
     if function == "bump":
         values[0, 0, 0] = 5
+    if function == "greys":
+        values[0, 0, 0] = 24 * 62
     tf = TransferFunction(WHITE, shapes[function], 1.0)
     views, _ = make_views(from_array(values), tf, n=3, size=16, rescale=False)
     assert ("without interpolation" in str(views.meta.assumed) or "--nearest" in str(views.meta.assumed)) == said

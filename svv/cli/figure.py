@@ -93,8 +93,8 @@ def figure(
     """Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.
 
     The legend shows each region's name (`svv edit --name`), range of values, and a small painted sphere. Text in PDF
-    and SVG stays text. Several scenes, paintings, times and cameras are panels with letters, at one scale. Regions that
-    look alike are named in the legend, on the screen, and in the file of --json.
+    and SVG stays text. Several scenes, paintings, times and cameras are panels with letters, at one scale if the
+    scenes are of one volume. Regions that look alike are named in the legend, on the screen, and in the file of --json.
     """
     from svv.io.files.atomic import write_json
     from svv.job.looks.look import Look, changed_settings

@@ -49,7 +49,7 @@ class FigureOptions:
     across: Annotated[int | None, Setting(metavar="N", least=1, panel="")] = None
     """Panels in a row; by default up to three, otherwise a grid as square as possible."""
     frame: Annotated[FrameName, Setting(panel="Frame")] = "content"
-    """content trims all panels alike to what is visible, at one scale; camera keeps the cameras' frames."""
+    """content trims all panels alike to what is visible; camera keeps the cameras' frames."""
     title: Annotated[tuple[str, ...], Setting(panel="")] = ()
     """Title of the next panel."""
     letters: Annotated[LettersName, Setting(panel="")] = "auto"

@@ -46,6 +46,7 @@ def state():
     return json.dumps({
         "views": len(views), "shown": [inputs(one) for one in sorted(views, key=lambda one: one != view)],
         "camera": camera(view), "follows": image.FollowCamera, "same": list(image.Camera) == camera(view),
+        "forms": [width / height for width, height in (view.ViewSize, image.ImageSize)],
         "bars": sum(d.SMProxy.GetXMLName() == "ScalarBarWidgetRepresentation" and d.Visibility
                     for one in views for d in one.Representations),
     })
@@ -116,6 +117,7 @@ def test_the_image_appears_beside_the_volume_and_follows_its_camera(gui: Callabl
     first = applied(window, "len(GetRenderViews()) == 2")
     beside = [["RTAnalyticSource"], ["StyleRFRender"]]
     assert (first["views"], first["shown"], first["bars"]) == (2, beside, 0)
+    assert np.isclose(*first["forms"], rtol=0.02), "the image has the form that the view had before it was split"
     assert first["follows"] and first["same"] and first["camera"] == before, "the volume's camera is touched"
 
     # The panel fits its dock, whichever view is the active one.

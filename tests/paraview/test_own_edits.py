@@ -52,6 +52,14 @@ assert "no region 7" in told, told
 told = give(view, Region7Opacity=1.0, Say=f"hide region {top}")
 assert "Understood:" in told and top not in seen(view), told
 view.Say = ""
+# A sketch, which may have fewer regions, has the edits that it can have, and what it cannot have is told.
+from svv.fields.scene.scene import Scene
+from svv.pv.panel.groups import EDITS
+from svv.pv.work.own_edits import sketch_as_edited
+asked = {**EDITS, "Variant": "", f"Region{top}Hide": True, "Region7Hide": True}
+sketch, told = sketch_as_edited(Scene.load(f"{folder}/own.svv").shown(), asked)
+assert sketch.regions[top].hidden and told.startswith(" Not in the sketch: There is no region 7"), told
+assert sketch_as_edited(sketch, {**asked, "Region7Hide": False, "Say": "fly"})[1].startswith(" Not in the sketch:")
 kept = view.KeptAs or view.SMProxy.GetProperty("Kept").GetElement(0)
 assert kept == learned, "an edit has begun to learn"
 Delete(again), Delete(edit)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
@@ -18,6 +20,10 @@ Array = NDArray[np.float64]
 
 MOST_LABELS, COUNTED, LINES = 64, 1_000_000, 300_000
 """Most values of a volume of labels; and numbers of voxels that are counted, and of those whose neighbours are."""
+
+GREYS, GRADUAL = 16, 2 / 3
+"""Number of values above which they are greys of a few bits, and not labels, if more than this part of all unequal
+neighbours is one step apart."""
 
 SEEN, ALIKE = 0.02, 0.1
 """Opacities above which something is seen, and differences of colours that are not."""
@@ -81,7 +87,13 @@ def labels_of(values: NDArray[np.number]) -> Array | None:
 
 def _between(values: NDArray[np.number], labels: Array, tf: TransferFunction) -> list[str]:
     """Return a sentence if interpolation between neighbours shows what neither of them is."""
-    for low, high in _neighbours(values, labels):
+    neighbours = _neighbours(values, labels)
+    if len(labels) > GREYS and neighbours:
+        numbers = np.searchsorted(labels, [*neighbours])
+        steps, times = numbers[:, 1] - numbers[:, 0], np.array([*neighbours.values()])
+        if times[steps == 1].sum() > GRADUAL * times.sum():
+            return []
+    for low, high in neighbours:
         at = tf.samples(low, high)
         opacity = tf.opacity_at(at)
         highest = int(opacity.argmax())
@@ -99,18 +111,21 @@ def _between(values: NDArray[np.number], labels: Array, tf: TransferFunction) ->
     return []
 
 
-def _neighbours(values: NDArray[np.number], labels: Array) -> list[tuple[float, float]]:
-    """Return the pairs of different values that neighbours along an axis have, on some of the volume's lines."""
-    found = set()
+def _neighbours(values: NDArray[np.number], labels: Array) -> dict[tuple[float, float], int]:
+    """Return the pairs of different values that neighbours along an axis have, on some of the volume's lines.
+
+    Each with the number of its neighbours, in order.
+    """
+    found: Counter[tuple[int, int]] = Counter()
     for axis in range(3):
         lines = np.moveaxis(values, axis, -1)
         step = max(1, int(np.sqrt(values.size / LINES)))
         numbers = np.searchsorted(labels, lines[::step, ::step]).clip(0, len(labels) - 1)
-        pairs = numbers[..., :-1] * len(labels) + numbers[..., 1:]
-        found |= {
-            (min(divmod(pair, len(labels))), max(divmod(pair, len(labels)))) for pair in np.unique(pairs).tolist()
-        }
-    return [(float(labels[a]), float(labels[b])) for a, b in sorted(found) if a < b]
+        pairs, times = np.unique(numbers[..., :-1] * len(labels) + numbers[..., 1:], return_counts=True)
+        for pair, count in zip(pairs.tolist(), times.tolist(), strict=True):
+            a, b = divmod(pair, len(labels))
+            found[min(a, b), max(a, b)] += count
+    return {(float(labels[a]), float(labels[b])): count for (a, b), count in sorted(found.items()) if a < b}
 
 
 def _at_jumps(labels: Array, tf: TransferFunction) -> list[str]:

@@ -51,13 +51,14 @@ class Fields(ColourFields):
 
 
 def preset_in(data: object, name: str) -> Mapping[str, Any]:
-    """Return the preset or the bumps in a JSON value, which may be a list with one of them.
+    """Return the preset or the bumps in a JSON value, which may be a list with one of them, or of bumps.
 
     Raises:
         BadInput: It contains neither, or colours for categories only.
     """
     if isinstance(data, list) and data:
-        data = data[0]
+        is_bump = isinstance(data[0], Mapping) and "centre" in data[0]
+        data = {"bumps": data} if is_bump else data[0]
     if not isinstance(data, Mapping) or not ("RGBPoints" in data or "bumps" in data):
         if isinstance(data, Mapping) and "IndexedColors" in data:
             raise BadInput(

@@ -296,7 +296,7 @@ class TransferFunction:
         """Make a function from a ParaView preset (an object, or a list whose first object is used) or from bumps.
 
         A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1 over the data's range. An object
-        ``{"bumps": [...]}`` contains the arguments of ``from_bumps``.
+        ``{"bumps": [...]}``, or the list alone, contains the arguments of ``from_bumps``.
 
         Raises:
             BadInput: ``data`` is neither of these, or does not fit the class.

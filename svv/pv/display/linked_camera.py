@@ -15,7 +15,7 @@ from svv.errors import BadInput
 from svv.pv.display.mouse import ForwardedMouse
 from svv.pv.observers import Watched, WeakReference, python_proxy
 from svv.pv.paraview_types import Display, Proxy, SMProxy, View
-from svv.pv.timers import window
+from svv.pv.timers import Timer, window
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView")
 """Filters that render an image from a camera."""
@@ -31,6 +31,9 @@ LARGEST = 800
 SLICE = "ImageSliceRepresentation"
 """XML name of the representation of images in the window. ParaView's editor of colour maps, which is wider than the
 panel, is no part of its own, and it has no colour bar."""
+
+RESIZING = 300
+"""Milliseconds after a change of a view's size until an image is made for it; more changes may follow."""
 
 OWN = "StyleRF.image"
 """Annotation of a view that was made for an image."""
@@ -55,6 +58,7 @@ class CameraFollower:
     def __init__(self, view: View, filter: Proxy, target: View) -> None:
         self._proxies = WeakReference(view.SMProxy), WeakReference(filter.SMProxy), WeakReference(target.SMProxy)
         self._last: object = None
+        self._fitted: object = None
         self._mouse = ForwardedMouse(target, view)
         self._wanted: bool | None = None
         self.drawing = False
@@ -64,7 +68,9 @@ class CameraFollower:
         self._do = {
             "InteractionEvent": lambda *_: self.update(True),
             "EndInteractionEvent": lambda *_: self.update(False),
+            "ConfigureEvent": lambda *_: self._resized(),
         }
+        self._timers: list[Timer] = []
         self._tags = [] if interactor is None else [interactor.AddObserver(*pair) for pair in self._do.items()]
 
     @property
@@ -114,6 +120,21 @@ class CameraFollower:
         finally:
             self.drawing = False
 
+    def _resized(self) -> None:
+        """Update the image when the view has its new size, which its proxy has later: as when a view is split."""
+        interactor = self._interactor.Get()
+        if interactor is not None and not any(timer.alive for timer in self._timers):
+            self._timers[:] = [Timer(interactor, RESIZING, self._as_large)]
+
+    def _as_large(self) -> None:
+        self._timers.clear()
+        if busy():
+            self._resized()
+        elif self.alive:
+            if self._fitted != list(self.target.ViewSize):
+                self._last = None
+            self.update(False)
+
     def _draw(self, moving: bool) -> None:
         from paraview import simple
 
@@ -127,6 +148,7 @@ class CameraFollower:
             may_be_late(filter.SMProxy)
         timed(filter, filter.UpdatePipeline)
         fit(target, *filter.ImageSize)
+        self._fitted = list(target.ViewSize)
         simple.Render(target)
 
     def stop(self) -> None:

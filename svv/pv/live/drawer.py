@@ -25,7 +25,7 @@ from svv.pv.live.glimpse import Arrays, drawn_small
 from svv.pv.live.messages import DrawnOf, DrawOrder
 from svv.pv.panel.groups import EDITS
 from svv.pv.panel_values import Values, with_names
-from svv.pv.work.own_edits import edits_of, painted_as_edited
+from svv.pv.work.own_edits import edits_of, painted_as_edited, sketch_as_edited
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -288,16 +288,12 @@ class Drawing:
             self._give(draw(scene, camera, values, self._unless_ordered), camera, number, sharp=True)
 
     def _as_edited(self, scene: Scene, order: DrawOrder) -> Scene:
-        """Return a scene with the edits of the panel; a sketch that cannot have them stays as it is."""
+        """Return a scene with the edits of the panel; a sketch has those that it can have."""
         edits = edits_of(order["values"])
         this = self._is, repr(edits)
         if self._edited[0] != this:
-            try:
-                self._edited = this, *painted_as_edited(scene, edits)
-            except BadInput:
-                if order["finished"]:
-                    raise
-                self._edited = this, scene, ""
+            as_edited = painted_as_edited if order["finished"] else sketch_as_edited
+            self._edited = this, *as_edited(scene, edits)
         edited = self._edited[1]
         assert edited is not None
         return edited

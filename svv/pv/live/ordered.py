@@ -169,7 +169,7 @@ class Ordered:
     def describe_progress(self, nothing: str) -> str:
         """Return one line about the work; ``nothing`` says what is shown before the first state."""
         answer = self._answer()
-        shown = answer.get("shown") or nothing
+        shown = f"{answer.get('shown') or nothing}{self._drawer.edited if self._draws else ''}"
         if self._stopped:
             return STOPPED.format(shown=shown)
         if not answer:

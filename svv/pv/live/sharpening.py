@@ -21,7 +21,10 @@ LOOK_EVERY = 250
 """Interval of the timer while something is learning, milliseconds."""
 
 BUTTONS = ("Pause", "GoOn", "StopHere")
-"""Buttons after which the panel is to say something else."""
+"""Buttons after which there is news."""
+
+SAVING = ("SaveScene", "SaveFigure")
+"""Buttons after which the panel says what was saved, or why not."""
 
 _watched: Watched[list[str]] = Watched()
 """The filters, each with what it last told."""
@@ -65,11 +68,16 @@ def _tell(proxy: Any, name: str, value: Any) -> None:
 
 
 def _updated(proxy: Any, event: str) -> None:
-    if _in_window(proxy) and not server_gone(proxy) and _news_of(proxy).endswith("*"):
+    if not _in_window(proxy) or server_gone(proxy):
+        return
+    if _news_of(proxy).endswith("*"):
         _soon()
+    proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
 
 
 def _pressed(proxy: Any, event: str, name: str) -> None:
+    if name in SAVING:
+        proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
     if name in BUTTONS and _in_window(proxy):
         _soon()
 

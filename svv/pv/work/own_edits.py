@@ -5,6 +5,7 @@ Without an edit, nothing is loaded that draws: with Live, ParaView's own process
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkTable
 
     from svv.fields.scene.scene import Scene
+
+
+ROW = re.compile(r"Region(\d+)")
+"""Beginning of the names of a region's properties."""
+
+NOT_YET = " Not in the sketch: {reason}"
 
 
 def edits_of(values: Values) -> Values:
@@ -51,6 +58,25 @@ def painted_as_edited(scene: Scene, edits: Values, progress: Progress = silent) 
     return edited, "".join(f" {line}" for line in told)
 
 
+def sketch_as_edited(scene: Scene, edits: Values) -> tuple[Scene, str]:
+    """Return a scene that is still being learned with those edits that it can have, and what to say, after a space.
+
+    Regions may be missing that it will have when it is finished: edits of the others are shown nevertheless.
+    """
+    try:
+        return painted_as_edited(scene, edits)
+    except BadInput as reason:
+        told = NOT_YET.format(reason=reason)
+        left = {
+            name: EDITS[name] if (row := ROW.match(name)) and int(row[1]) >= len(scene.regions) else value
+            for name, value in by_name(edits).items()
+        }
+    try:
+        return painted_as_edited(scene, with_names({**left, "Say": ""}))[0], told
+    except BadInput:
+        return scene, told
+
+
 def put_edited(file: Path, edits: Values, table: vtkTable, sketch: bool = False) -> None:
     """Fill a table with the scene in a file, edited; without edits, only the file's header is read.
 
@@ -58,7 +84,7 @@ def put_edited(file: Path, edits: Values, table: vtkTable, sketch: bool = False)
         file: The scene file.
         edits: As for :func:`painted_as_edited`.
         table: Table to fill.
-        sketch: Whether the scene is still being learned: it stays as it is if it cannot have the edits.
+        sketch: Whether the scene is still being learned: it has the edits that it can have.
     """
     if not edits:
         put_stored(*Stored.and_content(file), table)
@@ -66,11 +92,7 @@ def put_edited(file: Path, edits: Values, table: vtkTable, sketch: bool = False)
         from svv.fields.scene.scene import Scene
 
         scene = Scene.load(file)
-        try:
-            scene, _ = painted_as_edited(scene, edits)
-        except BadInput:
-            if not sketch:
-                raise
+        scene, _ = sketch_as_edited(scene, edits) if sketch else painted_as_edited(scene, edits)
         put_scene(scene, table)
     if sketch:
         mark_unfinished(table)

@@ -5,6 +5,7 @@ Pictures are placed on whole pixels, so that none is sampled a second time.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -159,7 +160,8 @@ def drawing_of(
     for number, panel in enumerate(every):
         if panel.note:  # before minutes of drawing
             tell(f"{_name(number, len(every)).capitalize()} {panel.note}")
-    drawing = Drawing([_placed(panel, options) for panel in every], options, progress)
+    front = _front(every)
+    drawing = Drawing([_placed(panel, front, options) for panel in every], options, progress)
     if all(drawing.empty):
         raise BadInput(f"Nothing is visible in the figure, because {drawing.empty[0]}: {SHOW}.")
     for said in drawing.notes():
@@ -216,14 +218,31 @@ def axis_names(text: str | None) -> tuple[str, str, str] | None:
     return names[0], names[1], names[2]
 
 
-def _placed(panel: Panel, options: FigureOptions) -> Panel:
-    """Return a panel with a camera and a network that it has."""
+def _front(panels: Sequence[Panel]) -> Camera | None:
+    """Return the camera of panels that have none: the widest of those before the scenes; None if they lie apart.
+
+    Scenes of one volume and several transfer functions thus have one scale and one place.
+    """
+    scenes = [panel.scene for panel in panels if panel.camera is None]
+    widths = [s.rig.span_x or 2.0 * s.rig.radius * math.tan(0.5 * s.rig.fov_x) for s in scenes]
+    if not scenes:
+        return None
+    widest = scenes[widths.index(max(widths))]
+    away = max(math.dist(widest.rig.centre, scene.rig.centre) for scene in scenes)
+    alike = min(widths) > 0.5 * max(widths) and len({scene.rig.span_x is None for scene in scenes}) == 1
+    return orbit(widest, 181, 800, 800)[90] if alike and away < 0.5 * max(widths) else None
+
+
+def _placed(panel: Panel, front: Camera | None, options: FigureOptions) -> Panel:
+    """Return a panel with a network that it has, and a camera: its own, or the one before all scenes or its scene."""
     there = panel.scene.networks
     network = panel.network or options.network or there[-1]
     if network not in there:
         raise BadInput(f"The scene has no network '{network}', only {', '.join(there)}.")
-    front = None if panel.camera is not None else orbit(panel.scene, 181, 800, 800)[90]
-    camera = front or camera_of(panel.camera, panel.scene)
+    if panel.camera is None:
+        camera = front or orbit(panel.scene, 181, 800, 800)[90]
+    else:
+        camera = camera_of(panel.camera, panel.scene)
     if options.parallel:
         camera = parallel(camera, _middle(panel.scene))
     look = (id(panel.scene), network) if panel.look is None else panel.look

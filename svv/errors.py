@@ -5,6 +5,8 @@ This module lies below every layer: it imports nothing else from the package and
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Callable
 
 Progress = Callable[[float, str], None]
@@ -63,3 +65,19 @@ def silent(fraction: float, label: str) -> None:
 def part(progress: Progress, start: float, stop: float) -> Progress:
     """Return the progress callback of a step that spans the fractions ``start`` to ``stop`` of a longer task."""
     return lambda fraction, label: progress(start + (stop - start) * fraction, label)
+
+
+def warn_caller(sentence: str) -> None:
+    """Warn of something at the line of the user's own code, and not at one of svv's.
+
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as found:
+    ...     warnings.simplefilter("always")
+    ...     warn_caller("Two regions look alike.")
+    >>> str(found[0].message), "errors" in found[0].filename
+    ('Two regions look alike.', False)
+    """
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] == "svv":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(sentence, stacklevel=level)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.errors import BadInput, Progress, part, silent
+from svv.errors import BadInput, Progress, part, silent, warn_caller
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.job.request import Paint, Request, run
@@ -45,7 +44,7 @@ def paint(  # noqa: PLR0913 - what shows the volume, and how it is painted
     shading: Shading | None = None,
     nearest: bool = False,
     progress: Progress = silent,
-    tell: Callable[[str], None] = warnings.warn,
+    tell: Callable[[str], None] = warn_caller,
     **changes: Any,
 ) -> Scene:
     """Paint a volume: draw views of it, train a scene on them, and paint its regions.

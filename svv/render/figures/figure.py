@@ -6,7 +6,6 @@ Pictures are placed on whole pixels, so that none is sampled a second time.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,7 +20,7 @@ from svv.core.colour.colour import over, to_hex
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
-from svv.errors import BadInput, Progress, part, silent
+from svv.errors import BadInput, Progress, part, silent, warn_caller
 from svv.fields.scene.model import in_words
 from svv.fields.scene.region import validate_line
 from svv.fields.scene.seen_colours import Pair, Seen, seen_in, seen_of
@@ -104,7 +103,7 @@ def figure(
     out: str | Path | None = None,
     options: FigureOptions | None = None,
     progress: Progress = silent,
-    tell: Callable[[str], None] = warnings.warn,
+    tell: Callable[[str], None] = warn_caller,
     **changes: Any,
 ) -> Figure:
     """Draw a figure of one or several scenes.
@@ -142,7 +141,7 @@ def drawing_of(
     out: str | Path | None = None,
     options: FigureOptions | None = None,
     progress: Progress = silent,
-    tell: Callable[[str], None] = warnings.warn,
+    tell: Callable[[str], None] = warn_caller,
     **changes: Any,
 ) -> Drawing:
     """Draw a figure as :func:`figure`; return it with what is known of it (:meth:`Drawing.report`)."""

@@ -20,7 +20,7 @@ from svv.train.value_sketch import sketch_from_values
 BROAD = "The scene is shown in broad strokes."
 """What the user is told of a trained scene before it is painted as asked."""
 
-SHAPED = "A sketch is shown, in the volume's own shape and light: what follows makes it exact; Stop Here keeps it."
+SHAPED = "A sketch is shown, in the volume's own shape and light: what follows makes it exact."
 """What the user is told of a sketch that needs no finer one: what still runs, and that it need not be waited for."""
 
 REGIONS = "The new regions are shown as a sketch."

@@ -27,6 +27,7 @@ NOT_KEPT = (
     "The result could not be kept, and so not be shown: raise SVV_CACHE_SIZE, or make room on the disk, or turn Live "
     "off."
 )
+KEEPS = " Stop Here keeps it."
 STOPPED = "Stopped; press Go On to resume. {shown}"
 SHARPENS = " A sharper image is being drawn."
 
@@ -177,7 +178,7 @@ class Ordered:
         if answer["paused"] or self._paused:
             return f"Paused at {answer['fraction']:.0%}; press Go On. {shown}"
         left = "" if answer["left"] is None else f", {duration(answer['left'])} left"
-        return f"Learning, {answer['fraction']:.0%}{left}: {answer['label']}. {shown}"
+        return f"Learning, {answer['fraction']:.0%}{left}: {answer['label']}. {shown}{KEEPS if answer.get('shown') else ''}"
 
     def made(self, wanted: Wanted) -> bool:
         """Return whether the process has made this."""

@@ -178,7 +178,8 @@ class Ordered:
         if answer["paused"] or self._paused:
             return f"Paused at {answer['fraction']:.0%}; press Go On. {shown}"
         left = "" if answer["left"] is None else f", {duration(answer['left'])} left"
-        return f"Learning, {answer['fraction']:.0%}{left}: {answer['label']}. {shown}{KEEPS if answer.get('shown') else ''}"
+        keeps = KEEPS if answer.get("shown") else ""
+        return f"Learning, {answer['fraction']:.0%}{left}: {answer['label']}. {shown}{keeps}"
 
     def made(self, wanted: Wanted) -> bool:
         """Return whether the process has made this."""

@@ -23,6 +23,7 @@ from svv.io.views.on_screen import ignoring_fixed
 from svv.io.views.viewset import ViewSet
 from svv.train.pipeline import train_scene
 from tests.cinema_database import BALLS, picture
+from tests.nightly import nightly
 
 Matrices = NDArray[np.float64]
 CAMERAS = sphere_cameras(24, (0.0, 0.0, 0.0), 6.0, float(np.radians(30.0)), 96)
@@ -69,7 +70,7 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", WRONG)
+@pytest.mark.parametrize("case", nightly(WRONG, "COLMAP", "names as text", "turned a little", "quaternions"))
 def test_the_mistake_is_named(case: str) -> None:
     matrices, says = WRONG[case]
     with pytest.raises(BadInput, match=says) as caught:

@@ -134,6 +134,7 @@ def views() -> ViewSet:
     return ViewSet(tuple(sphere_cameras(6, (0.0, 0.0, 0.0), 3.0, 0.35, 16)), images, tuple("abcdef"))
 
 
+@pytest.mark.slow
 def test_operations_and_waits_of_a_step_and_of_an_image(
     count: Callable[[Callable[[], object]], tuple[list[str], list[str]]],
 ) -> None:

@@ -32,6 +32,7 @@ from svv.train.run.batches import RayBudget, RayPool
 from svv.train.run.config import RecolourSettings, ReconstructSettings
 from svv.train.run.sample_room import COUNT_EVERY, SPARE, SampleRoom
 from tests.interpreted import GPU, triton_kernels
+from tests.nightly import nightly
 from tests.test_launches import LeftAndRight, views
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
@@ -50,7 +51,7 @@ def marched(samples: int | None, dropped: torch.Tensor, monkeypatch: pytest.Monk
     return march(Rays(origins, directions), occupancy, lattice.to(DEVICE), marching, jitter, 0, room).to(CPU)
 
 
-@pytest.mark.parametrize("part", [0.0, 0.4, 1.0, 2.0])
+@pytest.mark.parametrize("part", nightly([0.0, 0.4, 1.0, 2.0], 0.4))
 def test_rays_without_room_are_counted_and_the_others_are_as_they_were(
     part: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -143,7 +144,7 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> tuple[Reconstruction, Recolouring
     return first, Recolouring(base[0].to(DEVICE), palette, base[1], Marching(1 / 8), pool, settings, LeftAndRight())
 
 
-@pytest.mark.parametrize("stage", [0, 1], ids=["stage 1", "stage 2"])
+@pytest.mark.parametrize("stage", nightly([0, 1], 0), ids=["stage 1", "stage 2"])
 def test_steps_with_room_to_spare_are_those_that_were_counted(stage: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same sums in the same order, in the interpreter; a GPU adds atomically in any order."""
     ends = []

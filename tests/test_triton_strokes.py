@@ -14,13 +14,17 @@ from svv.fields.strokes.stroke_paint import StrokePaint
 from svv.fields.strokes.stroke_tables import bins_of
 from svv.kernels.numba.strokes import sort_into_bins
 from tests.interpreted import GPU, triton_kernels
+from tests.nightly import nightly
 
 CPU = torch.device("cpu")
 DEVICE = torch.device("cuda") if GPU else CPU
 COUNTS = np.random.default_rng(1).integers(0, 9, 60).tolist()
 
 
-@pytest.mark.parametrize(("brush", "seed"), [*((brush, 0) for brush in stroke_checks.BRUSHES), ("wash", 2)])
+BRUSHES = [*((brush, 0) for brush in stroke_checks.BRUSHES), ("wash", 2)]
+
+
+@pytest.mark.parametrize(("brush", "seed"), nightly(BRUSHES, ("oil", 0), ("wash", 2)))
 def test_strokes_are_those_of_the_cpu(brush: str, seed: int) -> None:
     # With the seed 2, washes end below dry strokes: what is left of their sums counts for nothing.
     stroke_checks.check_strokes(triton_kernels, DEVICE, seed, brush, COUNTS)

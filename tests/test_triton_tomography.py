@@ -21,6 +21,7 @@ from svv.kernels import dispatch
 from svv.train.base import tomography
 from svv.train.base.tomography import Tomography, TomographyThere
 from tests.interpreted import GPU, triton_kernels, triton_tomography
+from tests.nightly import nightly
 from tests.test_tomography import blobs, orbit, views_of
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
@@ -39,7 +40,7 @@ CHECKS = tomography_checks(150)
 
 
 @pytest.mark.parametrize("name", CHECKS)
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", nightly([0, 1], 0))
 def test_a_kernel_gives_what_the_cpu_gives(name: str, seed: int) -> None:
     CHECKS[name](triton_kernels, DEVICE, seed)
 
@@ -62,7 +63,8 @@ def test_what_is_slightly_wrong_is_found(name: str) -> None:
         CHECKS[name](cast(Any, broken), DEVICE, 0)
 
 
-@pytest.mark.parametrize("parallel", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("parallel", [False, True])
 def test_a_card_carves_the_hull_of_the_cpu(parallel: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of pictures that are shrunk, and of frames that cut off what they show."""
     monkeypatch.setattr(occupancy, "MASK_SIZE", 20)
@@ -76,7 +78,8 @@ def test_a_card_carves_the_hull_of_the_cpu(parallel: bool, monkeypatch: pytest.M
         assert 0.0 < expected.fraction < 1.0
 
 
-@pytest.mark.parametrize("parallel", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("parallel", [False, True])
 def test_rounds_are_those_of_the_cpu(parallel: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tomography, "COARSEST", 16)
     views: ViewSet = views_of(orbit(8, parallel), blobs)

@@ -333,3 +333,11 @@ def test_the_bounds_of_a_scene_are_told_axis_by_axis(tmp_path: Path) -> None:
     low, high = json.loads((tmp_path / "info.json").read_text())["bounds"]
     pairs = [f"{name} {a:.4g} to {b:.4g}" for name, a, b in zip("xyz", low, high, strict=True)]
     assert line.removeprefix("bounds").strip() == ", ".join(pairs)
+
+
+def test_info_prints_of_regions_what_is_edited(tmp_path: Path) -> None:
+    cube_scene().edited(1, name="core", opacity=0.0).save(tmp_path / "cube.svv")
+    told = CliRunner().invoke(cli.app, ["info", str(tmp_path / "cube.svv"), "--json", str(tmp_path / "info.json")])
+    zero, one = (line for line in told.stdout.splitlines() if line.startswith(("  0: colour", "  1: name")))
+    assert "opacity" not in zero and one.startswith("  1: name core, ") and "opacity 0" in one
+    assert json.loads((tmp_path / "info.json").read_text())["regions"][0]["opacity"] == 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -199,15 +199,23 @@ def evaluate(
 
 
 def info(scene: SceneFile, json: Json = None) -> None:
-    """Show what a scene contains: its regions, networks and size, and how it was made."""
+    """Show a scene's edited regions, networks, size, and how it was made; --json has all."""
     from svv.core.colour.colour import to_hex
+    from svv.fields.scene.region import Region
     from svv.io.files.atomic import write_json
 
     content = load(scene).info()
     if json is not None:
         write_json(json, content)
-    colours = ("colour", "edited_colour")
-    regions = [{**r, **{k: to_hex(r[k]) for k in colours if r[k]}} for r in content["regions"]]
+    colours, usual = ("colour", "edited_colour"), {field.name: field.default for field in fields(Region)}
+    regions = [
+        {
+            k: to_hex(v) if k in colours else v
+            for k, v in {"name": None, **r}.items()
+            if v not in (None, "", usual.get(k))
+        }
+        for r in content["regions"]
+    ]
     print_table(_axis_by_axis({**content, "regions": regions}))
 
 

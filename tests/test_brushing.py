@@ -13,7 +13,7 @@ from svv.core.strokes.strokes import Brush, straight_stroke
 from svv.errors import BadInput, silent
 from svv.fields.radiance.encodings import places_of
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.kept_strokes import NOBODY, Brushed
+from svv.fields.strokes.stored_strokes import NOBODY, Brushed
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
 from svv.train.paint import tracing_kernels as numba_tracing

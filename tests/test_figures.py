@@ -168,9 +168,10 @@ def test_a_picture_is_placed_without_being_sampled_again(cube: Scene) -> None:
 def test_scenes_of_one_volume_have_one_scale(cube: Scene) -> None:
     """Their own cameras stand as far away as each needs; scenes elsewhere, or of other sizes, keep their own."""
     nearer = replace(cube, camera_rig=replace(cube.rig, radius=0.8 * cube.rig.radius))
-    one, other = (panel.camera for panel in drawing_of([nearer, cube], width=60.0).panels)
-    assert np.array_equal(one.camera_to_world, other.camera_to_world) and one.fov_x == other.fov_x
-    assert np.array_equal(one.camera_to_world, drawing_of(cube, width=60.0).panels[0].camera.camera_to_world)
+    cameras: list[Any] = [panel.camera for panel in drawing_of([nearer, cube], width=60.0).panels]
+    cameras += [panel.camera for panel in drawing_of(cube, width=60.0).panels]
+    assert all(np.array_equal(one.camera_to_world, cameras[-1].camera_to_world) for one in cameras)
+    assert len({one.fov_x for one in cameras}) == 1
     for rig in (replace(cube.rig, radius=0.2 * cube.rig.radius), replace(cube.rig, centre=(90.0, 0.0, 0.0))):
         apart = replace(cube, camera_rig=rig)
         assert _front([Panel(apart), Panel(cube)]) is None

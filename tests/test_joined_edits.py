@@ -15,8 +15,8 @@ from svv.errors import BadInput
 from svv.fields.following.other_cells import on_cells
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.joined import joined, members, with_members
-from svv.fields.scene.kept_styles import drop_styles
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.style_pictures import drop_styles
 from svv.io.scene_file import checkpoint_of, checkpoint_of_layer, remove_checkpoints
 from svv.train.paint.ink import Ink
 from svv.train.pipeline import stylize_scene

@@ -23,7 +23,7 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.stored_strokes import Brushed
 from svv.io.views.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.base.first_extinction import Beginning

@@ -14,7 +14,7 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.seen_colours import look_alikes, pairs_of, seen_in
-from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.stored_strokes import Brushed
 from svv.render.distinct import distinct
 from svv.styles.gallery import gallery_picture
 from svv.train.paint.ink import StyleInput

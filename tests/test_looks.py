@@ -14,14 +14,14 @@ import svv
 from svv.cli import app as cli
 from svv.core.colour.light import Lamp
 from svv.errors import BadInput
-from svv.fields.scene.kept_styles import drop_styles
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.style_pictures import drop_styles
 from svv.io.pictures.picture_data import as_data, mask_in, picture_in
 from svv.io.scene_file import write_scene_file
 from svv.job.looks import file
 from svv.job.looks.file import to_json
-from svv.job.looks.kept import LookRegion
 from svv.job.looks.look import Look
+from svv.job.looks.look_content import LookRegion
 from svv.options.figures import FigureOptions
 from svv.render.frames import seen_from
 from svv.train.paint.ink import Ink, StyleInput

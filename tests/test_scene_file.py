@@ -20,8 +20,8 @@ from svv.core.geometry.cuts import Cut
 from svv.errors import BadInput, Cancelled
 from svv.fields.radiance.networks import FieldSettings
 from svv.fields.radiance.rendering import Marching
-from svv.fields.scene.checked import _KINDS
 from svv.fields.scene.region import Region
+from svv.fields.scene.scene_validation import _KINDS
 from svv.io import scene_file
 from svv.io.files.atomic import atomic_path, check_writable, make_folder, to_json, write_json
 from svv.io.scene_file import read_scene_file, write_scene_file

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from svv.core.rays.sheets import sheets
 from svv.core.strokes.stroke_reference import paint_at
 from svv.core.strokes.strokes import Brush, joined, straight_stroke
-from svv.fields.strokes.kept_strokes import Brushed, sheets_of
+from svv.fields.strokes.stored_strokes import Brushed, sheets_of
 from svv.kernels.types import Samples
 
 STEP = 0.01

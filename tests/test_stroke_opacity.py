@@ -18,7 +18,7 @@ from svv.fields.radiance.rendering import RayCaster, march
 from svv.fields.scene.images import marching_as_edited
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, fade_of, paleness, strokes_of
-from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.stored_strokes import Brushed
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint, cube_scene
 

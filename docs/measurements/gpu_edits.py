@@ -14,7 +14,7 @@ import torch
 
 import svv
 from svv.core.geometry.cameras import Camera
-from svv.fields.scene.kept_views import disable_view_cache
+from svv.fields.scene.view_cache import disable_view_cache
 from svv.styles.gallery import gallery_picture
 
 WHITE = (1.0, 1.0, 1.0)

@@ -19,8 +19,8 @@ from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.dvr.draw.frame import set_stage
 from svv.dvr.draw.views import open_caster
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.view_cache import disable_view_cache
 from svv.render.frames import orbit
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 

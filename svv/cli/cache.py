@@ -11,7 +11,7 @@ import typer
 from svv.cli.options import Json
 
 if TYPE_CHECKING:
-    from svv.job.kept_files import Kind
+    from svv.job.cached_files import Kind
 
 CACHE = (
     "svv cache",
@@ -60,7 +60,7 @@ def cache(
     from svv.errors import BadInput
     from svv.io.files.atomic import check_writable, write_json
     from svv.io.files.cache import cleared
-    from svv.job.kept_files import list_cached_files
+    from svv.job.cached_files import list_cached_files
 
     if dry_run and not clear:
         raise BadInput("--dry-run says what --clear would remove: give both.")

@@ -223,7 +223,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
         cameras: Cameras in world units.
         progress: Called often.
     """
-    from svv.fields.scene.kept_views import cache_every_view
+    from svv.fields.scene.view_cache import cache_every_view
 
     frames = [_Frames(folder, scene, COLOURS) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)

@@ -15,8 +15,8 @@ from svv.core.colour.colour import WHITE
 from svv.core.images.metrics import Likeness, flip, on_white
 from svv.core.json_values import list_in, needed, number_in, numbers_in, object_in, text_in, whole_in
 from svv.errors import Progress, silent
-from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.view_cache import disable_view_cache
 from svv.io.views.agreement import check_agreement
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak

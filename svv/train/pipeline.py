@@ -30,7 +30,7 @@ from svv.train.paint.laying import Laying
 from svv.train.paint.legibility import notes_on
 from svv.train.paint.pieces import PieceSettings
 from svv.train.paint.plan import Order, ordered, with_hands
-from svv.train.paint.styles_kept import keep_styles
+from svv.train.paint.recorded_styles import keep_styles
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.config import VALUES, MatchSettings, Preset, given

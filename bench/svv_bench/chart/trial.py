@@ -27,8 +27,8 @@ from svv.core.images.metrics import Likeness
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.devices.gpu import device_named
-from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.view_cache import disable_view_cache
 from svv.io.files.atomic import write_json
 from svv.io.scene_file import checkpoint_of
 from svv.io.views.view_meta import known

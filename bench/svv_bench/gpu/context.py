@@ -15,8 +15,8 @@ import torch
 
 from svv.core.geometry.cameras import sphere_cameras
 from svv.fields.devices.gpu import device_named
-from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.view_cache import disable_view_cache
 from svv.io.views.viewset import ViewSet
 from svv.train.run.config import Preset, preset
 

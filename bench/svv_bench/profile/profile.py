@@ -13,9 +13,9 @@ from svv.core.geometry.cameras import CameraRig
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.radiance.rendering import Marching
-from svv.fields.scene.kept_views import disable_view_cache
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.view_cache import disable_view_cache
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU, kernels_of
 from svv.kernels.numba.bfloat16 import cpu_has_bfloat16

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from svv.core.strokes.strokes import Brush, Strokes, joined
-from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.stored_strokes import Brushed
 from svv.kernels.types import Kernels, Samples
 
 BRUSHES = {

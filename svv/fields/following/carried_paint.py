@@ -25,8 +25,8 @@ from svv.fields.radiance.time_steps import TimeSteps
 from svv.fields.scene.model import Model
 from svv.fields.strokes.advected import Field, Laid, advected
 from svv.fields.strokes.flocks import Alive
-from svv.fields.strokes.kept_strokes import Brushed
 from svv.fields.strokes.lives import Stage, at_step, lived
+from svv.fields.strokes.stored_strokes import Brushed
 
 Matter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Where the matter at positions (S, 3), of a box or the world, was when it was painted. (S, 3)"""

@@ -29,7 +29,7 @@ from svv.fields.scene.edits import without_undone_splits
 from svv.fields.scene.joined import members, with_members
 from svv.fields.scene.model import Model, S
 from svv.fields.strokes.flocks import Alive
-from svv.fields.strokes.kept_strokes import NOBODY
+from svv.fields.strokes.stored_strokes import NOBODY
 
 CPU = torch.device("cpu")
 

@@ -21,7 +21,7 @@ from svv.fields.radiance.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.phong import Beams, PhongLight
 from svv.fields.radiance.rendering import Extinction
-from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.strokes.stored_strokes import Brushed
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Samples, Table
 

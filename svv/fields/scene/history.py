@@ -8,8 +8,8 @@ from typing import Any
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cuts import Cut
-from svv.fields.scene.checked import values_of
 from svv.fields.scene.region import Region, paint_light_of
+from svv.fields.scene.scene_validation import values_of
 
 IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light", "glaze", "part_of", "layer")
 """Fields of a region that are not edits: they come from training, painting and splitting."""

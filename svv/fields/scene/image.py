@@ -17,12 +17,12 @@ from svv.core.colour.colour import hsb_change
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Rays
-from svv.fields.scene.kept_views import Look, key_of_paint
 from svv.fields.scene.matcaps import dress
 from svv.fields.scene.model import Model, for_colours, of_colour
 from svv.fields.scene.occlusion import occlude
 from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.stroke_opacity import strokes_of
+from svv.fields.scene.view_cache import Look, key_of_paint
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import ImageKernels, Samples, Surface

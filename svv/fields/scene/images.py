@@ -37,12 +37,12 @@ from svv.fields.radiance.rendering import (
 )
 from svv.fields.scene.image import draw, image_kernels_of, look_at
 from svv.fields.scene.joined import members
-from svv.fields.scene.kept_views import View, key_of
 from svv.fields.scene.matcaps import dress
 from svv.fields.scene.model import Model, S, for_colours, of_colour
 from svv.fields.scene.occlusion import occlude
 from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.stroke_opacity import fade_of, followed
+from svv.fields.scene.view_cache import View, key_of
 from svv.fields.strokes.stroke_paint import shared_width
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of

@@ -22,14 +22,14 @@ from svv.fields.radiance.of_values import SLOPES, TABLES, VALUES, fill_base, fil
 from svv.fields.radiance.rendering import Marching
 from svv.fields.radiance.time_steps import TimeSteps
 from svv.fields.radiance.value_function import ValueFunction
-from svv.fields.scene.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
 from svv.fields.scene.history import History, cuts_in
 from svv.fields.scene.joined import members
-from svv.fields.scene.kept_styles import KEPT, drop_styles, put_apart, put_back
 from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
-from svv.fields.strokes.kept_strokes import Brushed
+from svv.fields.scene.scene_validation import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
+from svv.fields.scene.style_pictures import KEPT, drop_styles, put_apart, put_back
+from svv.fields.strokes.stored_strokes import Brushed
 
 Arrays = dict[str, NDArray[np.generic]]
 

@@ -22,7 +22,7 @@ from svv.core.strokes.strokes import Brush, Floats, Strokes
 from svv.errors import BadInput
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.region import MOST_RELIEF, STROKE_WIDTHS, Region
-from svv.fields.strokes.kept_strokes import NOBODY, Brushed
+from svv.fields.strokes.stored_strokes import NOBODY, Brushed
 
 STROKE_EDITS = ("stroke_relief", "stroke_width", "stroke_light", "stroke_palette")
 """Fields of a region that are edits of its strokes."""

@@ -12,7 +12,7 @@ from svv.errors import Progress, part, silent
 from svv.fields.scene.history import with_edits
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
-from svv.job.looks.kept import Kept, Laid, LookRegion, region_with
+from svv.job.looks.look_content import Laid, LookContent, LookRegion, region_with
 from svv.job.looks.matching import Matches, matched
 from svv.options.making import PaintOptions
 from svv.train.pipeline import stylize_scene
@@ -29,7 +29,7 @@ class Applied:
 
 
 def applied(
-    look: Kept,
+    look: LookContent,
     scene: Scene,
     mapping: Mapping[int, int] | None = None,
     progress: Progress = silent,
@@ -96,7 +96,7 @@ def _drop_manner_hint(notes: Sequence[str]) -> list[str]:
 
 
 def _painted(
-    look: Kept,
+    look: LookContent,
     scene: Scene,
     source: Mapping[int, LookRegion],
     matches: Matches,

@@ -24,11 +24,11 @@ from svv.core.json_values import (
     whole_in,
 )
 from svv.errors import BadInput
-from svv.fields.scene.checked import values_of
+from svv.fields.scene.scene_validation import values_of
 from svv.io.files.atomic import write_json
 from svv.io.pictures.picture_data import as_data, mask_as_data, mask_in, picture_in
-from svv.job.looks.checked import validate_region_edits
-from svv.job.looks.kept import Kept, Laid, LookRegion, style_with
+from svv.job.looks.look_content import Laid, LookContent, LookRegion, style_with
+from svv.job.looks.look_validation import validate_region_edits
 from svv.job.looks.offered import offered
 from svv.options.described import Described, described
 from svv.options.figures import FigureOptions
@@ -48,12 +48,12 @@ MOST_BYTES, MOST_REGIONS, LONGEST_TITLE = 64 << 20, 256, 200
 MANNERS = ("auto", "strokes", "pieces", "ink", "matched")
 
 
-def write(look: Kept, path: str | Path) -> None:
+def write(look: LookContent, path: str | Path) -> None:
     """Write a look to a JSON file, whole or not at all; raises BadInput if it cannot be written."""
     write_json(path, to_json(look))
 
 
-def read(path: str | Path) -> Kept:
+def read(path: str | Path) -> LookContent:
     """Read a look from a JSON file, or take one that ships, ``gallery:NAME``.
 
     Raises:
@@ -78,7 +78,7 @@ def read(path: str | Path) -> Kept:
     return from_json(content, str(file))
 
 
-def to_json(look: Kept) -> dict[str, Any]:
+def to_json(look: LookContent) -> dict[str, Any]:
     """Return a look as plain values."""
     content: dict[str, object] = {KEY: VERSION}
     if look.title:
@@ -112,7 +112,7 @@ def _style_to_json(style: StyleInput) -> dict[str, str]:
     return {"picture": as_data(style.style), **told}
 
 
-def from_json(content: object, name: str) -> Kept:
+def from_json(content: object, name: str) -> LookContent:
     """Return the look that plain values hold.
 
     Args:
@@ -145,7 +145,7 @@ def from_json(content: object, name: str) -> Kept:
     }
     regions = tuple(_region_in(one, styles, f"{name}, region {number}") for number, one in enumerate(told))
     used = {region.style for region in regions}
-    return Kept(
+    return LookContent(
         regions, {key: style for key, style in styles.items() if key in used}, _lamp_in(content, name),
         None if "camera" not in content else _camera_in(content["camera"], f"{name}, camera"),
         figure_in(content.get("figure", {}), f"{name}, figure"), title,

@@ -13,12 +13,12 @@ from pathlib import Path
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.history import edits_of
-from svv.fields.scene.kept_styles import KEPT
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.style_pictures import KEPT
 from svv.io.pictures.picture_data import mask_in, picture_in
 from svv.job.looks.applying import Applied, applied
 from svv.job.looks.file import read, write
-from svv.job.looks.kept import Kept, Laid, LookRegion, moved, style_with
+from svv.job.looks.look_content import Laid, LookContent, LookRegion, moved, style_with
 from svv.job.looks.matching import Matches, matched
 from svv.options.described import chosen
 from svv.options.figures import FigureOptions
@@ -26,7 +26,7 @@ from svv.train.paint.ink import StyleInput, ink_named
 
 
 @dataclass(frozen=True)
-class Look(Kept):
+class Look(LookContent):
     """A look of scenes; :meth:`of` takes it from one, :meth:`applied` gives it to another.
 
     >>> look = svv.Look.of(scene.edited(0, name="core", colour=(0.8, 0.2, 0.1)))

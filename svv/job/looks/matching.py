@@ -14,7 +14,7 @@ from svv.core.colour.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.scene.region import Region, label_of
 from svv.fields.scene.scene import Scene
-from svv.job.looks.kept import Kept, LookRegion, whole_of
+from svv.job.looks.look_content import LookContent, LookRegion, whole_of
 from svv.train.paint.ink import Ink, StyleInput
 
 LEAST_OVERLAP = 0.25
@@ -41,7 +41,7 @@ class Matches:
     unused: tuple[int, ...]
     """Regions of the look that nothing gets."""
 
-    def divided_anew(self, look: Kept) -> StyleInput | None:
+    def divided_anew(self, look: LookContent) -> StyleInput | None:
         """Return the picture that is divided anew among all regions of the scene; None if regions get what they match.
 
         It is that of a look which paints all of its regions with parts of one picture, or its only region with all of
@@ -61,7 +61,7 @@ class Matches:
             return None
         return whole_of(styles[0]) if styles[0].divided else styles[0]
 
-    def describe(self, look: Kept, scene: Scene) -> list[str]:
+    def describe(self, look: LookContent, scene: Scene) -> list[str]:
         """Return a line for each region of both sides: what it gets, or that it gets nothing."""
         lines = [
             f"{_named(scene, m.region)} looks like {look.regions[m.source].label(m.source)}: {m.reason}"
@@ -72,7 +72,7 @@ class Matches:
         return lines + [f"{look.regions[k].label(k)} is not used: no region of the scene is left" for k in self.unused]
 
 
-def matched(look: Kept, scene: Scene, mapping: Mapping[int, int] | None = None) -> Matches:
+def matched(look: LookContent, scene: Scene, mapping: Mapping[int, int] | None = None) -> Matches:
     """Match the regions of a look and a scene, one to one.
 
     Regions of the same name belong together; of the others, first those whose ranges of values overlap most, then those

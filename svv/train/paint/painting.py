@@ -27,7 +27,7 @@ from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.model import for_colours, of_colour
 from svv.fields.scene.scene import Scene
-from svv.fields.strokes.kept_strokes import NOBODY, Brushed
+from svv.fields.strokes.stored_strokes import NOBODY, Brushed
 from svv.styles.hand import Hand
 from svv.train.paint.ink import SURFACE, Drawing, Ink
 from svv.train.paint.pieces import PieceStyle, resized

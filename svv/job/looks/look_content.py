@@ -58,7 +58,7 @@ class LookRegion:
 
 
 @dataclass(frozen=True)
-class Kept:
+class LookContent:
     """The values of a look."""
 
     regions: tuple[LookRegion, ...]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from svv.fields.scene.kept_styles import KEPT
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.style_pictures import KEPT
 from svv.io.pictures.picture_data import as_data, mask_as_data
 from svv.options.making import PaintOptions
 from svv.train.paint.ink import Ink, StyleInput

@@ -21,9 +21,9 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput
 from svv.fields.radiance.cutting import march_uncut
 from svv.fields.radiance.rendering import Rays
-from svv.fields.scene import kept_views
-from svv.fields.scene.kept_views import KEPT, KeptViews, Look, View, bytes_of, disable_view_cache
+from svv.fields.scene import view_cache
 from svv.fields.scene.scene import Rendering, Scene
+from svv.fields.scene.view_cache import KEPT, Look, View, ViewCache, bytes_of, disable_view_cache
 from svv.kernels.types import Samples
 from svv.render.frames import write_frames, write_frames_of
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
@@ -33,10 +33,10 @@ COLOURS = st.none() | st.tuples(*[st.floats(0.0, 1.0)] * 3)
 
 
 @pytest.fixture(autouse=True)
-def of_their_own(monkeypatch: pytest.MonkeyPatch) -> KeptViews:
+def of_their_own(monkeypatch: pytest.MonkeyPatch) -> ViewCache:
     """Each test has its own kept views."""
-    own = KeptViews()
-    monkeypatch.setattr(kept_views, "KEPT", own)
+    own = ViewCache()
+    monkeypatch.setattr(view_cache, "KEPT", own)
     return own
 
 
@@ -60,7 +60,7 @@ SCENES = {"cube": lambda: still(cube_scene()), "lit": lambda: still(lit_cube_sce
 def fresh(scene: Scene, camera: Camera) -> Rendering:
     """The image, of which nothing is known."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kept_views, "KEPT", KeptViews())
+        patch.setattr(view_cache, "KEPT", ViewCache())
         return scene.render(camera)
 
 
@@ -181,7 +181,7 @@ def test_another_view_is_marched(marched: list[int]) -> None:
         assert_same(got, fresh(changed, view))
 
 
-def test_what_is_being_trained_is_not_kept(of_their_own: KeptViews) -> None:
+def test_what_is_being_trained_is_not_kept(of_their_own: ViewCache) -> None:
     scene = cube_scene()
     assert scene.palette_network is not None
     scene.palette_network.requires_grad_(True)
@@ -192,8 +192,8 @@ def test_what_is_being_trained_is_not_kept(of_their_own: KeptViews) -> None:
 
 def test_views_go_with_their_scene() -> None:
     with pytest.MonkeyPatch.context() as patch:
-        own = KeptViews()
-        patch.setattr(kept_views, "KEPT", own)
+        own = ViewCache()
+        patch.setattr(view_cache, "KEPT", own)
         scene = still(cube_scene())
         for _ in range(2):
             scene.render(cube_camera())
@@ -209,9 +209,9 @@ def some_look(samples: int) -> Look:
     return Look(Samples(position, one, one, one.int(), number, number, one[:1], 0.1), torch.zeros(samples, 9), None)
 
 
-def drawn(kept: KeptViews, key: str, looks: list[Look], monkeypatch: pytest.MonkeyPatch) -> int:
+def drawn(kept: ViewCache, key: str, looks: list[Look], monkeypatch: pytest.MonkeyPatch) -> int:
     """Draw a view of these looks; returns how many were made."""
-    monkeypatch.setattr(kept_views, "KEPT", kept)
+    monkeypatch.setattr(view_cache, "KEPT", kept)
     view, made = View(key), 0
 
     def make(look: Look) -> Look:
@@ -227,7 +227,7 @@ def drawn(kept: KeptViews, key: str, looks: list[Look], monkeypatch: pytest.Monk
 
 def test_only_what_fits_into_memory_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     one = some_look(100)
-    kept = KeptViews(most=2 * one.bytes)
+    kept = ViewCache(most=2 * one.bytes)
     assert [drawn(kept, "a", [one], monkeypatch) for _ in range(3)] == [1, 1, 0]
     assert [drawn(kept, "b", [one], monkeypatch) for _ in range(3)] == [1, 1, 0]
     assert drawn(kept, "a", [one], monkeypatch) == 0
@@ -239,8 +239,8 @@ def test_only_what_fits_into_memory_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_view_that_was_not_finished_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = KeptViews()
-    monkeypatch.setattr(kept_views, "KEPT", kept)
+    kept = ViewCache()
+    monkeypatch.setattr(view_cache, "KEPT", kept)
     View("a").drawn()
     View("a").look(0, lambda: some_look(3))  # stopped here
     assert not kept.bytes
@@ -248,15 +248,15 @@ def test_a_view_that_was_not_finished_is_not_kept(monkeypatch: pytest.MonkeyPatc
 
 def test_a_view_in_which_nothing_is_visible_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
     assert bytes_of({0: None}) == 0
-    kept = KeptViews()
-    monkeypatch.setattr(kept_views, "KEPT", kept)
+    kept = ViewCache()
+    monkeypatch.setattr(view_cache, "KEPT", kept)
     for _ in range(3):
         view = View("empty")
         assert view.look(0, lambda: None) is None
         view.drawn()
 
 
-def test_orbits_are_not_kept(of_their_own: KeptViews) -> None:
+def test_orbits_are_not_kept(of_their_own: ViewCache) -> None:
     scene = still(cube_scene())
     for size in range(8, 20):
         scene.render(cube_camera(size))
@@ -264,7 +264,7 @@ def test_orbits_are_not_kept(of_their_own: KeptViews) -> None:
     assert KEPT is not of_their_own
 
 
-def test_what_is_measured_is_drawn_anew(marched: list[int], of_their_own: KeptViews) -> None:
+def test_what_is_measured_is_drawn_anew(marched: list[int], of_their_own: ViewCache) -> None:
     scene, camera = still(cube_scene()), cube_camera()
     for _ in range(3):
         first = scene.render(camera)
@@ -295,7 +295,7 @@ def test_frames_of_edits_and_paintings_of_a_scene_march_each_view_once(tmp_path:
     for name, paths in alone.items():
         for path in paths:
             assert (tmp_path / name / path.name).read_bytes() == path.read_bytes()
-    assert kept_views.KEPT.bytes == 0
+    assert view_cache.KEPT.bytes == 0
     marched.clear()
     write_frames_of({tmp_path / name: one for name, one in scenes.items()}, cameras)
     assert not marched  # they are there

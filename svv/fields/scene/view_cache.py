@@ -69,7 +69,7 @@ Looks = dict[int, Look | None]
 """First pixel of a chunk of rays -> its look, None if nothing is visible."""
 
 
-class KeptViews:
+class ViewCache:
     """The views that are kept; the oldest make room for new ones.
 
     Images may be drawn in several threads. A view is stored when it is complete, so none is ever seen half done.
@@ -123,7 +123,7 @@ class KeptViews:
                         views.pop(key, None)
 
 
-KEPT = KeptViews()
+KEPT = ViewCache()
 """Those of this process."""
 
 _ALL_ANEW: ContextVar[bool] = ContextVar("_ALL_ANEW", default=False)

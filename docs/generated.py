@@ -52,6 +52,7 @@ FIRST = {
 
 def layers() -> Iterator[str]:
     """Yield every layer with those that it imports, and its folders, so that all arrows point down the page."""
+    import svv
     from tests import arrows
 
     modules = arrows.sources()
@@ -63,7 +64,11 @@ def layers() -> Iterator[str]:
     yield "**Imports point down only.** A folder imports only from folders below it on this page, so never in a circle;"
     yield "imports inside functions and modules that are named as text count (`tests/arrows.py` measures,"
     yield "`tests/test_layers.py` tests, also which layer may use which library). Any may import `svv`, the last."
-    yield "The facades `svv` and `svv.pv` hand on what lies anywhere below. `plugin/` is ParaView's entry point.\n"
+    handed = {module.split(".")[1] for module in svv.PUBLIC.values()} & set(LAYERS)
+    yield "The facades hand on what lies below:"
+    yield f"`svv` names of {', '.join(f'`{name}`' for name in sorted(handed))};"
+    yield "`svv.pv` of its folders; `svv.__main__` starts `cli`. `plugin/` is ParaView's entry point;"
+    yield "`bench/paraview_scripts` imports `pv`.\n"
     yield "| Where to start | |\n|---|---|"
     for question, names in FIRST.items():
         yield f"| {question} | {', '.join(f'`svv/{name}`' for name in names.split())} |"

@@ -11,6 +11,7 @@ from numpy.typing import DTypeLike
 from svv.bricks.formats.axes import Choice, check_alone
 from svv.bricks.formats.big_data_viewer import described
 from svv.bricks.formats.chunked import is_zarr, open_zarr
+from svv.bricks.formats.cryo_em import mrc_header
 from svv.bricks.formats.cube import cube_header
 from svv.bricks.formats.dicom import is_dicom, open_dicom
 from svv.bricks.formats.hdf5 import is_hdf5, open_hdf5
@@ -41,15 +42,19 @@ RAW = (".raw", ".bin", ".dat")
 TIFF = (".tif", ".tiff")
 """Endings of TIFF files."""
 
+MRC = (".mrc", ".map", ".ccp4", ".rec", ".st")
+"""Endings of maps of electron microscopy."""
+
 HEADERS: dict[str, Callable[[Path], Stored]] = {
     **dict.fromkeys((".mhd", ".mha"), meta_header),
     **dict.fromkeys((".nrrd", ".nhdr"), nrrd_header),
     **dict.fromkeys((".cube", ".cub"), cube_header),
     **dict.fromkeys((".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), nifti_header),
+    **dict.fromkeys((f"{one}{packed}" for one in MRC for packed in ("", ".gz", ".bz2")), mrc_header),
 }
 """Readers of the headers of formats that consist of a header and values, by the ending."""
 
-BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .vti .npy .h5 .nc .zarr .tif (or a folder of .tif)"
+BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .mrc .vti .npy .h5 .nc .zarr .tif (or a folder of .tif)"
 """Formats of which bricks can be read, if the values are stored as they are or in chunks."""
 
 

@@ -199,7 +199,7 @@ def evaluate(
 
 
 def info(scene: SceneFile, json: Json = None) -> None:
-    """Show a scene's edited regions, networks, size, and how it was made; --json has all."""
+    """Show what a scene contains: its regions, networks and size, and how it was made."""
     from svv.core.colour.colour import to_hex
     from svv.fields.scene.region import Region
     from svv.io.files.atomic import write_json

@@ -23,6 +23,7 @@ FILTERS: dict[str, tuple[str, tuple[type, ...]]] = {
 
 OTHERWISE = {
     ("stylize", "--continue"): "Continue",
+    ("stylize", "--map"): "Mapping",
     ("stylize", "--keep"): "Style 'as it is'",
     ("edit", "--undo"): "Undo",
     ("edit", "--show"): "Hide",
@@ -54,8 +55,9 @@ def _named(match: re.Match[str]) -> str:
     for name in [command] if command else FILTERS:
         owner = f" of {FILTERS[name][0]}" if command in FILTERS else ""
         if (name, flag) in OTHERWISE:
-            taken = value and re.fullmatch(r"\d[\d,]*|all", value)
-            return f"{OTHERWISE[name, flag]}{owner}{_rest('' if taken else value)}"
+            pairs = f" {value!r}" if value and "=" in value else ""
+            taken = bool(pairs) or bool(value and re.fullmatch(r"\d[\d,]*|all", value))
+            return f"{OTHERWISE[name, flag]}{pairs}{owner}{_rest('' if taken else value)}"
         field = _fields(name).get(flag)
         if field is not None:
             given = bool(value) and field.kind is not bool and _is_value(value, field)

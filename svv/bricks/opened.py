@@ -14,6 +14,7 @@ from svv.bricks.formats.chunked import is_zarr, open_zarr
 from svv.bricks.formats.cryo_em import mrc_header
 from svv.bricks.formats.cube import cube_header
 from svv.bricks.formats.dicom import is_dicom, open_dicom
+from svv.bricks.formats.freesurfer import mgh_header
 from svv.bricks.formats.hdf5 import is_hdf5, open_hdf5
 from svv.bricks.formats.mapped import is_tecplot, mapped, open_npy, open_vti, raw_layout
 from svv.bricks.formats.meta_image import meta_header
@@ -49,6 +50,7 @@ HEADERS: dict[str, Callable[[Path], Stored]] = {
     **dict.fromkeys((".mhd", ".mha"), meta_header),
     **dict.fromkeys((".nrrd", ".nhdr"), nrrd_header),
     **dict.fromkeys((".cube", ".cub"), cube_header),
+    **dict.fromkeys((".mgz", ".mgh", ".mgh.gz"), mgh_header),
     **dict.fromkeys((".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), nifti_header),
     **dict.fromkeys((f"{one}{packed}" for one in MRC for packed in ("", ".gz", ".bz2")), mrc_header),
 }

@@ -140,7 +140,7 @@ said["none"] = status(plain)
     assert "stroke relief 2, stroke width 0.7, stroke light 0,0,1, stroke palette of 64 colours" in said["edited"]
     region = Scene.load(tmp_path / "edited.svv").regions[0]
     assert (region.stroke_relief, region.stroke_width, region.stroke_light) == (2.0, 0.7, (0.0, 0.0, 1.0))
-    assert "svv stylize --stroke-size" in said["too wide"] and "No region of this painting" in said["none"]
+    assert "Stroke Size of StyleRF Stylize" in said["too wide"] and "No region of this painting" in said["none"]
 
 
 def test_the_light_is_moved_where_it_can_be(inside, tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ said["coefficients"] = status(other)
     assert above.regions == expected.regions
     assert Scene.load(tmp_path / "reset.svv").lamp == lamps["as it came"] and "60 degrees right" in said["beside"]
     assert "give a direction" in said["nowhere"]
-    assert all("Lighting of StyleRF Train" in said[name] for name in ("network", "coefficients"))
+    assert all("Lighting 'phong' of StyleRF Train" in said[name] for name in ("network", "coefficients"))
 
 
 def test_a_preview_shows_the_regions(inside) -> None:

@@ -25,8 +25,8 @@ from svv.dvr.read.vtk_readers import check_memory, run, vtk_messages
 from svv.errors import BadInput
 
 SUPPORTED = (
-    ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .mnc .mgz .mrc .cube .slc .npy .raw .h5 .nc .zarr .tif .xdmf, or a folder "
-    "of .tif or DICOM slices"
+    ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .mnc .mgz .mrc .cube .slc .npy .raw .h5 .nc .zarr .tif .xdmf, "
+    "or a folder of .tif or DICOM slices"
 )
 """Formats that are read without PyVista."""
 

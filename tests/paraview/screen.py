@@ -27,6 +27,8 @@ BAR = 20
 """Height of a scroll bar at the end of the panel, pixels."""
 BUTTON = "push button", "button"
 """Roles of buttons in the versions of Qt."""
+MENU_TRIES = 6
+"""Clicks until a menu is open."""
 NOTCH = 60
 """What a turn of the wheel may move the panel by, pixels."""
 
@@ -111,9 +113,12 @@ class Screen:
         """Open a menu, and entries in entries; returns the last one, with the mouse on it."""
         for depth, entry in enumerate(entries):
             found = self.find(entry, "menu item", within=entries[depth - 1] if depth else "")
-            self.gui.xdotool("mousemove", *found.centre, "sleep", "1")
-            if depth < len(entries) - 1 and not self.found(entries[depth + 1], "menu item", within=entry):
-                self.gui.xdotool("click", 1, "sleep", "0.5")  # a click closes what the mouse alone has opened
+            x, y = found.centre
+            self.gui.xdotool("mousemove", x, y, "sleep", "1")
+            for _ in range(MENU_TRIES):  # a click closes what the mouse alone has opened, or is about to open
+                if depth == len(entries) - 1 or self.found(entries[depth + 1], "menu item", within=entry):
+                    break
+                self.gui.xdotool("click", 1, "sleep", "1", "mousemove", x + 4, y, "sleep", "1", "mousemove", x, y)
         return found
 
     def choose(self, *entries: str) -> None:

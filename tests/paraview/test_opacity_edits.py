@@ -28,13 +28,13 @@ def differ(one, other):
 
 WORK = """
 import numpy as np
-from svv.pv.work import engine, styling
+from svv.job import request
 counted = []
 def counting(module, name):
     plain = getattr(module, name)
-    setattr(module, name, lambda *given: (counted.append(name), plain(*given))[1])
-counting(engine, "train")
-counting(styling, "stylize")
+    setattr(module, name, lambda *given, **more: (counted.append(name), plain(*given, **more))[1])
+counting(request, "train_scene")
+counting(request, "stylize_scene")
 volume, display = shown()
 """
 
@@ -58,14 +58,14 @@ train = StyleRFTrain(Input=volume, Preset="draft", Encoding="values", Views=8, V
 paint = StyleRFStylize(Input=train, StyleFiles=[sys.argv[1]], Preset="draft", Device="cpu")
 plain, painted = StyleRFRender(Input=train, ImageSize=[60, 60]), StyleRFRender(Input=paint, ImageSize=[60, 60])
 first, stroked, as_trained = drawn(plain), drawn(painted), scene(train)
-assert counted == ["train", "stylize"] and differ(first, stroked) > 1, counted
+assert counted == ["train_scene", "stylize_scene"] and differ(first, stroked) > 1, counted
 
 edited(0.2)
 fainter, fainter_paint = drawn(plain), drawn(painted)
 assert NOW in status(train), status(train)
 assert fainter[..., 3].sum() < 0.8 * first[..., 3].sum() and differ(fainter, first) > 2
 assert fainter_paint[..., 3].sum() < 0.9 * stroked[..., 3].sum() and differ(fainter_paint, fainter) > 0.5
-assert counted == ["train", "stylize"], "painted or trained again"
+assert counted == ["train_scene", "stylize_scene"], "painted or trained again"
 
 # The file that is saved shows what is shown.
 paint.SaveFile = sys.argv[1] + ".svv"
@@ -87,7 +87,7 @@ drawn(plain)
 assert "has other colours" in status(train) and scene(train) == as_trained, status(train)
 train.TakeAsEdited()
 drawn(plain)
-assert counted[-1] == "train" and len(counted) == 3 and SINCE not in status(train), (counted, status(train))
+assert counted[-1] == "train_scene" and len(counted) == 3 and SINCE not in status(train), (counted, status(train))
 
 # Features that were learned are changed by the volume, and at once as well.
 lattice = small(StyleRFTrain(Input=volume, Preset="draft", Settings=MORE))
@@ -138,7 +138,7 @@ edited(0.2, start=100)
 assert differ(drawn(one), first) == 0 and SINCE in status(one), status(one)
 edited(1.0)
 assert differ(drawn(one), first) == 0 and SINCE not in status(one), status(one)
-assert counted == ["train", "stylize"], counted
+assert counted == ["train_scene", "stylize_scene"], counted
 """,
         brush,
     )

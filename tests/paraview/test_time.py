@@ -241,10 +241,10 @@ train = StyleRFTrain(Input=views, Preset="draft", Settings=FEW)
 train.UpdatePipeline(0.0)
 first = scene(train)
 train.UpdatePipeline(1.0)
-assert scene(train) == first and counted == ["draw_views", "train"], counted
+assert scene(train) == first and counted == ["draw_views", "train_scene"], counted
 views.TakeAsEdited()
 train.UpdatePipeline(1.5)
-assert scene(train) != first and counted == ["draw_views", "train"] * 2, counted
+assert scene(train) != first and counted == ["draw_views", "train_scene"] * 2, counted
 """,
         tmp_path,
     )

@@ -11,14 +11,15 @@ BLOB = (
     + f"""
 import numpy as np
 from svv.job import request
-from svv.pv.work import requests
+from svv.pv.work import engine, requests
 from svv.pv.display.linked_camera import fit, show_image
 times = {TIMES}
 counted = []
 def counting(module, name):
     plain = getattr(module, name)
     setattr(module, name, lambda *given, **more: (counted.append(name), plain(*given, **more))[1])
-counting(requests, "draw_views")
+for module in (engine, requests):  # of StyleRF Views, and of what learns from a volume
+    counting(module, "draw_views")
 counting(request, "train_scene")
 
 def blob(time, size=16):

@@ -139,7 +139,8 @@ def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, 
     gone = run(LOAD + f"\n{button}\ntold('anew')\n", "state.pvsm", "state.pvsm")
     assert gone["worked"] == [] and gone["arrays"] == {}, gone["status"]
     sentence = (
-        f"The scene that this state was saved with is missing from {tmp_path / 'cache'}: press Take What Is Shown Now"
+        f"The scene that this state was saved with is missing from {tmp_path / 'cache'}: call "
+        "TakeWhatIsShownNow() of the filter"
     )
     assert gone["status"]["Train" if pipeline == STEPS else "StylizedView"].startswith(sentence)
     assert sentence in gone["said"] and "Traceback" not in gone["said"], gone["said"]
@@ -281,7 +282,8 @@ def test_what_a_state_lacks_is_said_by_all_filters_that_need_it(run: Run, pvpyth
     clear(cache)
     code, told, said = opened()
     assert code == 2 and told["arrays"] == {} and told["worked"] == [], said
-    missing = f"The scene that this state was saved with is missing from {cache}: press Take What Is Shown Now, and it"
+    missing = f"The scene that this state was saved with is missing from {cache}: call "
+    missing += "TakeWhatIsShownNow() of the filter, and it"
     assert told["status"]["Train"].startswith(missing)
     for kind in ("Stylize", "Edit", "Render"):
         assert told["status"][kind].startswith(f"StyleRF Train before this filter failed: {missing}"), told["status"]

@@ -27,8 +27,7 @@ INSTALLED := $(HERE)/installed$(TORCH:%=-%)
 TOOLS     := $(HERE)/tools$(TORCH:%=-%)
 DOCS      := $(HERE)/docs$(TORCH:%=-%)
 PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no-input --no-compile -c "$(VENV)/constraints.txt"
-# One worker more than two cores, because tests of windows and of other processes mostly wait.
-PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
 .PHONY: demo test test-slow test-processors coverage check docs tools install paraview browser openvdb ready system kernels clean

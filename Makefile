@@ -125,5 +125,5 @@ $(DOCS): $(INSTALLED)
 # Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing the packages that the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,figure,cinema,large,notebook,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,figure,cinema,large,formats,notebook,dev]'
 	@touch "$@"

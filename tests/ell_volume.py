@@ -44,6 +44,7 @@ def assert_shown(
     first: ArrayLike = FIRST,
     factor: float = 1.0,
     says: str | None = None,
+    background: float = 0.0,
     **how: Any,
 ) -> None:
     """Check a file by both ways in which it is read: each value at its place, and what is said to be assumed.
@@ -53,6 +54,7 @@ def assert_shown(
         step: Steps along x, y, z, or the matrix of them. (3,) or (3, 3)
         first: Place of the first voxel. (3,)
         factor: Values are this times those of :func:`ell`.
+        background: To which they are added.
         says: Part of what is assumed; None if nothing is.
         how: Options: ``array``, ``channel``, ``time``.
     """
@@ -67,5 +69,7 @@ def assert_shown(
         matrix[:3, :3], matrix[:3, 3] = level.axes, level.origin
         found.append((source.read(0, (0, 0, 0), level.shape), matrix, source.assumed))
     for values, matrix, assumed in found:
-        np.testing.assert_allclose(_seen(values, matrix), truth, rtol=1e-6, atol=1e-6 * float(np.abs(steps).max()))
+        np.testing.assert_allclose(
+            _seen(values - background, matrix), truth, rtol=1e-6, atol=1e-6 * float(np.abs(steps).max())
+        )
         assert (assumed is None) if says is None else (assumed is not None and says in assumed), assumed

@@ -295,12 +295,6 @@ def test_missing_chunks_without_a_fill_value_are_refused(tmp_path: Path) -> None
         source.read(0, (0, 0, 0), source.levels[0].shape)
 
 
-def test_an_n5_folder_is_named(tmp_path: Path) -> None:
-    (tmp_path / "attributes.json").write_text(json.dumps({"n5": "2.0.0"}))
-    with pytest.raises(BadInput, match="is an N5 folder, which svv does not read: save it as OME-Zarr or TIFF"):
-        read_volume(tmp_path)
-
-
 # --- no size of a voxel ----------------------------------------------------------------------------------------------
 
 

@@ -35,24 +35,11 @@ def test_the_order_of_bytes_in_the_name_counts(name: str, order: str, word: str,
     np.testing.assert_array_equal(to_array(read_here(path, dtype=f"{other}u2")), letter().astype("u2").byteswap())
 
 
-HEADERS = {
-    "Voreen": (
-        "ObjectFileName: l.raw\nResolution: 22 18 14\nSliceThickness: 1.5 2 3\nFormat: USHORT\n",
-        "Voreen or Inv",
-    ),
-    "Inviwo": ("Rawfile: l.raw\nResolution: 22 18 14\nFormat: UInt16\n", "a header of Voreen or Inviwo, not raw data"),
-    "BOV": ("TIME: 0\nDATA_FILE: l.raw\nDATA_SIZE: 22 18 14\nDATA_FORMAT: SHORT\n", "is a BOV header, not raw data"),
-}
-
-
-@pytest.mark.parametrize("program", HEADERS)
-def test_headers_are_not_taken_for_raw_data(program: str, tmp_path: Path) -> None:
-    text, words = HEADERS[program]
-    (tmp_path / "l.dat").write_text(text)
+def test_headers_are_not_taken_for_raw_data(tmp_path: Path) -> None:
+    (tmp_path / "l.dat").write_text("TIME: 0\nDATA_FILE: l.raw\nDATA_SIZE: 22 18 14\nDATA_FORMAT: SHORT\n")
     for read in (read_here, open_bricks):
-        with pytest.raises(BadInput, match=words) as refused:
+        with pytest.raises(BadInput, match=r"is a BOV header, not raw data: give it a name that ends in \.bov"):
             read(tmp_path / "l.dat")
-        assert "the values are in l.raw. Name that file, with its dimensions, type and spacing" in str(refused.value)
     (tmp_path / "l.dat").write_text("x y z value\n1 2 3 4\n")
     with pytest.raises(BadInput, match="is text, not raw data: if it is the header of a file with the values, na"):
         read_here(tmp_path / "l.dat")

@@ -8,23 +8,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
+from svv.bricks.formats.afni import afni_header
+from svv.bricks.formats.amira import am_header
 from svv.bricks.formats.axes import Choice, check_alone
 from svv.bricks.formats.big_data_viewer import described
 from svv.bricks.formats.chunked import is_zarr, open_zarr
 from svv.bricks.formats.cryo_em import mrc_header
 from svv.bricks.formats.cube import cube_header
 from svv.bricks.formats.dicom import is_dicom, open_dicom
+from svv.bricks.formats.fits import open_fits
 from svv.bricks.formats.freesurfer import mgh_header
 from svv.bricks.formats.hdf5 import is_hdf5, open_hdf5
-from svv.bricks.formats.mapped import is_tecplot, mapped, open_npy, open_vti, raw_layout
+from svv.bricks.formats.mapped import is_tecplot, mapped, open_npy, open_npz, open_vti, raw_layout
 from svv.bricks.formats.meta_image import meta_header
 from svv.bricks.formats.minc import open_minc
+from svv.bricks.formats.mrtrix import mif_header
+from svv.bricks.formats.n5 import is_n5, open_n5
 from svv.bricks.formats.netcdf import open_netcdf
 from svv.bricks.formats.nifti import nifti_header
 from svv.bricks.formats.nrrd import nrrd_header
 from svv.bricks.formats.places import no_size
 from svv.bricks.formats.source import Level, Source, level_of
 from svv.bricks.formats.stored import Stored
+from svv.bricks.formats.text_headers import bov_header, dat_header, is_dat_header, vgi_header
 from svv.bricks.formats.tiff import open_tiff
 from svv.errors import BadInput
 
@@ -43,6 +49,12 @@ RAW = (".raw", ".bin", ".dat")
 TIFF = (".tif", ".tiff")
 """Endings of TIFF files."""
 
+ZARR_ZIP = (".zarr.zip", ".ozx", ".zip")
+"""Endings of zip archives of Zarr."""
+
+FITS = (".fits", ".fit", ".fts", ".fits.gz", ".fits.fz")
+"""Endings of FITS files."""
+
 MRC = (".mrc", ".map", ".ccp4", ".rec", ".st")
 """Endings of maps of electron microscopy."""
 
@@ -51,12 +63,17 @@ HEADERS: dict[str, Callable[[Path], Stored]] = {
     **dict.fromkeys((".nrrd", ".nhdr"), nrrd_header),
     **dict.fromkeys((".cube", ".cub"), cube_header),
     **dict.fromkeys((".mgz", ".mgh", ".mgh.gz"), mgh_header),
+    ".am": am_header,
+    ".bov": bov_header,
+    ".vgi": vgi_header,
+    **dict.fromkeys((".head", ".brik", ".brik.gz"), afni_header),
+    **dict.fromkeys((".mif", ".mih", ".mif.gz"), mif_header),
     **dict.fromkeys((".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), nifti_header),
     **dict.fromkeys((f"{one}{packed}" for one in MRC for packed in ("", ".gz", ".bz2")), mrc_header),
 }
 """Readers of the headers of formats that consist of a header and values, by the ending."""
 
-BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .mrc .vti .npy .h5 .nc .zarr .tif (or a folder of .tif)"
+BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .mrc .fits .vti .npy .h5 .nc .zarr .n5 .tif (or a folder of .tif)"
 """Formats of which bricks can be read, if the values are stored as they are or in chunks."""
 
 
@@ -112,6 +129,8 @@ def _opened(
     if file.is_dir():
         if is_zarr(file):
             return open_zarr(file, choice, array)
+        if is_n5(file):
+            return open_n5(file, choice, array)
         tiff = any(f.suffix.lower() in TIFF for f in file.iterdir())
         if not tiff and whole and is_dicom(file):
             return open_dicom(file, choice, array)
@@ -132,6 +151,17 @@ def _opened(
         stored = header(file)
         check_array(array, stored.title, file)
         return stored.source(choice, whole)
+    if name.endswith(ZARR_ZIP):
+        return open_zarr(file, choice, array)
+    if name.endswith(".npz"):
+        check_alone(choice, file)
+        if not whole:
+            return None
+        archived = open_npz(file, array)
+        archived.assumed = no_size(file.name)
+        return archived
+    if name.endswith(FITS):
+        return open_fits(file, choice, array, whole)
     if name.endswith(".mnc"):
         check_array(array, file.stem, file)
         return open_minc(file, choice)
@@ -155,7 +185,10 @@ def _opened(
 
 def header_reader(file: Path) -> Callable[[Path], Stored] | None:
     """Return the reader of the header of a file, if its format has one."""
-    return next((read for ending, read in HEADERS.items() if file.name.lower().endswith(ending)), None)
+    name = file.name.lower()
+    if name.endswith(".dat") and is_dat_header(file):
+        return dat_header
+    return next((read for ending, read in HEADERS.items() if name.endswith(ending)), None)
 
 
 def data_files(file: Path) -> list[Path]:

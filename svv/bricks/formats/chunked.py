@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from svv.bricks.formats.archives import ArchivePath
 from svv.bricks.formats.axes import Choice, Indexed, in_one_unit, picked, role_of
 from svv.bricks.formats.places import Array, Axis, axis_of, no_size, placed, sized, text_of
 from svv.bricks.formats.source import Box, Level, level_of, native, scaled_type
@@ -128,8 +129,8 @@ def package(name: str, file: Path) -> ModuleType:
     try:
         return import_module(name)
     except ImportError as error:
-        extra = "standalone" if name == "pydicom" else "large"
-        raise BadInput(f"{file} needs the package {name}: pip install 'svv[{extra}]'.") from error
+        extra = {"pydicom": "standalone", "astropy.io.fits": "formats", "tensorstore": "formats"}.get(name, "large")
+        raise BadInput(f"{file} needs the package {name.partition('.')[0]}: pip install 'svv[{extra}]'.") from error
 
 
 def source_of(  # noqa: PLR0913 - what files tell
@@ -160,7 +161,7 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
     The axes of a plain array are placed by the arrays beside it that have their names, as xarray writes them.
 
     Args:
-        folder: The array or group.
+        folder: The array or group, or a zip archive that holds it.
         choice: The channel and the time point that are shown.
         array: Path of an array in a group.
 
@@ -169,8 +170,9 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
             which none is chosen, or zarr is not installed.
     """
     zarr, choice = package("zarr", folder), choice or Choice()
+    base = folder if folder.is_dir() else ArchivePath.root(folder)
     try:
-        whole = zarr.open(str(folder), mode="r")
+        whole = _opened(zarr, base)
         opened = whole if array is None else whole[array]
     except Exception as error:  # zarr's errors differ between its versions
         raise BadInput(f"Cannot read {folder}: {_describe_error(error)}.") from error
@@ -179,7 +181,7 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
         attributes = attributes.get("ome", attributes)
         if isinstance(attributes, dict) and attributes.get("multiscales"):
             only = None if group is opened else str(array).strip("/")
-            source = _ome(folder, group, attributes, choice, only)
+            source = _ome(folder, base, group, attributes, choice, only)
             if source is not None:
                 return source
     attributes = dict(opened.attrs)
@@ -189,15 +191,24 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
     told = getattr(getattr(opened, "metadata", None), "dimension_names", None) or attributes.get("_ARRAY_DIMENSIONS")
     names = [str(name or "") for name in told or ()]
     names = names if len(names) == opened.ndim else [""] * opened.ndim
-    place = folder / (array or "").strip("/")
+    place = base / (array or "").strip("/")
     try:
         # The nearest first: inner groups inherit coordinates.
-        groups = [zarr.open(str(above), mode="r") for above in takewhile(is_zarr, place.parents)]
+        groups = [_opened(zarr, above) for above in takewhile(is_zarr, place.parents)]
         axes = sized([_axis(groups, *one) for one in zip(names, opened.shape)], attributes, opened.shape)
     except Exception as error:  # as above
         raise BadInput(f"Cannot read {folder}: {_describe_error(error)}.") from error
     chunks = _with_chunks(place, opened)
     return source_of(folder.name, chunks, opened.dtype, opened.shape, axes, choice, attributes)
+
+
+def _opened(zarr: Any, place: Path | ArchivePath) -> Any:
+    """Open the array or group at a place."""
+    if isinstance(place, Path):
+        return zarr.open(str(place), mode="r")
+    return zarr.open(
+        zarr.storage.ZipStore(str(place.archive), mode="r"), mode="r", path=str(place.at.as_posix()).strip(".")
+    )
 
 
 def _axis(groups: Sequence[Any], name: str, count: int) -> Axis:
@@ -208,7 +219,7 @@ def _axis(groups: Sequence[Any], name: str, count: int) -> Axis:
     return axis_of(name, np.asarray(found[...]) if found.ndim == 1 else None, dict(found.attrs), count)
 
 
-def _with_chunks(place: Path, array: Any) -> Indexed:
+def _with_chunks(place: Path | ArchivePath, array: Any) -> Indexed:
     """Return an array after a look at its chunks: if there are none, Zarr makes voxels of its fill value.
 
     Raises:
@@ -226,7 +237,7 @@ def _with_chunks(place: Path, array: Any) -> Indexed:
 
     zeros, pattern, other = key([0] * array.ndim), re.escape(first) + re.escape(mark).join([r"\d+"] * array.ndim), ""
     for path in place.rglob("*"):
-        name = path.relative_to(place).as_posix()
+        name = path.relative_to(place).as_posix()  # type: ignore[arg-type]
         if name.startswith(".") or name == file.name or not path.is_file():
             continue
         if re.fullmatch(pattern, name):
@@ -241,7 +252,7 @@ def _with_chunks(place: Path, array: Any) -> Indexed:
 class _Written:
     """An array whose chunks must all be there, because no fill value tells what a missing one holds."""
 
-    def __init__(self, array: Any, file: Callable[[Sequence[int]], Path]) -> None:
+    def __init__(self, array: Any, file: Callable[[Sequence[int]], Path | ArchivePath]) -> None:
         self._array, self._file = array, file
 
     def __getitem__(self, index: tuple[int | slice, ...]) -> Any:
@@ -253,7 +264,9 @@ class _Written:
         return self._array[index]
 
 
-def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) -> ChunkedSource | None:
+def _ome(
+    folder: Path, base: Path | ArchivePath, group: Any, told: Any, choice: Choice, only: str | None
+) -> ChunkedSource | None:
     """Open the levels of an OME-Zarr image (OME-NGFF 0.1 to 0.5), or ``only`` one of them, if there is one."""
     try:
         scale = told["multiscales"][0]
@@ -261,7 +274,9 @@ def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) 
         if only is not None and not datasets:
             return None
         arrays = [group[entry["path"]] for entry in datasets]
-        shown = [_with_chunks(Path(str(folder), group.path, entry["path"]), a) for entry, a in zip(datasets, arrays)]
+        within = group.path if isinstance(base, Path) else group.path.removeprefix(base.at.as_posix().strip("."))
+        inside = base / within.strip("/")
+        shown = [_with_chunks(inside / entry["path"], a) for entry, a in zip(datasets, arrays)]
         axes, units = _named_axes(scale.get("axes"), arrays[0].ndim)
         channels = _labels(told.get("omero"))
         picks = [picked(axes, data.shape, choice, folder.name, channels) for data in arrays]
@@ -325,6 +340,6 @@ def _transform(steps: Sequence[Mapping[str, Any]], axes: int) -> tuple[NDArray[n
     return scale, shift
 
 
-def is_zarr(path: Path) -> bool:
+def is_zarr(path: Path | ArchivePath) -> bool:
     """Return whether a folder is a Zarr array or group."""
     return path.is_dir() and any((path / name).is_file() for name in ("zarr.json", ".zarray", ".zgroup"))

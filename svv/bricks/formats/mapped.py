@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 from xml.etree.ElementTree import Element
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -19,6 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 from svv.bricks.formats.source import ArraySource, Box
 from svv.core.xml_values import parsed_xml
 from svv.errors import BadInput
+from svv.io.files.memory import memory_there
 
 KEPT = 16 << 20
 """Bytes read from a map after which its pages are let go."""
@@ -151,14 +153,9 @@ def check_no_text(file: Path) -> None:
     head = first_text(file)
     if head is None:
         return
-    target = re.search(rb"(?im)^[ \t]*(?:objectfilename|rawfile|data_file)[ \t]*[:=][ \t]*(\S.*?)[ \t\r]*$", head)
-    if target is None:
-        raise BadInput(f"{file} is text, not raw data: if it is the header of a file with the values, name that one.")
-    kind = "a BOV header" if b"data_file" in target[0].lower() else "a header of Voreen or Inviwo"
-    raise BadInput(
-        f"{file} is {kind}, not raw data: the values are in {target[1].decode('latin-1')}. Name that file, with its "
-        "dimensions, type and spacing (--dims, --dtype, --spacing), which the header gives."
-    )
+    if re.search(rb"(?im)^[ \t]*data_file[ \t]*:", head):
+        raise BadInput(f"{file} is a BOV header, not raw data: give it a name that ends in .bov.")
+    raise BadInput(f"{file} is text, not raw data: if it is the header of a file with the values, name that one.")
 
 
 def open_npy(file: Path) -> MappedSource:
@@ -172,6 +169,41 @@ def open_npy(file: Path) -> MappedSource:
     except Exception as error:  # a damaged header makes NumPy raise all kinds of errors
         raise BadInput(f"Cannot read {file}: it is damaged, incomplete, or not an array of numbers.") from error
     return MappedSource(values, name=file.name)
+
+
+def open_npz(file: Path, array: str | None) -> ArraySource:
+    """Open an array of three axes in an archive of NumPy's, which is decoded as a whole.
+
+    Raises:
+        BadInput: It is damaged, has no such array, several of which none is named, or one that memory cannot hold.
+    """
+    try:
+        with ZipFile(file) as archive:
+            members = {name.removesuffix(".npy"): name for name in archive.namelist() if name.endswith(".npy")}
+            found = {name: _npy_header(archive, member) for name, member in members.items()}
+            volumes = [name for name, (shape, _) in found.items() if len(shape) == 3 and array in (None, name)]
+            if len(volumes) != 1:
+                said = f"no volume '{array}'" if array else "several volumes" if volumes else "no array with three axes"
+                listed = ", ".join(f"{name} {shape}" for name, (shape, _) in found.items()) or "none"
+                raise BadInput(f"{file} has {said}; its arrays: {listed}. Choose one with --array.")
+            shape, kind = found[volumes[0]]
+            if int(np.prod(shape, dtype=object)) * kind.itemsize > memory_there():
+                raise BadInput(f"{volumes[0]} in {file} needs more memory than this computer or container has.")
+            with archive.open(members[volumes[0]]) as member:
+                return ArraySource(np.lib.format.read_array(member, allow_pickle=False), name=file.name)
+    except BadInput:
+        raise
+    except Exception as error:  # a damaged archive makes zipfile and NumPy raise all kinds of errors
+        raise BadInput(f"Cannot read {file}: it is damaged, incomplete, or holds no arrays of numbers.") from error
+
+
+def _npy_header(archive: ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+    """Return the shape and the type of an array in an archive."""
+    with archive.open(name) as member:
+        is_first = np.lib.format.read_magic(member) == (1, 0)
+        read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+        shape, _, kind = read(member)
+    return shape, kind
 
 
 def open_vti(file: Path, array: str | None) -> MappedSource | None:

@@ -48,7 +48,8 @@ class Stored:
     title: str
     """Name of the array, as VTK's reader of the format calls it."""
     encoding: str = "raw"
-    """``raw``, ``text``, ``fortran`` (text with Fortran's exponents), ``hex``, ``zlib`` (or gzip) or ``bz2``."""
+    """``raw``, ``text``, ``fortran`` (text with Fortran's exponents), ``hex``, ``zlib`` (or gzip), ``bz2`` or ``runs``
+    (of AmiraMesh: up to 127 of a byte, or 128 more than the bytes that follow)."""
     start: int = 0
     """Bytes before the stored values, such as those of a header."""
     lines: int = 0
@@ -58,6 +59,8 @@ class Stored:
     gain: float = 1.0
     """Values are gain * stored + shift."""
     shift: float = 0.0
+    gains: tuple[float, ...] = ()
+    """Instead of one gain, that of each entry along the slowest axis."""
     channels: tuple[str, ...] = field(default=())
     """Names of the channels, if they are known."""
     is_sized: bool = True
@@ -91,8 +94,9 @@ class Stored:
         if not (whole or self.mappable()):
             return None
         values = pick.of(self._mapped() if self.mappable() else self._decoded())
-        if (self.gain, self.shift) != (1.0, 0.0):
-            source: ArraySource = Scaled(values, self.axes, self.origin, self.file.name, (self.gain, self.shift))
+        gain = self.gains[pick.fixed[0] or 0] if self.gains else self.gain
+        if (gain, self.shift) != (1.0, 0.0):
+            source: ArraySource = Scaled(values, self.axes, self.origin, self.file.name, (gain, self.shift))
         else:
             source = MappedSource(values, self.axes, self.origin, self.file.name)
         source.assumed = None if self.is_sized else no_size(self.file.name)
@@ -154,6 +158,8 @@ class Stored:
             content = bytes.fromhex(content.decode("ascii"))
         elif self.encoding == "zlib":
             content = _inflated(content, max(self.offset, 0) + self.bytes_each)
+        elif self.encoding == "runs":
+            content = _unrolled(content, self.bytes_each)
         elif self.encoding == "bz2":
             with bz2.open(io.BytesIO(content)) as opened:
                 content = opened.read(max(self.offset, 0) + self.bytes_each)
@@ -188,6 +194,20 @@ def _inflated(content: bytes, most: int) -> bytes:
         return zlib.decompressobj().decompress(content, most)
     with gzip.GzipFile(fileobj=io.BytesIO(content)) as opened:
         return opened.read(most)
+
+
+def _unrolled(content: bytes, most: int) -> bytes:
+    """Decode run lengths, as :attr:`Stored.encoding` describes them."""
+    out, at = bytearray(), 0
+    while len(out) < most and at + 1 < len(content):
+        count = content[at]
+        if count > 127:
+            out += content[at + 1 : at + 1 + count - 128]
+            at += 1 + count - 128
+        else:
+            out += content[at + 1 : at + 2] * count
+            at += 2
+    return bytes(out[:most])
 
 
 def with_exponents(text: bytes) -> bytes:

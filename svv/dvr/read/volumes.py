@@ -25,8 +25,8 @@ from svv.dvr.read.vtk_readers import check_memory, run, vtk_messages
 from svv.errors import BadInput
 
 SUPPORTED = (
-    ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .mnc .mgz .mrc .cube .slc .npy .raw .h5 .nc .zarr .tif .xdmf, "
-    "or a folder of .tif or DICOM slices"
+    ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .HEAD .mif .mnc .mgz .mrc .fits .am .bov .vgi .dat .cube .slc .npy "
+    ".npz .raw .h5 .nc .zarr .n5 .tif .xdmf, or a folder of .tif or DICOM slices"
 )
 """Formats that are read without PyVista."""
 
@@ -134,10 +134,6 @@ def _read(
         read = vtkHDFReader  # the rest was read above
     if reader := read() if read else reader_of(file):
         return run(reader, file, choice), array
-    if (file / "attributes.json").is_file():
-        raise BadInput(
-            f"{file} is an N5 folder, which svv does not read: save it as OME-Zarr or TIFF, in Fiji for example."
-        )
     if file.is_dir():
         raise BadInput(
             f"The folder {file} contains no .tif slices and no DICOM files; a volume is one file or a folder of slices."

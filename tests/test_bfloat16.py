@@ -18,6 +18,7 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels.numba import bfloat16
 from svv.kernels.numba.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
 from svv.kernels.numba.networks import Network
+from tests.nightly import nightly
 
 HALF = pytest.mark.skipif(not cpu_has_bfloat16(), reason="this CPU multiplies no bfloat16 matrices")
 DIGITS = NETWORKS[torch.bfloat16]
@@ -118,7 +119,10 @@ def test_a_processor_that_is_held_back_takes_float32(
     assert cpu_has_bfloat16.__wrapped__() == allowed
 
 
-@pytest.mark.parametrize("most", ["SSE41", "AVX512_CORE", "AVX512_CORE_BF16", "AVX512_CORE_AMX", "no such name"])
+LIMITS = ["SSE41", "AVX512_CORE", "AVX512_CORE_BF16", "AVX512_CORE_AMX", "no such name"]
+
+
+@pytest.mark.parametrize("most", nightly(LIMITS, "AVX512_CORE", "AVX512_CORE_AMX"))
 def test_what_is_said_of_the_processor_is_what_onednn_does(most: str) -> None:
     """oneDNN prints which of its implementations it takes: those of the units have "amx" in their names."""
     multiply = (

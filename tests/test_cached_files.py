@@ -19,6 +19,7 @@ from svv.io.files.keyed_results import digest
 from svv.io.files.locks import create_held, is_held
 from svv.io.files.temporary import temporary_folders, view_folder, work_folder
 from svv.pv.results.keys import name_of
+from tests.nightly import nightly
 
 ROOT = Path(__file__).resolve().parents[1]
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -103,7 +104,7 @@ def on_disk(tmp_path: Path, site: Path) -> int:
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
-@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize("elsewhere", nightly([False, True], False))
 def test_all_that_is_written_is_counted_and_cleared(run: Run, site: Path, tmp_path: Path, elsewhere: bool) -> None:
     more = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")} if elsewhere else {}
     run("-c", WRITES, **more)

@@ -137,6 +137,7 @@ def test_a_palette_that_is_distinct_stays_and_hues_are_kept() -> None:
     assert np.abs(np.angle(np.exp(1j * turned))).max() < np.radians(25)
 
 
+@pytest.mark.slow
 def test_of_palettes_that_cannot_be_the_best_found_is_said() -> None:
     own = np.random.default_rng(1).random((12, 3))
     found = distinct_palette(own, VISIONS, WHITE)

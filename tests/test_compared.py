@@ -152,6 +152,7 @@ def test_the_comparison_needs_no_paraview() -> None:
     assert "--volume FILE" in done.stdout
 
 
+@pytest.mark.slow
 def test_a_spread_needs_repeats(tmp_path: Path) -> None:
     command = [sys.executable, SCRIPT, "--repeats", "1", "--out", tmp_path / "out"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -107,6 +107,7 @@ def test_more_colours_than_dimensions_are_told_apart_by_the_views_alone() -> Non
     assert min(found) > 0.7
 
 
+@pytest.mark.slow
 def test_merged_ranges_are_one_region_and_split_are_two(nested: Drawn) -> None:
     scene, train = nested
     assert len(scene.regions) == 3 and train.classified is not None

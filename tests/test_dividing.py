@@ -251,6 +251,7 @@ def test_a_part_stays_with_the_region_that_keeps_its_paint(painted: tuple[Scene,
     assert kept["laid"]["0"]["style"] == f"bands ({free})" and set(kept["laid"]) == {"0", "1", "2"}
 
 
+@pytest.mark.slow
 def test_a_look_keeps_parts_and_divides_anew_for_other_regions(
     cube: Scene, painted: tuple[Scene, Any], tmp_path: Path
 ) -> None:
@@ -330,6 +331,7 @@ def test_swatches_are_blocks_where_colours_are_shown(
     assert swatches({"0": one}, cube.regions) == [(one["colours"], "Region 0: sky of [bold]a.png")]
 
 
+@pytest.mark.slow
 def test_python_names_parts(cube: Scene) -> None:
     _, report = svv.stylize_scene(cube, [svv.StyleInput(FOUR, "bands")], "draft", mapping={0: "sky"}, manner="pieces")
     assert report["divided"]["0"]["part"].startswith(("blue", "pale-blue", "teal"))

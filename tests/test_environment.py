@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from svv.environment import prefer_openmp, share_cores, use_huge_pages
+from tests.nightly import nightly
 
 
 @pytest.mark.parametrize("chosen", [{"OMP_WAIT_POLICY": "active"}, {"GOMP_SPINCOUNT": "5"}])
@@ -28,8 +29,11 @@ def test_numba_uses_openmp_unless_the_user_says_otherwise(chosen: dict[str, str]
     assert done.stdout.split() == [first]
 
 
+WAYS = [({}, True), ({"THP_MEM_ALLOC_ENABLE": "0"}, False)]
+
+
 @pytest.mark.skipif(not Path("/sys/kernel/mm/transparent_hugepage").is_dir(), reason="no huge pages in this kernel")
-@pytest.mark.parametrize(("chosen", "asked"), [({}, True), ({"THP_MEM_ALLOC_ENABLE": "0"}, False)])
+@pytest.mark.parametrize(("chosen", "asked"), nightly(WAYS, WAYS[0]))
 def test_torch_asks_for_huge_pages_unless_the_user_says_otherwise(chosen: dict[str, str], asked: bool) -> None:
     environ = {name: value for name, value in os.environ.items() if name != "THP_MEM_ALLOC_ENABLE"} | chosen
     use_huge_pages(environ)

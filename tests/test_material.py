@@ -266,6 +266,7 @@ def test_the_same_seed_finds_the_same_regions() -> None:
     torch.testing.assert_close(one.owners.of(points), other.owners.of(points))
 
 
+@pytest.mark.slow
 def test_a_time_limit_ends_the_search_for_regions(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, train = drawn("easy", size=64)
     palette, batches, real = palette_of(train, scene.occupancy, 0), [], RayPool.batch

@@ -17,6 +17,7 @@ from svv.dvr.draw.views import make_views  # noqa: E402
 from svv.errors import BadInput, Cancelled  # noqa: E402
 from svv.train.run.config import PRESETS  # noqa: E402
 from tests.balls import SHORT  # noqa: E402
+from tests.nightly import nightly  # noqa: E402
 from tests.test_plotted import SIZE, image, sheared, values  # noqa: E402
 
 QUICK: dict[str, Any] = {"preset": "draft", "n": 16, "size": 56, "mapper": "cpu"}
@@ -52,7 +53,13 @@ def test_a_plotter_becomes_a_painting_that_is_seen_where_it_shows_the_volume(tmp
     plotter.close()
 
 
-def test_words_of_pyvista_mean_what_they_do_there(monkeypatch: pytest.MonkeyPatch) -> None:
+GRIDS = ("image", "sheared", "cells")
+
+WORDS = [(grid, clim) for grid in GRIDS for clim in (None, (0.1, 0.7), 0.8)]
+
+
+@pytest.mark.parametrize(("grid", "clim"), nightly(WORDS, ("image", None), ("sheared", (0.1, 0.7)), ("cells", 0.8)))
+def test_words_of_pyvista_mean_what_they_do_there(monkeypatch: pytest.MonkeyPatch, grid: str, clim: Any) -> None:
     """For each kind of grid, with and without a range of values: the views are those of a plotter."""
     drawn: list[Any] = []
 
@@ -61,22 +68,21 @@ def test_words_of_pyvista_mean_what_they_do_there(monkeypatch: pytest.MonkeyPatc
         raise Cancelled
 
     monkeypatch.setattr("svv.job.request.train_scene", stop)
-    for grid in (image(), sheared(), image().point_data_to_cell_data()):
-        for clim in (None, (0.1, 0.7), 0.8):
-            told = {"cmap": ["red", "lime", "blue"], "opacity": "sigmoid_3", "clim": clim}
-            plotter = pyvista.Plotter(off_screen=True)
-            actor = plotter.add_volume(grid.cell_data_to_point_data(), show_scalar_bar=False, **told)
-            actor.prop.SetInterpolationTypeToLinear()
-            with pytest.raises(Cancelled):
-                svv.paint(grid.cell_data_to_point_data(), "ink:hatching", **told, **QUICK)
-            wanted, _ = make_views(plotter, n=16, size=56, mapper="cpu")
-            found = drawn[-1].meta
-            assert found.shading == wanted.meta.shading
-            for key in ("RGBPoints", "Points", "ScalarOpacityUnitDistance"):
-                np.testing.assert_allclose(found.tf[key], wanted.meta.tf[key], atol=1e-9)  # type: ignore[index]
-            if isinstance(grid, pyvista.ImageData):  # plotters cut other grids into tetrahedra
-                assert np.abs(drawn[-1].images.astype(int) - wanted.images).max() <= 1
-            plotter.close()
+    shown = {"image": image, "sheared": sheared, "cells": lambda: image().point_data_to_cell_data()}[grid]()
+    told = {"cmap": ["red", "lime", "blue"], "opacity": "sigmoid_3", "clim": clim}
+    plotter = pyvista.Plotter(off_screen=True)
+    actor = plotter.add_volume(shown.cell_data_to_point_data(), show_scalar_bar=False, **told)
+    actor.prop.SetInterpolationTypeToLinear()
+    with pytest.raises(Cancelled):
+        svv.paint(shown.cell_data_to_point_data(), "ink:hatching", **told, **QUICK)
+    wanted, _ = make_views(plotter, n=16, size=56, mapper="cpu")
+    found = drawn[-1].meta
+    assert found.shading == wanted.meta.shading
+    for key in ("RGBPoints", "Points", "ScalarOpacityUnitDistance"):
+        np.testing.assert_allclose(found.tf[key], wanted.meta.tf[key], atol=1e-9)  # type: ignore[index]
+    if isinstance(shown, pyvista.ImageData):  # plotters cut other grids into tetrahedra
+        assert np.abs(drawn[-1].images.astype(int) - wanted.images).max() <= 1
+    plotter.close()
 
 
 def test_styles_are_pictures_inks_files_and_names_one_for_each_region(tmp_path: Path) -> None:

@@ -309,6 +309,7 @@ def test_a_property_without_points_is_refused() -> None:
         make_views(values(), vtkVolumeProperty(), **TINY)
 
 
+@pytest.mark.slow
 def test_the_volume_of_an_array_is_known_again() -> None:
     views, _ = make_views(values(), spacing=(1.0, 0.8, 1.3), n=16, size=64, mapper="cpu")
     scene, _ = svv.train_scene(views, "draft")

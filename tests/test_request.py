@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from svv.io.pictures.output import write_png
 from svv.job.request import Correct, Paint, Request, learn, paint, run
 from svv.job.workshop import Workshop
 from svv.styles.gallery.textures import style_picture
+from svv.train.paint import stroke_painting
 from svv.train.paint.ink import StyleInput, style_named
 from svv.train.run.config import PRESETS, settings_of
 from tests.conftest import on_all_threads
@@ -97,10 +99,12 @@ def threads() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def hurry() -> Iterator[None]:
-    """The draft preset takes a few steps."""
+    """The draft preset takes a few steps, and looks at the style in few and small views, and strokes are broad."""
     few = settings_of(svv.TrainOptions("draft", change=STEPS))
+    few = replace(few, stylize=replace(few.stylize, style_views=6, style_size=64))
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(PRESETS, "draft", few)
+        patch.setattr(stroke_painting, "WIDTH", 2.0 * stroke_painting.WIDTH)
         yield
 
 

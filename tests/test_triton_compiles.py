@@ -13,6 +13,7 @@ from tests import compiled_kernels
 from tests.compiled_kernels import DESKTOP, EVERYWHERE, HOPPER, KERNELS, NETWORKS, SHARED, targets_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("others", [(HOPPER,), pytest.param((DESKTOP, *EVERYWHERE), marks=pytest.mark.slow)])
 def test_every_kernel_compiles(others: tuple[int, ...], tmp_path: Path) -> None:
     root = Path(__file__).resolve().parents[1]

@@ -50,6 +50,7 @@ def agreed(opened: Opened, scene: Scene, camera: Camera) -> int:
     return len(apart)
 
 
+@pytest.mark.slow
 def test_a_place_is_the_renderers_for_both_kinds_of_rays(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     write_html(tmp_path / "balls.html", balls, "balls")
     opened: Opened = open_page(tmp_path / "balls.html")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from docs.screenshots import LISTENER, Window
@@ -111,6 +112,7 @@ def colourful(gui: Gui, picture: Path) -> float:
     return float(((shown.max(axis=2) - shown.min(axis=2)) > 60).mean())
 
 
+@pytest.mark.slow
 def test_the_image_appears_beside_the_volume_and_follows_its_camera(gui: Callable, tmp_path: Path) -> None:
     cube_scene().save(tmp_path / "cube.svv")
     running = gui(f"import os\nos.chdir({str(tmp_path)!r})\n{LISTENER}", aloud=True)

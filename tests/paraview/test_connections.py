@@ -42,6 +42,7 @@ def kept(tmp_path: Path) -> Path:
     return tmp_path / "kept"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_server_whose_client_dies_stops_its_training(
     pvpython: Callable, start_pvserver: Callable[..., int], servers: Servers, kept: Path, ranks: int

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.core.colour.colour_vision import simulated
@@ -35,6 +36,7 @@ scene = StyleRFScene(FileName=sys.argv[1])
 """
 
 
+@pytest.mark.slow
 def test_a_figure_is_an_image_and_a_file(pvpython, tmp_path: Path) -> None:
     cube_scene().edited(0, name="bone").save(tmp_path / "scene.svv")
     pvpython(

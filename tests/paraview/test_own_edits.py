@@ -113,6 +113,7 @@ assert "no longer in memory" in status(gone), status(gone)
     check(tmp_path)
 
 
+@pytest.mark.slow
 def test_an_edit_shows_at_once_where_another_process_draws(live: Callable, tmp_path: Path) -> None:
     live(f"""
 view = make(**FEW)

@@ -120,6 +120,7 @@ def test_a_save_button_that_fails_is_an_exception(pvpython: Run) -> None:
     assert done.returncode == 1 and "GONE ON" not in done.stdout, done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", ["pvpython", pytest.param("pvbatch", marks=pytest.mark.slow)])
 def test_the_commands_start_strict(environ: dict[str, str], tmp_path: Path, program: str) -> None:
     (tmp_path / "script.py").write_text(SHOWN + "Show(bad)\nprint('GONE ON')\n")
@@ -137,6 +138,7 @@ def test_the_commands_start_strict(environ: dict[str, str], tmp_path: Path, prog
     assert done.returncode == 0 and "GONE ON" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [[], pytest.param(["--sym"], marks=pytest.mark.slow)])
 def test_all_ranks_end(mpiexec: Run, environ: dict[str, str], paraview, more: list[str]) -> None:
     done = mpiexec(STRICT + "Show(bad)\nprint('GONE ON')\n", program=[paraview.program("pvbatch"), *more], check=False)

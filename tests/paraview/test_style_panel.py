@@ -132,6 +132,7 @@ said["reset"] = [status(paint), style()]
     assert painted.regions[0].strength == 0.25 and said["reset"][1] == ["", "", ""]
 
 
+@pytest.mark.slow
 def test_regions_share_a_picture_and_a_row_chooses_its_part(inside) -> None:
     said = inside(
         """

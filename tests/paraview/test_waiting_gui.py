@@ -12,6 +12,7 @@ from docs.screenshots import LISTENER, Window
 SCRIPT = """
 from paraview.simple import *
 from svv.pv.live import sharpening
+from tests.nightly import nightly
 
 wavelet = Wavelet(WholeExtent=[-8, 8] * 3)
 view = GetActiveViewOrCreate("RenderView")
@@ -43,7 +44,10 @@ done("\\n".join(told))
 """
 
 
-@pytest.mark.parametrize("what", ["filter.Views = 13  # Apply", "filter.TakeWhatIsShownNow()"])
+WAYS = ["filter.Views = 13  # Apply", "filter.TakeWhatIsShownNow()"]
+
+
+@pytest.mark.parametrize("what", nightly(WAYS, WAYS[0]))
 def test_a_failed_filter_waits_until_the_user_asks(gui: Callable, what: str) -> None:
     *waiting, last = gui(SCRIPT.replace("WHAT", what)).first.split("\n")
     assert len(waiting) == 5 and len(set(waiting)) == 1

@@ -14,6 +14,7 @@ from svv.errors import Progress
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.seen_colours import seen_in
 from svv.train.paint.ink import Style
 from svv.train.paint.legibility import Legibility
 from svv.train.paint.painting import owners_of
@@ -25,6 +26,10 @@ VIEWS, SIDE, MOST = 5, 128, 400
 
 NEARLY = 0.03
 """Fraction of a picture's pixels that are darker than nearly the darkest, and so on."""
+
+
+MIXED = 1.15
+"""How many times less images show of a difference of pieces, whose borders and details mix in their pixels."""
 
 
 @torch.no_grad()
@@ -61,6 +66,9 @@ def keep_pieces_apart(
         means[k] = labs[k][shown].mean(0)
     colours = np.array([region.edited_colour or region.colour for region in scene.regions], np.float64)
     legibility = Legibility(pixels, colours, flats.cpu().numpy().astype(np.float64))
+    if legibility.close(labs):
+        legibility.dim(seen_in(scene, "pcn"))
+    legibility.asked = {pair: MIXED * least for pair, least in legibility.asked.items()}
     gamuts = {k: _gamut(np.asarray(pictures[k], np.float32)) for k in means}
     moves = legibility.moves(labs, means, gamuts, {})
     lattice = field.encoding

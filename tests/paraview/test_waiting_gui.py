@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from docs.screenshots import LISTENER, Window
+from tests.nightly import nightly
 
 SCRIPT = """
 from paraview.simple import *
 from svv.pv.live import sharpening
-from tests.nightly import nightly
 
 wavelet = Wavelet(WholeExtent=[-8, 8] * 3)
 view = GetActiveViewOrCreate("RenderView")

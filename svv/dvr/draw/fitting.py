@@ -66,7 +66,8 @@ def fitted_to(
         notes.append(describe_default_range(usual))
     elif usual is not None and rescaled and (said := describe_stretching(small, usual, given)) is not None:
         notes.append(said)
-    fitted = replace(fitted, unit_distance=fitted.unit_distance or opened.unit_distance)
+    unit = fitted.unit_in(opened.whole) if fitted.slabs else fitted.unit_distance or opened.unit_distance
+    fitted = replace(fitted, unit_distance=unit)
     return Fitting(opened, fitted, rescaled, chosen, tuple(notes))
 
 

@@ -16,7 +16,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderer
 from svv.core.differences import above
 from svv.core.geometry.cameras import Camera
 from svv.dvr.functions.jumps import settled
-from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import check_precision, from_array, index_to_world, level_of_image, put_scalars, to_array
 from svv.errors import BadInput
@@ -169,7 +169,7 @@ def place_part(
     centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
     scale = 1.0 / visible.max()
     numbers, gain, zero = _small_type(cropped, tf, span)
-    unit_distance = tf.unit_distance or unit_distance_for(level_of_image(whole))
+    unit_distance = tf.unit_in(level_of_image(whole))
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
     put(staged, shown)
     low, high = span or (float(cropped.min()), float(cropped.max()))

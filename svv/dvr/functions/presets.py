@@ -19,6 +19,9 @@ Colour = tuple[float, ...]
 PROLAB = "ProLab"
 """A colour space of VTK 9.5 and later."""
 
+STRETCHED = "StretchedOverData"
+"""Our key in presets whose points are parts of the data's range, as those of some other programs are."""
+
 SAMPLES = 256
 """Colours that replace those between two points if they are interpolated in a way that we do not know."""
 
@@ -86,8 +89,8 @@ def fields_of_preset(preset: Json, name: str) -> Fields:
     name, unit = name_and_unit(preset, name)
     colours = _quadruples(preset["RGBPoints"], "RGBPoints", name)
     log = bool(preset.get("UseLogScale"))
-    placed = preset.get("Points") is not None
-    if placed:
+    placed = preset.get("Points") is not None and not preset.get(STRETCHED)
+    if preset.get("Points") is not None:
         opacities = _quadruples(preset["Points"], "Points", name)
     else:
         opacities = ((colours[0][0], 0.0, 0.5, 0.0), (colours[-1][0], 1.0, 0.5, 0.0))

@@ -21,7 +21,7 @@ from svv.core.colour.shading import Shading
 from svv.core.interval_text import interval_text
 from svv.core.json_values import parsed
 from svv.core.volumes.opacity_code import unit_distance
-from svv.dvr.functions import presets, scales, slicer
+from svv.dvr.functions import other_programs, presets, scales, slicer
 from svv.dvr.functions.bumps import points_of_bumps
 from svv.dvr.functions.colour_paths import colours_at
 from svv.dvr.functions.scales import LARGEST_VALUE, MOST_POINTS, Points, own_range
@@ -62,6 +62,7 @@ class TransferFunction:
         above: Of what is larger than the last one's.
         shading: How the program that wrote the function shades; None if it does not say.
         notes: Sentences on what it asks for that is drawn otherwise.
+        slabs: Without a unit distance, how many of them lie along the volume's mean side; None for ParaView's default.
 
     Raises:
         BadInput: There are no points, values are not finite or not ascending, numbers are outside [0, 1], or the
@@ -86,6 +87,7 @@ class TransferFunction:
     above: tuple[float, ...] | None = None
     shading: Shading | None = None
     notes: tuple[str, ...] = ()
+    slabs: float | None = None
 
     def __post_init__(self) -> None:
         for kind in ("colours", "opacities"):
@@ -278,8 +280,9 @@ class TransferFunction:
             "ColorSpace": self.space,
             "RGBPoints": [x for point in self.colours for x in point],
         }
-        if self.placed:
-            preset["Points"] = [x for point in self.opacities for x in point]
+        if self.placed or len(self.opacities) > 2:
+            preset |= {"Points": [x for point in self.opacities for x in point]}
+            preset |= {} if self.placed else {presets.STRETCHED: 1}
         if self.unit_distance is not None:
             preset["ScalarOpacityUnitDistance"] = self.unit_distance
         if self.hsv_wrap:
@@ -290,6 +293,12 @@ class TransferFunction:
         if self.log_scale or self.log_opacity:  # ParaView applies the first to both
             preset |= {"UseLogScale": int(self.log_scale), "OpacityUseLogScale": int(self.log_opacity)}
         return preset
+
+    def unit_in(self, level: Level) -> float:
+        """Return the opacity unit distance in a volume, world units."""
+        if self.unit_distance is None and self.slabs is not None:
+            return float(np.cbrt(np.prod(level.spacing * level.shape[::-1]))) / self.slabs
+        return self.unit_distance or unit_distance_for(level)
 
     @classmethod
     def from_dict(cls, data: object, name: str = "transfer function") -> TransferFunction:
@@ -340,7 +349,10 @@ class TransferFunction:
 
     @classmethod
     def read(cls, path: str | Path) -> TransferFunction:
-        """Read a function from a JSON file, see ``from_dict``, or a volume property of 3D Slicer, .vp or .vp.json.
+        """Read a function from a JSON file, see ``from_dict``, or from a file of another program.
+
+        These are volume properties of 3D Slicer (.vp, .vp.json), and the files of
+        :mod:`svv.dvr.functions.other_programs`.
 
         Raises:
             BadInput: The file does not exist, is not JSON, or is rejected by ``from_dict``.
@@ -349,6 +361,8 @@ class TransferFunction:
             content = Path(path).read_bytes()
             if Path(path).name.lower().endswith(".vp"):
                 return cls._of_slicer(slicer.parsed_vp(content, Path(path).name), Path(path).name)
+            if reader := other_programs.PROGRAMS.get(Path(path).suffix.lower()):
+                return cls(**reader(content, Path(path).name))
             data = parsed(content)
         except OSError as error:
             raise BadInput(f"Cannot read the transfer function {path}: {error.strerror or error}.") from error

@@ -13,7 +13,7 @@ from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.record import grid_of
 from svv.dvr.draw.views import Subject, drawn, open_caster, views_of
-from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.parallel.crew import Crew, CrewMapper
 from svv.dvr.read.grids import level_of_image
 from svv.errors import BadInput, Progress
@@ -42,7 +42,7 @@ def make_crew_views(
     began, piece = time.monotonic(), crew.piece
     whole = level_of_image(piece.whole)
     fitted = tf.fitted(*piece.span, rescale=False)
-    fitted = replace(fitted, unit_distance=tf.unit_distance or unit_distance_for(whole))
+    fitted = replace(fitted, unit_distance=tf.unit_in(whole))
     subject = Subject(
         crew.put_on_stage(fitted),
         grid_of(whole, str(piece.values.dtype), piece.span),

@@ -114,18 +114,15 @@ def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
         leaves.SetInputData(data)
         leaves.Update()
         yield from _blocks(leaves.GetOutput())
-    elif isinstance(data, vtkUniformGridAMR):
-        for level in reversed(range(data.GetNumberOfLevels())):
-            for number in range(data.GetNumberOfDataSets(level)):
-                block = data.GetDataSet(level, number)
-                if block is not None:
-                    yield from _blocks(block)
     elif isinstance(data, vtkCompositeDataSet):
-        iterator = data.NewIterator()
+        iterator, found = data.NewIterator(), []
         iterator.InitTraversal()
         while not iterator.IsDoneWithTraversal():
-            yield from _blocks(iterator.GetCurrentDataObject())
+            level = iterator.GetCurrentLevel() if isinstance(data, vtkUniformGridAMR) else 0
+            found.append((level, iterator.GetCurrentDataObject()))
             iterator.GoToNextItem()
+        for _, block in sorted(found, key=lambda one: -one[0]):
+            yield from _blocks(block)
 
 
 def _arrays_of(

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
 
+from svv.dvr.read.plotfiles import is_plotfile, plotfile_reader
 from svv.dvr.read.vtk_readers import failed, vtk_messages
 
 DIRECT = dict.fromkeys((".xdmf", ".xmf"), ("vtkIOXdmf2", "vtkXdmfReader"))
@@ -34,6 +35,8 @@ def reader_of(path: Path) -> vtkAlgorithm | None:
             return getattr(import_module(f"vtkmodules.{module}"), name)()
         except ImportError:  # a ParaView without it
             return None
+    if is_plotfile(path):
+        return plotfile_reader(path)
     if path.is_dir() or "paraview" in sys.modules or find_spec("pyvista") is None:
         return None
     import pyvista

@@ -65,7 +65,8 @@ def run(reader: vtkAlgorithm, path: Path, choice: Choice = Choice()) -> vtkDataO
         BadInput: VTK reported an error, the data is no grid, or there are several time points of which none is chosen.
     """
     with vtk_messages() as messages:
-        named = ("SetDirectoryName",) if path.is_dir() else ("SetFileName", "SetCaseFileName")  # the last is EnSight's
+        # A folder has the first of these names, EnSight's files the last.
+        named = ("SetDirectoryName",) * path.is_dir() + ("SetFileName", "SetCaseFileName")
         next(getattr(reader, name) for name in named if hasattr(reader, name))(str(path))
         check_size(reader, path)
         _read_at(reader, path, choice)

@@ -57,6 +57,8 @@ def by_nibabel(file: Path, time_point: int) -> Reference:
         values, affine = values.T, np.asarray(image.affine)[:, [2, 1, 0, 3]]
     else:
         affine = np.asarray(image.affine)
+    if isinstance(image, nibabel.Nifti1Image) and not (image.header["qform_code"] or image.header["sform_code"]):
+        affine = None  # a guess of nibabel's
     while values.ndim > 3:
         values = values[..., time_point if values.ndim == 4 else 0]
     return values.T, affine
@@ -119,11 +121,13 @@ def by_pydicom(file: Path, time_point: int) -> Reference:
     import pydicom
 
     dataset = pydicom.dcmread(file)
+    if time_point:
+        raise ValueError("frames of several times are in no order that pydicom sorts")
     return pydicom.pixels.apply_rescale(dataset.pixel_array, dataset), None
 
 
 REFERENCES: dict[str, Callable[[Path, int], Reference]] = {
-    **dict.fromkeys((".nii", ".nii.gz", ".mgz", ".mgh", ".head", ".mnc", ".hdr", ".img"), by_nibabel),
+    **dict.fromkeys((".nii", ".nii.gz", ".mgz", ".mgh", ".head", ".mnc", ".hdr", ".img", ".par"), by_nibabel),
     **dict.fromkeys((".mrc", ".map", ".ccp4", ".rec", ".st", ".mrc.gz", ".map.gz", ".ccp4.gz", ".mrc.bz2"), by_mrcfile),
     **dict.fromkeys((".mha", ".mhd", ".nrrd", ".nhdr"), by_simpleitk),
     **dict.fromkeys((".fits", ".fits.gz", ".fits.fz", ".fit"), by_astropy),

@@ -105,6 +105,17 @@ def test_two_series_in_a_folder_are_listed(tmp_path: Path) -> None:
         np.testing.assert_array_equal(to_array(read_here(folder, array=name)), SMALL[2:])
 
 
+def test_slices_that_are_nearly_even_are_taken_as_even_and_that_is_said(tmp_path: Path) -> None:
+    places = [(0, 0, 7.0 * z + 0.05 * (z % 3)) for z in range(7)]
+    image = read_here(scan(tmp_path / "scan", places))
+    assert "slices 6.9 to 7.05 mm apart are taken as even" in str(assumed_of(image))
+    assert image.GetSpacing()[2] == pytest.approx(7.0, rel=0.01)
+    image = read_here(scan(tmp_path / "other", [(0, 0, 7.0 * z + 0.02 * (z % 2)) for z in range(7)]))
+    assert "even" not in str(assumed_of(image))
+    with pytest.raises(BadInput, match="resample the volume to even ones"):
+        read_here(scan(tmp_path / "third", [(0, 0, 7.0 * z + 0.8 * (z % 3)) for z in range(7)]))
+
+
 def wide(k: int, data: Any) -> None:
     if k == 2:
         data.PixelSpacing = ["2", "2"]

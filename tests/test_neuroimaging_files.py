@@ -162,3 +162,27 @@ def test_damaged_datasets_of_afni_are_one_sentence(tmp_path: Path) -> None:
     for name, says in (("a+orig.BRIK", "needs its header a\\+orig.HEAD"), ("b+orig.HEAD", "needs its values")):
         with pytest.raises(BadInput, match=says):
             read_here(tmp_path / name)
+
+
+def test_scans_of_philips_are_as_nibabel_reads_them(tmp_path: Path) -> None:
+    folder = Path(nibabel.__file__).parent / "tests" / "data"
+    for name in ("phantom_EPI_asc_CLEAR_2_1", "phantom_varscale"):
+        with (folder / f"{name}.PAR").open() as head, (folder / f"{name}.REC").open("rb") as stored:
+            parts = {"header": nibabel.FileHolder(fileobj=head), "image": nibabel.FileHolder(fileobj=stored)}
+            image = nibabel.parrec.PARRECImage.from_file_map(parts)
+            values = np.asarray(image.dataobj)
+        for ending in (".PAR", ".REC"):
+            shown = read_here(folder / f"{name}{ending}", time=2)
+            np.testing.assert_allclose(to_array(shown), values[..., 2].T, rtol=1e-6)
+            np.testing.assert_allclose(index_to_world(shown), image.affine, atol=1e-9)
+    with pytest.raises(BadInput, match="3 time points"):
+        read_here(folder / "phantom_varscale.PAR")
+    with pytest.raises(BadInput, match="incomplete"):
+        read_here(folder / "phantom_truncated.PAR")
+    alone = Path(shutil.copy(folder / "phantom_varscale.PAR", tmp_path))
+    with pytest.raises(BadInput, match="needs its values"):
+        read_here(alone)
+    alone.with_suffix(".REC").write_bytes(bytes(1000))
+    alone.write_bytes(alone.read_bytes()[:2000])
+    with pytest.raises(BadInput, match="damaged"):
+        read_here(alone)

@@ -27,6 +27,7 @@ from svv.bricks.formats.n5 import is_n5, open_n5
 from svv.bricks.formats.netcdf import open_netcdf
 from svv.bricks.formats.nifti import nifti_header
 from svv.bricks.formats.nrrd import nrrd_header
+from svv.bricks.formats.philips import open_par, par_of
 from svv.bricks.formats.places import no_size
 from svv.bricks.formats.source import Level, Source, level_of
 from svv.bricks.formats.stored import Stored
@@ -147,6 +148,9 @@ def _opened(
         return open_tiff(file, choice, array, whole)
     if raw == (None, None) and is_dicom(file):
         return open_dicom(file, choice, array) if whole else None
+    if par := par_of(file):
+        check_array(array, file.stem, file)
+        return open_par(par, choice) if whole else None
     if header := header_reader(file):
         stored = header(file)
         check_array(array, stored.title, file)
@@ -188,6 +192,8 @@ def header_reader(file: Path) -> Callable[[Path], Stored] | None:
     name = file.name.lower()
     if name.endswith(".dat") and is_dat_header(file):
         return dat_header
+    if par_of(file):
+        return None
     return next((read for ending, read in HEADERS.items() if name.endswith(ending)), None)
 
 

@@ -32,6 +32,9 @@ ENDINGS = (".dcm", ".dicom", ".ima")
 EVEN = 0.01
 """Largest deviation of the distance of two slices from the mean, as a fraction of it: positions are rounded."""
 
+NEARLY_EVEN = 0.05
+"""The same for scanners that place slices less exactly; the volume is even then, and says so."""
+
 
 @dataclass(frozen=True, eq=False)
 class Slice:
@@ -94,14 +97,15 @@ def _read(pydicom: ModuleType, path: Path, choice: Choice, array: str | None) ->
     slices = [one for file, head in _series(path, heads, array) for one in _frames(file, head)]
     if len(slices) == 1:
         raise BadInput(f"{path} is a single slice: name the folder with all slices of its series.")
-    steps, places = _stacked(slices, path)
+    steps, places, said = _stacked(slices, path)
     time = picked("tzyx", (len(places[0]), 2, 2, 2), choice, path.name).fixed[0] or 0
     shown = [place[time] for place in places]
     origin = shown[0].position if shown[0].position is not None else np.zeros(3)
     level_of((len(shown), int(shown[0].data.Rows), int(shown[0].data.Columns)), steps, origin, path.name)
     source = ArraySource(_values(pydicom, shown), steps, origin, path.name)
-    if without := _unsized(shown[0]):
-        source.assumed = no_size(path.name, without, np.linalg.norm(steps, axis=0))
+    without = _unsized(shown[0])
+    unsized = no_size(path.name, without, np.linalg.norm(steps, axis=0)) if without else ""
+    source.assumed = " ".join(filter(None, (unsized, said))) or None
     return source
 
 
@@ -168,8 +172,8 @@ def _frame(file: Path, head: Dataset, number: int) -> Slice:
     )  # fmt: skip
 
 
-def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slice]]]:
-    """Return the steps between voxels (3, 3), and the slices at each place, in the order of places and of times."""
+def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slice]], str]:
+    """Return the steps between voxels (3, 3), the slices at each place and time in order, and what is assumed."""
     first = slices[0]
     for one in slices:
         same = (one.data.Rows, one.data.Columns) == (first.data.Rows, first.data.Columns)
@@ -185,7 +189,7 @@ def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slic
     if any(one.position is None for one in slices):
         gap = float(first.data.get("SpacingBetweenSlices") or first.data.get("SliceThickness") or 1.0)
         places = [[one] for one in sorted(slices, key=lambda one: one.order)]
-        return np.array([plane[0] * first.pixel[0], plane[1] * first.pixel[1], normal * gap]).T, places
+        return np.array([plane[0] * first.pixel[0], plane[1] * first.pixel[1], normal * gap]).T, places, ""
     along = np.array([float(one.position @ normal) for one in slices])
     extent = float(np.ptp(along)) or 1.0
     keys = np.round((along - along.min()) / extent * 1e6).astype(int)
@@ -199,9 +203,13 @@ def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slic
         raise BadInput(f"{path} has all its slices at the same place; a volume needs at least 2 places.")
     points = np.array([place[0].position for place in places])
     step = (points[-1] - points[0]) / (len(points) - 1)
-    gaps = np.linalg.norm(np.diff(points, axis=0) - step, axis=1)
-    if gaps.max() > EVEN * np.linalg.norm(step):
-        raise _uneven(path, [place[0] for place in places], np.linalg.norm(np.diff(points, axis=0), axis=1))
+    uneven = np.linalg.norm(np.diff(points, axis=0) - step, axis=1).max() / float(np.linalg.norm(step))
+    apart = np.abs(points - points[0] - step * np.arange(len(points))[:, None]).max() / float(np.linalg.norm(step))
+    distances, said = np.linalg.norm(np.diff(points, axis=0), axis=1), ""
+    if uneven > NEARLY_EVEN or apart > NEARLY_EVEN:
+        raise _uneven(path, [place[0] for place in places], distances)
+    if uneven > EVEN:
+        said = f"{path.name}: slices {distances.min():.4g} to {distances.max():.4g} mm apart are taken as even."
     tilt = np.degrees(np.arccos(min(abs(float(step @ normal)) / float(np.linalg.norm(step)), 1.0)))
     if np.sin(np.radians(tilt)) > ORTHOGONAL_TOLERANCE:
         raise BadInput(
@@ -209,7 +217,7 @@ def _stacked(slices: Sequence[Slice], path: Path) -> tuple[Array, list[list[Slic
             "before, which makes a sheared grid whose axes are not perpendicular. Straighten it first: dcm2niix writes "
             "a NIfTI file with Tilt in its name, and 3D Slicer has Acquisition geometry regularization."
         )
-    return np.array([plane[0] * first.pixel[0], plane[1] * first.pixel[1], step]).T, places
+    return np.array([plane[0] * first.pixel[0], plane[1] * first.pixel[1], step]).T, places, said
 
 
 def _uneven(path: Path, slices: Sequence[Slice], gaps: Array) -> BadInput:
@@ -217,7 +225,7 @@ def _uneven(path: Path, slices: Sequence[Slice], gaps: Array) -> BadInput:
     usual = float(np.median(gaps))
     missing = np.rint(gaps / usual).astype(int) - 1
     said = f"{path} has slices at uneven distances ({gaps.min():g} to {gaps.max():g} mm)"
-    if missing.min() < 0 or np.abs(gaps / usual - missing - 1).max() > 5 * EVEN:
+    if missing.min() < 0 or not missing.any() or np.abs(gaps / usual - missing - 1).max() > NEARLY_EVEN:
         return BadInput(f"{said}: resample the volume to even ones first, such as in 3D Slicer.")
     names = [one.file.name + (f" (frame {one.frame})" if _count(one.data) > 1 else "") for one in slices]
     places = [f"{n} between {names[k]} and {names[k + 1]}" for k, n in enumerate(missing) if n]

@@ -43,14 +43,9 @@ class ValueReconstruction(Reconstruction):
     """Stage 1: learns the extinction as a function of value and slope, and the base colours of values and normals."""
 
     def __init__(
-        self,
-        views: ViewSet,
-        beginning: Beginning,
-        field: FieldSettings,
-        settings: ReconstructSettings,
-        seed: int = 0,
+        self, views: ViewSet, beginning: Beginning, field: FieldSettings, settings: ReconstructSettings, seed: int = 0,
         device: torch.device = CPU,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(views, beginning, field, settings, seed, device)
         assert beginning.values is not None and self.field.density is not None
         self.grid = beginning.values

@@ -17,7 +17,6 @@ from svv.fields.radiance.networks import BaseField, FieldSettings, encode_direct
 from svv.fields.radiance.occupancy import Occupancy, least_extinction
 from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.views.viewset import ViewSet
-from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Room, Samples, TrainingKernels
@@ -172,16 +171,8 @@ class Reconstruction:
         """Compute all gradients; returns the mean squared error of colour, and the cost of the samples in colours."""
         samples, sigma, colour, cost = self._look(samples, batch)
         out, transmittance, _ = composite(samples, sigma, colour)
-        each, fused = (
-            numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA_WEIGHT], out.device),
-            kernels_for(out).TRAINING,
-        )
-        if fused is not None:
-            loss, error = fused.loss(out, transmittance, batch.shown, batch.weight, each, True)
-        else:
-            missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
-            errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
-            loss, error = (errors * each).sum(), errors[:3].detach().mean()
+        each = [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA_WEIGHT]
+        loss, error = batch.loss(out, transmittance, each, alpha=True)
         loss.backward()
         return error, cost
 

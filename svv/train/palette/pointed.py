@@ -29,7 +29,7 @@ from svv.fields.radiance.networks import PaletteField
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.splitting import REACH, format_point, regions_in_cells
 from svv.options.editing import SPLIT_LEVEL
-from svv.train.palette.ranges import Unshared
+from svv.train.palette.ranges import Labelled
 
 MOST_CELLS = 200_000
 """Number of cells in which a piece is divided; larger ones are divided on a coarser grid."""
@@ -43,7 +43,7 @@ Seeds = list[tuple[Cell, int]]
 """Cells, each with the region that it is said to be."""
 
 
-class InCells(Unshared):
+class InCells(Labelled):
     """Regions of the cells of a box, which are those of the points in them."""
 
     def __init__(
@@ -59,7 +59,7 @@ class InCells(Unshared):
         self._cells = cells
 
     def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the region of each point. (S,)"""
         cell = (position * self._cells).long()
         x, y, z = (v.clamp(0, size - 1) for v, size in zip(cell.unbind(1), self._region.shape, strict=True))
         return self._region[x, y, z]

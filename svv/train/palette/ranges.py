@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -32,7 +31,7 @@ through networks at once, so more rays would need gigabytes."""
 class Labelled(Protocol):
     """Regions to which points belong; what is no point, such as NaN, belongs to any."""
 
-    shared: bool
+    shared: bool = False
     """Whether a point may belong to several regions; the views then decide which part belongs to which."""
 
     def of(self, position: Tensor) -> Tensor:
@@ -40,24 +39,11 @@ class Labelled(Protocol):
 
     def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
-
-
-class Unshared(ABC):
-    """Regions none of which share a point."""
-
-    shared = False
-
-    @abstractmethod
-    def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
-
-    def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""
         owner = self.of(position)
         return owner, weights.gather(1, owner[:, None])[:, 0]
 
 
-class Owners:
+class Owners(Labelled):
     """The regions to which points may belong, according to a classified volume."""
 
     def __init__(self, volume: ClassifiedVolume, regions: NDArray[np.integer], device: torch.device) -> None:
@@ -71,7 +57,6 @@ class Owners:
         """
         member = np.eye(int(regions.max()) + 1)[regions] if regions.ndim == 1 else regions > 0
         self.shared = bool((member.sum(axis=1) > 1).any())
-        """Whether several regions share a range; the views then decide which part belongs to which region."""
         self._member = torch.from_numpy(member.astype(np.float32)).to(device)
         self._range = torch.from_numpy(volume.owner).to(device)
         self._first = self._member.argmax(dim=1)
@@ -84,16 +69,15 @@ class Owners:
         return self._range[x, y, z].long()
 
     def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the region of each point. (S,)"""
         return self._first[self.range_of(position)]
 
     def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
-        number = self.range_of(position)
-        owner = self._first[number]
+        """Return the region of each point, and the sum of its weights over the regions sharing it. (S,) each"""
         if not self.shared:
-            return owner, weights.gather(1, owner[:, None])[:, 0]
-        return owner, (weights * self._member[number]).sum(dim=1)
+            return super().assign(weights, position)
+        number = self.range_of(position)
+        return self._first[number], (weights * self._member[number]).sum(dim=1)
 
 
 @dataclass(frozen=True)

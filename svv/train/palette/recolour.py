@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +20,6 @@ from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, march, not_hidden
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Owned, Room, Samples, TrainingKernels
@@ -193,7 +191,8 @@ class Recolouring:
         values, weights = self._values(samples, geometry, batch.rays)
         out, transmittance, _ = composite(samples, sigma, values)
         out, mixtures = out[:, :6], out[:, 6:]
-        loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *self._penalties()])
+        penalties = [float(weight) for weight in self.numbers.others[:PENALTIES]]
+        loss, error = batch.loss(out, transmittance, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties], alpha=False)
         drift = (self.field.colours - self.start).square().sum()
         loss = loss + PALETTE_WEIGHT * batch.share * drift
         if self.owners is not None:
@@ -204,9 +203,6 @@ class Recolouring:
             loss = loss + batch.share * self._transfer_function_penalty(*self.function_colours)
         loss.backward()
         return error
-
-    def _penalties(self) -> list[float]:
-        return [float(weight) for weight in self.numbers.others[:PENALTIES]]
 
     def settle(self, number: int) -> None:
         """Take one step towards the regions of random points, without rays: where a trained network is told others."""
@@ -282,16 +278,6 @@ class Recolouring:
         sigma, _ = self.base.geometry(samples)
         _, weights, _ = self.field.material(samples.position)
         return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
-
-
-def _error(out: Tensor, transmittance: Tensor, batch: Batch, each: Sequence[float]) -> tuple[Tensor, Tensor]:
-    """Return the loss and the mean squared error of colour of composited values (R, 6), whose weights are ``each``."""
-    factors, fused = numbers_on(each, out.device), kernels_for(out).TRAINING
-    if fused is not None:
-        return fused.loss(out, transmittance, batch.shown, batch.weight, factors, False)
-    missing = torch.cat([(out[:, :3] - batch.premultiplied).square(), out[:, 3:]], dim=1)
-    errors = (batch.weight[:, None] * missing).sum(dim=0)
-    return (errors * factors).sum(), errors[:3].detach().mean()
 
 
 def palette_of(

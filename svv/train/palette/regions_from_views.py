@@ -37,7 +37,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import moved
 from svv.kernels.dispatch import kernels_for
 from svv.train.palette.along_rays import Seen, agreement, divided, joined, summed, unmixed
-from svv.train.palette.ranges import KnownRegions, Unshared
+from svv.train.palette.ranges import KnownRegions, Labelled
 from svv.train.run.batches import RayPool
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ SAME_HUE = 0.06
 """Angle in radians between two colours' directions up to which only their brightness tells them apart."""
 
 
-class Labels(Unshared):
+class Labels(Labelled):
     """Regions of the vertices of a grid, which are those of the points around them."""
 
     def __init__(self, lattice: SparseLattice, region: NDArray[np.integer], device: torch.device) -> None:
@@ -101,7 +101,7 @@ class Labels(Unshared):
         return stored_rows(torch.minimum(vertex.clamp(min=0), shape - 1), shape, 0, self._lattice.index)
 
     def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the region of each point. (S,)"""
         return self._region[self.rows_of(position).clamp(max=len(self._region) - 1)]
 
 

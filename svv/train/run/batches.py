@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from torch import Tensor
 from svv.core.geometry.box import Box
 from svv.fields.radiance.rendering import RayCaster, Rays
 from svv.io.views.viewset import ViewSet
-from svv.kernels.constants import moved, moved_at_once, on_device
+from svv.kernels.constants import moved, moved_at_once, numbers_on, on_device
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import PixelSource, Target
 from svv.train.run import ranks
@@ -52,6 +53,20 @@ class Batch:
     def alpha(self) -> Tensor:
         """Alpha in [0, 1]. (R,)"""
         return self.shown[:, 3]
+
+    def loss(self, out: Tensor, transmittance: Tensor, each: Sequence[float], alpha: bool) -> tuple[Tensor, Tensor]:
+        """Return the loss of what is composited, and the mean squared error of colour.
+
+        The squared errors of RGB, the first of ``out`` (R, C), have the first three weights of ``each``; the others are
+        those of the other values of ``out``, or with ``alpha`` of the squared error of alpha.
+        """
+        factors, fused = numbers_on(each, out.device), kernels_for(out).TRAINING
+        if fused is not None:
+            return fused.loss(out, transmittance, self.shown, self.weight, factors, alpha)
+        last = (1.0 - transmittance - self.alpha).square()[:, None] if alpha else out[:, 3:]
+        missing = torch.cat([(out[:, :3] - self.premultiplied).square(), last], dim=1)
+        errors = (self.weight[:, None] * missing).sum(dim=0)
+        return (errors * factors).sum(), errors[:3].detach().mean()
 
 
 SAME = 1.0 / 16.0

@@ -1,8 +1,6 @@
 """Extinction as a function of a volume's values, while it is learned; see :mod:`svv.fields.radiance.of_values`.
 
 It starts as the mean extinction over the values within half a cell (pre-integrated classification, Engel et al. 2001).
-
-Letters: V vertices.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Stages 1 and 2 of a scene that knows its volume's values: features are given, and only functions of them are learned.
 
-What a transfer function shows depends on the value alone, and its light on the gradient. A lattice of values and
-normals therefore replaces the learned features, :class:`svv.train.base.extinction_table.ExtinctionTable` the learned
-extinction of every vertex, and an explicit light the lighting network. The result is an ordinary scene.
-
-Letters: V vertices.
+What a transfer function shows depends on the value alone, and its light on the gradient: a lattice of values and
+normals replaces the learned features, :class:`svv.train.base.extinction_table.ExtinctionTable` the extinction of every
+vertex, and an explicit light the lighting network. The result is an ordinary scene.
 """
 
 from __future__ import annotations

@@ -179,8 +179,8 @@ class Reconstruction:
     def _look(self, samples: Samples, batch: Batch) -> tuple[Samples, Tensor, Tensor, float]:
         """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
 
-        If the density has its own lattice, it learns from all samples, but colours are only computed for representative
-        samples and shared with those around them: a ray through fog has dozens of samples but needs few colours.
+        If the density has its own lattice, it learns from all samples, but colours only from representative ones, which
+        share them with those around: a ray through fog has dozens of samples but needs few colours.
         """
         rays = batch.rays
         if self.field.density is None or not len(samples):
@@ -212,10 +212,9 @@ class Reconstruction:
             self.tables.step([density, features], [pull, 0.0])
 
     def refine(self) -> None:
-        """Halve the step and add a density level twice as fine, in the cells that pruning left.
+        """Halve the step and add a density level twice as fine, of zeros, in the cells that pruning left.
 
-        The new level starts with zeros, so the field does not change. A density that starts from a known extinction
-        has its finest level from the beginning, unless ``refine_known``.
+        A density that starts from a known extinction has its finest level from the beginning, unless ``refine_known``.
         """
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
@@ -279,19 +278,9 @@ def reconstruct(
     device: torch.device = CPU,
     kind: type[Reconstruction] = Reconstruction,
 ) -> tuple[BaseField, Occupancy, Marching, float, str]:
-    """Train the base field.
+    """Train the base field, frozen in the end; ``kind`` is what takes the steps.
 
-    Args:
-        views: Training views.
-        field: Shape of the networks.
-        settings: Settings of stage 1.
-        beginning: Initial occupancy and extinction (:func:`svv.train.base.first_extinction.begin`).
-        running: Seed, time, progress and checkpoint.
-        device: Device that trains.
-        kind: What takes the steps.
-
-    Returns:
-        The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
+    Returns the field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
     begin = time.monotonic()
     work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
@@ -318,11 +307,7 @@ def reconstruct(
 
 
 def _why_there(loop: Loop, limit: float | None, settings: ReconstructSettings) -> str:
-    """Return why the training stopped, and whether a longer one would help.
-
-    Each step draws its pixels at random from all views, a few in a thousand of them, so its error is measured on pixels
-    that were hardly used before.
-    """
+    """Return why the training stopped, and whether a longer one would help: few pixels of a step were used before."""
     whole = loop.done >= loop.iterations
     where = "as in the preset" if whole else f"at its limit of {limit:.0f} s"
     text = f"stage 1 stopped after {loop.done} steps, {where}"

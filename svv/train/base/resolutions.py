@@ -26,10 +26,8 @@ def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
 def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tuple[int, ...]:
     """Return the levels of a lattice for paint: all in the scene's settings, and finer ones that its views resolve.
 
-    Args:
-        field: The scene's field settings.
-        cell: Largest side of the finest cells, in box units; None adds no level.
-        most: Maximum number of cells along the longest side of an added level: that of the scene's occupancy.
+    The finest cells have at most the side ``cell``, in box units (None adds no level), and there are at most ``most``
+    of them along the longest side.
     """
     levels = field.resolutions + field.finer
     if field.encoding == "lattice" and cell is not None:
@@ -68,8 +66,8 @@ def affordable_field(
 ) -> tuple[FieldSettings, str | None]:
     """Return the lattice without the levels that need too much memory, and the reason if there are such levels.
 
-    A level has about as many vertices as cells in the occupied part of the box. Those of a surface are few even where
-    cells are smaller than a pixel; those of a fog that fills its box are hundreds of millions.
+    A level has about as many vertices as cells in the occupied part of the box: few on a surface, hundreds of millions
+    in a fog that fills its box.
     """
     levels, cells = field.resolutions, int(occupancy.occupied.sum())
     kept = [n for n in levels[1:] if cells * (n / occupancy.cells) ** 3 <= settings.most_vertices]

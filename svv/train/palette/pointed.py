@@ -1,10 +1,8 @@
 """Regions corrected by pointing: "this is region 1" and "these are one".
 
-A point stands for the connected piece of its region around it. If all points in a piece say the same, the whole piece
-becomes that region; where they differ, a random walker divides the piece (Grady 2006): each cell goes to the point that
-a walker from there reaches first, which rarely steps where colour or opacity changes. The other pieces stay.
-
-Letters: S samples, P palette colours.
+A point stands for the connected piece of its region around it. If points in a piece differ, a random walker divides it
+(Grady 2006): each cell goes to the point that a walker from there reaches first, which rarely steps where colour or
+opacity changes. Other pieces stay. Letters: S samples, P palette colours.
 """
 
 from __future__ import annotations
@@ -49,7 +47,7 @@ class InCells(Labelled):
     def __init__(
         self, region: NDArray[np.integer], cells: int, device: torch.device, moved: NDArray[np.floating] | None = None
     ) -> None:
-        """Keep the region of each cell (X, Y, Z); ``cells`` per box unit. Cells with -1 have that of the nearest.
+        """Keep the region of each cell (X, Y, Z), ``cells`` per box unit; cells with -1 have that of the nearest.
 
         ``moved`` (X, Y, Z): opacity of cells whose region has changed, 0 of others.
         """
@@ -94,12 +92,11 @@ class Pointed:
 
 
 def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]) -> Pointed:
-    """Return the regions that points ask for, in cells; nothing is trained.
+    """Return the regions that points and pairs of places ask for, in cells; nothing is trained.
 
     Args:
         scene: A scene with a palette network, without parts.
-        points: Places in world units, each with the region that is there; the number after the last region is a new
-            one.
+        points: Places in world units, each with the region that is there; the number after the last one is a new one.
         same: Pairs of places that are one region.
 
     Raises:
@@ -123,16 +120,11 @@ def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tu
 
 
 def check_places(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]) -> None:
-    """Check what can be told of each place by itself, and of pairs of them; more places may mend everything else.
-
-    Args:
-        scene: A scene with a palette network.
-        points: As for :func:`pointed`.
-        same: As for :func:`pointed`.
+    """Check what can be told of each place of :func:`pointed` by itself, and of pairs; more places may mend the rest.
 
     Raises:
         BadInput: Nothing is at a place, a region does not exist, places contradict each other, both places of a pair
-            have the same region already, or the scene has parts.
+        have the same region already, or the scene has parts.
     """
     _placed(scene, points, same)
 
@@ -199,10 +191,7 @@ def _cell_of(scene: Scene, place: Point, region: Grid, cells: int) -> Cell:
 def _by_piece(
     seeds: Seeds, region: Grid, opacity: NDArray[np.float32]
 ) -> Iterator[tuple[int, NDArray[np.bool_], Seeds]]:
-    """Yield the pieces in which points lie: their regions, their cells (X, Y, Z), and the points.
-
-    A piece is what :func:`svv.fields.scene.splitting.piece_at` would split off; faint cells belong to the nearest.
-    """
+    """Yield the pieces in which points lie, as ``splitting.piece_at`` finds them: region, cells (X, Y, Z), points."""
     for own in sorted({int(region[cell]) for cell, _ in seeds}):
         mine = [seed for seed in seeds if region[seed[0]] == own]
         inside = region == own

@@ -47,14 +47,7 @@ class Owners(Labelled):
     """The regions to which points may belong, according to a classified volume."""
 
     def __init__(self, volume: ClassifiedVolume, regions: NDArray[np.integer], device: torch.device) -> None:
-        """Assign a volume's ranges to regions.
-
-        Args:
-            volume: A volume with R ranges.
-            regions: Number of the region of each range (R,); or, if regions share ranges, whether a range may be part
-                of each region (R, P).
-            device: Device of the points.
-        """
+        """Assign a volume's R ranges to regions: the region of each (R,), or whether it may be part of each (R, P)."""
         member = np.eye(int(regions.max()) + 1)[regions] if regions.ndim == 1 else regions > 0
         self.shared = bool((member.sum(axis=1) > 1).any())
         self._member = torch.from_numpy(member.astype(np.float32)).to(device)
@@ -98,15 +91,9 @@ class KnownRegions:
 
 @torch.no_grad()
 def regions_of(volume: ClassifiedVolume, views: ViewSet, scene: Scene, seed: int) -> KnownRegions:
-    """Return a region for each range of the transfer function that the views show.
+    """Return a region for each range of the transfer function that the views show, by rays through the base field.
 
     A range whose fraction of the light is below the palette's ``min_share`` joins its neighbour in value.
-
-    Args:
-        volume: The classified volume.
-        views: Training views.
-        scene: A scene with a base field; its device does the work.
-        seed: Seed of the rays.
     """
     batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, LOOKED_AT)
     samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
@@ -152,8 +139,7 @@ def hull_of(ranges: Sequence[tuple[float, float]]) -> tuple[float, float] | None
 def membership(regions: Sequence[Region], volume: ClassifiedVolume) -> NDArray[np.bool_]:
     """Return whether each range of a volume is part of each region; all regions know their values. (R, P)
 
-    A range belongs to every region whose values contain its middle; if there is none, to the region with the nearest
-    values.
+    It belongs to every region whose values contain its middle, or else to the one with the nearest values.
     """
     middles = np.array([0.5 * (r.low + r.high) for r in volume.ranges])
     away = np.full((len(middles), len(regions)), np.inf)
@@ -173,18 +159,11 @@ def shares_of(samples: Samples, sigma: Tensor, region: Tensor, count: int) -> ND
 
 @torch.no_grad()
 def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> list[float]:
-    """Return the intersection over union of regions and ranges, over everything that the views show.
+    """Return the intersection over union of regions and ranges, in [0, 1], over random pixels of the views.
 
-    Args:
-        scene: A scene with a palette colour network.
-        views: Views of which ``LOOKED_AT`` random pixels are used.
-        volume: The classified volume, which gives the transfer function range of each point.
-
-    Returns:
-        Numbers in [0, 1]: one per region of the palette if the scene knows the values of its regions; an empty list if
-        such regions share a range, because the volume then does not tell which part belongs to which. For regions
-        found in views alone, one per range that has at least the palette's ``min_share`` of the visible light, in
-        ascending order of values, each with a region of its own so that the sum is largest; 0 for a range without one.
+    One number per region of the palette if the scene knows their values, and none if such regions share a range. For
+    regions found in views alone, one per range with at least the palette's ``min_share`` of the visible light, in
+    ascending order of values, each with a region of its own so that the sum is largest; 0 for a range without one.
     """
     assert scene.palette_network is not None
     regions = scene.palette_regions

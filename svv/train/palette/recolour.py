@@ -243,8 +243,8 @@ class Recolouring:
     def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
         """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
 
-        A thin shell counts as much as the fog in which it lies: it is a mean over the regions, and over the samples of
-        each, counted on all ranks.
+        It is a mean over the regions, and over the samples of each on all ranks: a thin shell counts as much as thick
+        fog.
         """
         count = weights.shape[1]
         if not len(position):
@@ -255,10 +255,7 @@ class Recolouring:
         return -OWNER_WEIGHT * (each * own.log()).sum() / count
 
     def _transfer_function_penalty(self, values: Tensor, colours: Tensor) -> Tensor:
-        """Return the penalty of other colours than the transfer function's, a scalar.
-
-        The views show nothing of values that others hide, until these are made more transparent.
-        """
+        """Return the penalty of other colours than the transfer function's: views do not show hidden values."""
         return FUNCTION_WEIGHT * (colours_of(self.field, values)[0] - colours).square().mean()
 
     def _unmixing_penalty(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
@@ -283,11 +280,7 @@ class Recolouring:
 def palette_of(
     views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None, device: torch.device = CPU
 ) -> Palette:
-    """Extract the palette of the views' visible pixels, which the ``device`` may hold.
-
-    Raises:
-        BadInput: No pixel is visible.
-    """
+    """Return the palette of the views' visible pixels, which the ``device`` may hold; raises BadInput without any."""
     pool = RayPool(views, occupancy.box, seed, device)
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
 
@@ -303,12 +296,12 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     values: ValueGrid | None = None,
     start: PaletteField | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
-    """Train the palette colour network for a palette (P, 3).
+    """Train the palette colour network for a palette (P, 3), RGB in [0, 1].
 
     Args:
         views: Training views.
         scene: A scene with a frozen base field; its settings shape the network, and its device trains it.
-        palette: Initial palette colours, RGB in [0, 1]. (P, 3)
+        palette: Initial palette colours.
         settings: Settings of stage 2.
         running: Seed, time, progress and checkpoint.
         owners: Region of each point, if it is known.

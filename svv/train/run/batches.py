@@ -57,8 +57,8 @@ class Batch:
     def loss(self, out: Tensor, transmittance: Tensor, each: Sequence[float], alpha: bool) -> tuple[Tensor, Tensor]:
         """Return the loss of what is composited, and the mean squared error of colour.
 
-        The squared errors of RGB, the first of ``out`` (R, C), have the first three weights of ``each``; the others are
-        those of the other values of ``out``, or with ``alpha`` of the squared error of alpha.
+        Of ``each``, the first three weigh the squared errors of RGB, the first of ``out`` (R, C); the others its other
+        values as they are, or with ``alpha`` the squared error of alpha.
         """
         factors, fused = numbers_on(each, out.device), kernels_for(out).TRAINING
         if fused is not None:
@@ -116,9 +116,8 @@ class RayPool:
     ) -> Batch:  # fmt: skip
         """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it.
 
-        ``by_contrast`` is the fraction of the rays whose pixels are drawn by contrast
-        (:meth:`svv.train.run.pixels.Pixels.drawn`); the others are drawn evenly. A GPU that draws them reads the
-        ``seed``, by default :meth:`seed_of` the number.
+        A fraction ``by_contrast`` is drawn by contrast (:meth:`svv.train.run.pixels.Pixels.drawn`), the others evenly.
+        A GPU that draws them reads the ``seed``, by default :meth:`seed_of` the number.
         """
         part, device = part or slice(0, rays), self._caster.device
         if self._there is not None:
@@ -148,8 +147,7 @@ class RayPool:
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly.
 
-        Of more pixels, one is drawn from each of ``most`` equal parts of their list (stratified sampling): each pixel
-        is as likely as any other, and nothing has to be shuffled or remembered.
+        Of more, one is drawn from each of ``most`` equal parts of their list (stratified sampling).
         """
         there, generator = self._there, np.random.default_rng(self._seed)
         pool = pixels_of(self._views).index if there is None else there.index

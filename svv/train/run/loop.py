@@ -90,11 +90,7 @@ class Running:
 
 @dataclass
 class Loop:
-    """Runs a step repeatedly.
-
-    A run that would exceed its time limit is shortened. Its learning rates then fall with the remaining time, so the
-    result is as good as the time allows.
-    """
+    """Runs a step repeatedly; under a time limit fewer times, with learning rates that fall with the remaining time."""
 
     iterations: int
     """Number of steps."""
@@ -121,16 +117,11 @@ class Loop:
     """Losses of each of the ``PARTS`` parts of the run, since it was started or resumed."""
 
     def run(self, step: Callable[[int, float], Tensor]) -> float:
-        """Call ``step(number, fraction)`` until done; it returns the loss, which is shown next to the label.
+        """Call ``step(number, fraction)`` until done, and return the seconds spent, with those before an interruption.
 
-        The loss is read only when it is shown, because reading it waits for the GPU. If several processes train, the
-        first one's time limit counts, and all stop at the same step.
-
-        Returns:
-            Seconds spent, including those before an interruption.
-
-        Raises:
-            BadInput: The training diverged before there was a good state.
+        It returns the loss, which is read only when it is shown, because that waits for the GPU. If several processes
+        train, the first one's time limit counts, and all stop at the same step. Raises BadInput if the training
+        diverged before there was a good state.
         """
         begin = saved = told = time.monotonic()
         before = self.spent
@@ -193,8 +184,8 @@ class Loop:
     def last_gain(self, until: float = 1.0) -> float | None:
         """Return how many dB the mean loss of the last part is below that of the part before; None without both.
 
-        ``until`` is the fraction of the run up to which parts count: as learning rates fall to nothing, the loss falls
-        in any case.
+        Parts count up to the fraction ``until`` of the run: as learning rates fall to nothing, the loss falls in any
+        case.
         """
         ends = [self.course.get(round(PARTS * until) - k) for k in (2, 1)]
         if not all(ends):
@@ -204,10 +195,10 @@ class Loop:
 
 
 def falling(fraction: float, end: float, hold: float = 0.0) -> float:
-    """Return the factor on a learning rate.
+    """Return the factor on a learning rate: it falls exponentially from 1 to ``end``.
 
-    It falls exponentially from 1 to ``end``. If that is 0, it is 1 up to the fraction ``hold`` of the schedule, and
-    then falls linearly to 0, which is the best end of a schedule whose length is known (Defazio et al. 2023).
+    If that is 0, it is 1 up to the fraction ``hold`` and then falls linearly to 0, which is the best end of a schedule
+    whose length is known (Defazio et al. 2023).
     """
     if end > 0.0:
         return float(end**fraction)
@@ -220,12 +211,7 @@ def recorded_steps(device: torch.device) -> RecordedSteps:
 
 
 def network_adam(parameters: Sequence[Tensor] | Sequence[Group], rate: float = 1e-3) -> NetworkAdam:
-    """Return Adam for a stage's networks; on a GPU, one kernel updates all parameters of a group.
-
-    Args:
-        parameters: Parameters, or groups of them, all on one device.
-        rate: Learning rate.
-    """
+    """Return Adam for parameters, or groups of them, all on one device; on a GPU, one kernel updates a group."""
     first = parameters[0]
     one = first["params"][0] if isinstance(first, dict) else first
     kind = FusedAdam if one.is_cuda else NetworkAdam

@@ -1,7 +1,6 @@
 """Sketches: scenes that are learned in seconds from few small views, to be shown until there is a better one.
 
-What learns beside somebody who waits makes them first: ParaView's window with Live on, ``train_scene`` in the
-background, and ``svv train --sketch``.
+Live in ParaView's window, ``train_scene`` in the background, and ``svv train --sketch`` make them first.
 """
 
 from __future__ import annotations

@@ -46,10 +46,7 @@ _THERE: WeakKeyDictionary[ViewSet, dict[torch.device, ViewsThere | None]] = Weak
 
 
 def views_on(views: ViewSet, device: torch.device) -> ViewsThere | None:
-    """Return a view set's pixels on a GPU, which are moved and sorted once.
-
-    None on the CPU, and if they would take more than :data:`MOST_OF_GPU` of the memory.
-    """
+    """Return a view set's pixels on a GPU, moved and sorted once; None on the CPU, or beyond :data:`MOST_OF_GPU`."""
     if device.type != "cuda":
         return None
     known = _THERE.setdefault(views, {})
@@ -71,9 +68,7 @@ def _moved(views: ViewSet, device: torch.device) -> ViewsThere | None:
 def sorted_by_contrast(levels: Tensor) -> tuple[Tensor, NDArray[np.int64]]:
     """Return what :class:`svv.train.run.pixels.Pixels` finds, from levels (N, H, W, 4) uint8 on any device.
 
-    Returns:
-        Flat indices of the pixels that show something or are near one that does, by steps of contrast, int32 (P,), and
-        how many there are of each step (STEPS,).
+    Flat indices of the pixels near something visible by steps of contrast, int32 (P,), and the number of each (STEPS,).
     """
     views, height, width = levels.shape[:3]
     each: list[list[Tensor]] = [[] for _ in range(STEPS)]

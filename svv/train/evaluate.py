@@ -73,14 +73,9 @@ class Scores:
 
     @classmethod
     def from_json(cls, content: object, name: str = "scores") -> Scores:
-        """Read scores: the inverse of :meth:`to_json`. JSON has no nan, so null in place of a number becomes nan.
+        """Read scores, called ``name`` in errors: the inverse of :meth:`to_json`, where null for a number becomes nan.
 
-        Args:
-            content: Content of a file.
-            name: Name of the scores in error messages.
-
-        Raises:
-            BadInput: A value is missing or of the wrong kind.
+        Raises BadInput if a value is missing or of the wrong kind.
         """
         values = object_in(content, name)
 
@@ -122,11 +117,7 @@ class Scores:
 
 
 def check_views(scene: Scene, views: ViewSet) -> list[str]:
-    """Return what may be wrong with views before a scene is scored with them, as sentences.
-
-    Raises:
-        BadInput: The pictures contradict their cameras.
-    """
+    """Return what may be wrong with views to score with; raises BadInput if pictures contradict their cameras."""
     agreement = check_agreement(views.cameras, views.images, views.names)
     chosen = np.unique(np.linspace(0, len(views) - 1, COMPARED).round().astype(int)).tolist()
     shared = either = 0.0

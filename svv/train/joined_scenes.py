@@ -32,17 +32,8 @@ def stylize_layers(
 ) -> tuple[Scene, Report]:
     """Paint the regions of a joined scene, whose one painting is replaced, or continued with ``go_on``.
 
-    Args:
-        scene: A joined scene.
-        inputs: Styles.
-        asked: Options; numbers of regions are those of the joined scene.
-        paint: Paints one member.
-        progress: Called several times a second.
-        checkpoint: File beside which the members' checkpoints are saved.
-        preview: Called with the joined scene while it is painted.
-
-    Raises:
-        BadInput: Any reason of :func:`svv.train.pipeline.stylize_scene`.
+    ``paint`` paints one member, with a ``checkpoint`` of its own beside the file; ``preview`` gets the joined scene.
+    Raises BadInput as :func:`svv.train.pipeline.stylize_scene`.
     """
     every, go_on = list(members(scene)), asked.go_on
     if go_on and all(member.styled is None for member in every):

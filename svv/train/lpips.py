@@ -1,7 +1,6 @@
 """LPIPS with AlexNet (Zhang et al. 2018, version 0.1), if its weights are on this machine.
 
-The weights are torchvision's AlexNet and the linear heads of the package ``lpips``, which :mod:`svv.styles.weights`
-finds and fetches. This module downloads nothing.
+They are torchvision's AlexNet and the heads of the package ``lpips``; :mod:`svv.styles.weights` finds and fetches them.
 """
 
 from __future__ import annotations
@@ -62,10 +61,9 @@ def _unit(x: Tensor) -> Tensor:
 
 
 def load_lpips() -> Lpips | None:
-    """Load LPIPS with its published weights; None if they are not on this machine (see ``svv features --get``).
+    """Return LPIPS with its published weights, None without them (see ``svv features --get``).
 
-    Raises:
-        BadInput: Torch's cache holds a different file under the name of the published AlexNet.
+    Raises BadInput if torch's cache holds a different file under the name of the published AlexNet.
     """
     found = weights.load("alexnet")
     if found is None:

@@ -58,9 +58,8 @@ REGIONS_PART = 0.25
 class Training:
     """Stages 1 and 2 of one scene.
 
-    ``seconds`` holds the duration of each part; ``notes`` says what was chosen and why; ``warnings`` are those of the
-    notes that may mean a mistake in the views, or in regions found without the volume. ``confidence`` has a number for
-    each of these (:attr:`svv.train.palette.ranges.KnownRegions.confidence`).
+    ``seconds``: duration of each part; ``notes``: what was chosen and why; ``warnings``: those of them that may mean a
+    mistake in the views or in regions found without the volume, of which ``confidence`` has a number for each.
     """
 
     def __init__(

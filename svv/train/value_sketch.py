@@ -1,8 +1,7 @@
 """Sketches of a known volume: its own extinction and light, and colours that are learned as functions of its values.
 
-Of few small views, a network learns colours and normals from point to point, and so blotches and dents. The volume
-tells all of that but the colour of each value, which is alike everywhere: it takes two seconds of the processor, and
-the result is as smooth as the volume's own rendering (:mod:`svv.train.base.from_values`).
+Of few small views, a network learns blotches and dents. The volume tells all but the colour of each value: it takes two
+seconds, and the result is as smooth as the volume's own rendering (:mod:`svv.train.base.from_values`).
 """
 
 from __future__ import annotations
@@ -44,13 +43,8 @@ def sketch_from_values(
 ) -> Scene | None:
     """Return a sketch with the extinction and the normals of the views' volume; None if the volume is not to be used.
 
-    Args:
-        views: Few small views.
-        longest: Longer side of the views of which the scene itself is learned, pixels: they tell how fine its shape is.
-        options: How the scene itself is trained.
-        progress: Called several times a second.
-
-    The sketch has the networks that the trained scene has, `base` and `pcn`.
+    It has the networks of the trained scene, `base` and `pcn`. ``views`` are few and small; ``longest``, the longer
+    side of those of which the scene itself is learned, in pixels, tells how fine its shape is.
     """
     chosen, draft = settings_of(options), preset("draft")
     volume = known_volume(views, chosen.reconstruct, draft.field)
@@ -86,15 +80,9 @@ def sketch_from_values(
 
 
 def sketches_of(views: ViewSet, options: TrainOptions, progress: Progress) -> Iterator[Scene]:
-    """Yield sketches of a scene, each better than the one before.
+    """Yield sketches of the scene that is learned of these views, each better than the one before.
 
-    Args:
-        views: The views of which the scene itself is learned.
-        options: How it is trained.
-        progress: Called several times a second.
-
-    Raises:
-        BadInput: One cannot be trained.
+    Raises BadInput if one cannot be trained.
     """
     every = sketches_for(options.preset)
     for number, sketch in enumerate(every):

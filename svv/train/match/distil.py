@@ -1,7 +1,7 @@
 """Stage 3 as in the paper, first half: the unrestricted network learns the palette network's diffuse colours.
 
-Source: StyleRF-VolVis, section UCN. In the teacher's palette, each style's mean colour replaces its region's own (the
-colour transfer), so stylization starts near its goal. The preset ``paper`` and the modes compared with ours use this.
+In the teacher's palette, each style's mean colour replaces its region's own (the colour transfer), so stylization
+starts near its goal. Source: StyleRF-VolVis, section UCN.
 """
 
 from __future__ import annotations
@@ -44,12 +44,8 @@ class Distillation:
     ) -> None:
         """Prepare the distillation.
 
-        Args:
-            scene: A scene with a palette colour network.
-            transferred: The regions' colours after colour transfer, RGB. (regions, 3)
-            settings: Settings of stage 3.
-            seed: Seed of networks and rays.
-            before: Colours to start from, which regions that the scene marks as styled keep: a UCN, or laid paint.
+        ``transferred``: the regions' colours after colour transfer, RGB (regions, 3). ``before``: colours, a UCN or
+        laid paint, which regions that the scene marks as styled keep.
         """
         assert scene.palette_network is not None
         torch.manual_seed(seed)

@@ -42,18 +42,7 @@ class Matching:
         saved: Checkpoint | None,
         preview: Show | None,
     ) -> None:
-        """Prepare the painting.
-
-        Args:
-            scene: A scene with a palette colour network.
-            order: Styles of the regions, none of them an ink.
-            settings: Settings of stage 3.
-            loss: Weights and sizes of the style loss.
-            network: Network whose features are matched.
-            seed: Seed of all random choices.
-            saved: Checkpoint to resume from and to save to.
-            preview: Called with the painting from time to time.
-        """
+        """Prepare the painting of regions by an order without inks; ``preview`` is called from time to time."""
         self.scene, self.order, self.settings, self.loss = scene, order, settings, loss
         self.network, self.seed, self.saved = network, seed, saved
         self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))

@@ -2,7 +2,7 @@
 
 Seeds are Poisson-disc samples with ellipses along the strokes, traced both ways along the directions on the surface
 (Hertzmann 1998, in the plane; Meier 1996, on surfaces). Every stroke has one broken colour of the picture: that of the
-wanted tone which is nearest to its place in the picture. Letters: S points of the surface, N strokes.
+wanted tone nearest to its place there. Letters: S points of the surface, N strokes.
 """
 
 from __future__ import annotations
@@ -107,16 +107,10 @@ class Brushwork:
 
 
 class Painter:
-    """Lays strokes on one surface.
+    """Lays strokes on the visible surface of a region.
 
-    Args:
-        hand: The picture's hand.
-        surface: The visible surface of the region.
-        opacity: Opacity of the scene's cells along a side of theirs. (X, Y, Z)
-        cells: Cells of ``opacity`` per box unit.
-        width: Width of main strokes in box units.
-        cell: Side of a cell of the paint in box units.
-        seed: Seed of all random choices.
+    ``opacity`` (X, Y, Z) is that of the scene's cells along a side of theirs, ``cells`` per box unit; ``width`` of main
+    strokes and ``cell`` of the paint are in box units.
     """
 
     def __init__(
@@ -149,10 +143,7 @@ class Painter:
         """How much each point calls for an accent. (S,)"""
 
     def _of_both_sides(self, tone: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the tone, of what is translucent that of all sides together. (S,)
-
-        One sees through to the other side, and light strokes over dark ones of another hue would only be grey.
-        """
+        """Return the tone, where one sees through that of both sides: light over dark of another hue is grey. (S,)"""
         surface = self.surface
         clear = self.clear
         if not clear.any():

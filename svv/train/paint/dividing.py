@@ -50,12 +50,8 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     """Divide the pictures that several regions share, unless the options say no.
 
     Hidden regions have the whole picture, so that they take no part away from visible ones, unless ``mapping`` names
-    one for them. With ``go_on``, regions that keep their paint keep their parts of a picture of the same name.
-
-    Args:
-        scene: A scene with a palette network.
-        inputs: The styles; those that are parts of a picture already are not divided again.
-        options: How to paint; ``mapping`` may name parts of pictures.
+    one for them. With ``go_on``, regions that keep their paint keep their parts of a picture of the same name. Styles
+    that are parts of a picture already are not divided again.
 
     Returns:
         Styles and options in which no region shares a divided picture with another, and in which ``mapping`` names
@@ -105,7 +101,7 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
 def _without_words(
     regions: int, inputs: Sequence[StyleInput], options: PaintOptions
 ) -> tuple[PaintOptions, dict[int, str]]:
-    """Return the options with the number of a style in place of each part of a picture, and the parts by region.
+    """Return the options with styles' numbers in place of parts of pictures, and the parts by region.
 
     Where only parts are named, the other regions get styles in turn, as without a mapping.
     """

@@ -1,10 +1,9 @@
 """Ink drawings without a style picture: stippling, hatching and cross-hatching on the surfaces.
 
-Every place has a tone: how far the form turns away from a light at the upper left, and how hollow it is
-(:class:`svv.train.paint.surface_form.Form`), equalized from light to dark. Dots are spaced like Poisson discs, closer
-where it is darker (Deussen et al. 2000). Lines are evenly spaced streamlines of the direction in which the surface
-bends least (Jobard & Lefer 1997); they swell where it is darker and end in the light (Winkenbach & Salesin 1994), and
-dark places have further lines between or across them. Strokes lie on the surface, so they are the same from every side.
+Every place has a tone: how far the form turns away from a light at the upper left, and how hollow it is, equalized.
+Dots are spaced like Poisson discs, closer where it is darker (Deussen et al. 2000). Lines are evenly spaced streamlines
+of the direction in which the surface bends least (Jobard & Lefer 1997); they swell where it is darker and end in the
+light (Winkenbach & Salesin 1994), and dark places have further lines between or across them.
 """
 
 from __future__ import annotations
@@ -156,11 +155,7 @@ def _validate_style(picture: object) -> Floats:
 
 
 def ink_named(source: object) -> Ink | None:
-    """Return the ink that ``ink:NAME`` means; None if the source does not name an ink.
-
-    Raises:
-        BadInput: There is no such ink.
-    """
+    """Return the ink that ``ink:NAME`` means, None if the source names none; raises BadInput if it does not exist."""
     text = str(source)
     if not text.startswith(DRAWN):
         return None
@@ -168,10 +163,9 @@ def ink_named(source: object) -> Ink | None:
 
 
 def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:
-    """Return the name of a style and its picture or ink, from ``ink:NAME``, ``gallery:NAME`` or a file.
+    """Return the name and the picture or ink of ``ink:NAME``, ``gallery:NAME`` or a file.
 
-    Raises:
-        BadInput: See :func:`ink_named` and :func:`svv.styles.gallery.open_style`.
+    Raises BadInput as :func:`ink_named` and :func:`svv.styles.gallery.open_style`.
     """
     ink = ink_named(source)
     return open_style(source, progress) if ink is None else (ink.name, ink)
@@ -260,14 +254,7 @@ class Strokes:
 
 
 def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
-    """Draw the dots of stippling.
-
-    Args:
-        sheet: Surface to draw on.
-        unit: Unit of radii and distances, in box units.
-        cell: Side of a cell of the paint, in box units.
-        seed: Seed of the layout.
-    """
+    """Draw the dots of stippling; ``unit``, of radii and distances, and ``cell``, of the paint, are in box units."""
     generator = np.random.default_rng(seed)
     near = generator.permutation(np.repeat(np.arange(len(sheet.points)), TRIES))
     aside = generator.uniform(-0.75, 0.75, (len(near), 2)).astype(np.float32) * sheet.side
@@ -287,10 +274,7 @@ def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
 
 
 class Family:
-    """Lines of one direction, filled in by the kernels.
-
-    For ``start`` see :func:`svv.train.paint.ink_kernels.draw`.
-    """
+    """Lines of one direction, filled in by the kernels; for ``start`` see :func:`svv.train.paint.ink_kernels.draw`."""
 
     def __init__(self, sheet: Sheet, angle: float, side: float, most: int) -> None:
         """Allocate ``most`` line points in bins of side ``side``, on a sheet with its tangents turned by ``angle``."""
@@ -352,17 +336,10 @@ class Drawing:
         self, ink: Ink, colour: Sequence[float], form: Form, surface: Floats, pixel: float, cell: float,
         seed: int, progress: Progress,
     ) -> None:  # fmt: skip
-        """Draw the region.
+        """Draw a region at its visible points (S, 3), with ink of its colour's hue (RGB).
 
-        Args:
-            ink: Technique and scale.
-            colour: Colour of the region, RGB; its ink is dark, with the same hue.
-            form: Form of the scene.
-            surface: Box coordinates of visible points of the region. (S, 3)
-            pixel: Side of a pixel of the stylization views on the surface, in box units.
-            cell: Side of a cell of the paint, in box units; strokes are as fine as the coarser of the two.
-            seed: Seed of the layout.
-            progress: Called several times a second.
+        ``pixel`` and ``cell`` are the sides of a pixel of the stylization views on the surface and of a cell of the
+        paint, in box units: strokes are as fine as the coarser of the two.
         """
         self.form, self.cell, self.colour = form, cell, ink_colour(colour)
         fine = max(pixel, cell)

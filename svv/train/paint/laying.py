@@ -41,17 +41,7 @@ class Laying:
         saved: Checkpoint | None,
         preview: Show | None,
     ) -> None:
-        """Prepare the painting.
-
-        Args:
-            scene: A scene with a palette colour network.
-            order: Styles of the regions.
-            settings: Settings of stage 3.
-            pieces: How pictures are laid in pieces.
-            seed: Seed of all random choices.
-            saved: Checkpoint that keeps laid pieces.
-            preview: Called with the painting after each region.
-        """
+        """Prepare the painting; ``saved`` keeps laid pieces, and ``preview`` is called after each region."""
         self.scene, self.order, self.settings, self.pieces = scene, order, settings, pieces
         self.seed, self.saved = seed, saved
         self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))

@@ -152,8 +152,7 @@ class Legibility:
     def shown(self, lab: Mapping[int, Floats]) -> dict[int, Floats]:
         """Return what pixels that each region dominates show over the background, CIELAB (N, 3), by region.
 
-        Args:
-            lab: Colours of regions in all pixels, CIELAB. (P, 3)
+        ``lab`` are colours of regions in all pixels, CIELAB. (P, 3)
         """
         return self._moved({k: own[self.rows] for k, own in lab.items()}, {})
 
@@ -186,11 +185,7 @@ class Legibility:
         return any(away < MOST_DIMMED * MARGIN * self.asked[pair] for pair, away in apart.items())
 
     def dim(self, seen: Mapping[int, Seen]) -> None:
-        """Ask more of those regions of which images show less than pixels without light do.
-
-        Args:
-            seen: Colours of the regions in images of the volume rendering.
-        """
+        """Ask more of regions of which images of the volume rendering show less than pixels without light do."""
         lights = {k: float(one.weights @ rgb_to_lab(one.colours)[:, 0]) for k, one in seen.items()}
         for pair, away in self.flat.items():
             if not seen.keys() >= set(pair):
@@ -214,11 +209,9 @@ class Legibility:
     ) -> dict[int, Move]:  # fmt: skip
         """Return changes of regions that keep all apart; none if they are.
 
-        Args:
-            lab: Colours of regions in all pixels, CIELAB, that can change. (P, 3)
-            means: Their mean colours, CIELAB, by region. (3,)
-            gamuts: Least and largest lightness, and largest chroma, of their pictures.
-            before: Earlier changes, which count towards the bounds.
+        ``lab``: colours in all pixels, CIELAB, that can change (P, 3); ``means``: their means; ``gamuts``: least and
+        largest lightness, and largest chroma, of their pictures; ``before``: earlier changes, which count towards the
+        bounds.
         """
         own = {k: lab[k][self.rows] for k in lab}
         shown = self._moved(own, {})

@@ -1,8 +1,7 @@
-"""In which manner a style is painted: by brush strokes, or by pieces of its picture.
+"""In which manner a style is painted: by brush strokes, or by pieces of its picture (:mod:`svv.train.paint.quilt`).
 
-Strokes show the hand of a painter, and prints are printed block by block. What has no such hand is better shown by
-pieces (:mod:`svv.train.paint.quilt`): the smooth parts of photographs would become strokes that nobody painted, and
-stones, halftone dots and textures would lose their shapes.
+Strokes show a painter's hand, and prints are printed block by block. In strokes, photographs would have some that
+nobody painted, and stones, halftone dots and textures would lose their shapes.
 """
 
 from __future__ import annotations

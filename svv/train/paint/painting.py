@@ -1,9 +1,7 @@
 """Stage 3: paint that is laid on a scene's regions, as strokes, pieces of pictures or ink.
 
-The paper's unrestricted colour network learns its colours by matching features view by view
-(:mod:`svv.train.match.matching`), and each view puts its strokes elsewhere. Here, strokes and pieces
-(:class:`svv.train.paint.quilt.Quilt`) are laid once, the same from every side, on a lattice that stores the colours
-themselves.
+Matching features view by view puts strokes elsewhere in each view (:mod:`svv.train.match.matching`). Here they are laid
+once, the same from every side, on a lattice that stores the colours themselves.
 """
 
 from __future__ import annotations
@@ -65,9 +63,7 @@ POINTS_A_RADIUS = 8.0
 def paint_cells(occupancy: Occupancy, pixel: float) -> int:
     """Return the resolution of a painting's lattice: as fine as the pixels that see it, within the limits.
 
-    Args:
-        occupancy: Occupancy of the scene; its cells are the coarsest that a painting has.
-        pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
+    ``pixel``: side of one in the stylization views at the scene's centre, in box units.
     """
     cells, count = occupancy.cells, int((occupancy.occupied > 0).sum())
     while 1.0 / cells > pixel and 2 * cells <= MOST_CELLS and 9 * count <= MOST_VERTICES:
@@ -130,22 +126,11 @@ def painted_start(
     show: Callable[[UnrestrictedField], None],
     remarks: Remarks,
 ) -> UnrestrictedField:
-    """Paint the regions.
+    """Paint the regions; returns a direct colour field.
 
-    Args:
-        scene: A scene with a palette colour network.
-        start: What to paint on which regions.
-        pixel: Side of a pixel of the styles on the surface, in box units.
-        seed: Seed of the layout.
-        progress: Called several times a second.
-        show: Called with the field when every region has one colour, and again after each painted region.
-        remarks: Receives what there is to say about regions painted by strokes.
-
-    Returns:
-        A direct colour field.
-
-    Raises:
-        BadInput: None of the regions to be painted is visible.
+    ``pixel`` is the side of one of the styles on the surface, in box units. ``show`` is called with the field when
+    every region has one colour, and after each painted region; ``remarks`` receives what there is to say about strokes.
+    Raises BadInput if none of the regions to be painted is visible.
     """
     assert scene.palette_network is not None
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
@@ -242,8 +227,7 @@ def _worked(
 def owners_of(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.uint8]:
     """Return the painted region with the largest weight at each vertex of a lattice with ``cells`` cells. (V,)
 
-    Features are trilinear in the cells of the scene. A vertex whose cell has one owner at all corners has it as well;
-    only the others are evaluated.
+    A vertex whose cell of the scene has one owner at all corners has it, too, because features are trilinear there.
     """
     occupied, coarse = scene.occupancy.occupied, scene.occupancy.cells
     vertices = vertices_of(occupied, coarse, cells)

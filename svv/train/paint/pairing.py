@@ -1,7 +1,7 @@
 """Which family of a picture's strokes paints which region, so that the painting says what the volume rendering says.
 
 Regions and families are paired at once, by hue, lightness and vividness, by the order of lightness of what encloses and
-what is enclosed, and by how far the families of regions that are seen together differ. Letters: R regions, F families.
+what is enclosed, and by how unlike those seen together are. Letters: R regions, F families.
 """
 
 from __future__ import annotations
@@ -105,13 +105,7 @@ def differences_of(families: Sequence[Family]) -> Floats:
 
 
 def paired(glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int] | None = None) -> dict[int, int]:
-    """Return the family of each region; if there are fewer families than regions, some are shared.
-
-    Args:
-        glimpse: What is seen of the regions.
-        families: The picture's families.
-        fixed: Region -> family where the user has chosen.
-    """
+    """Return the family of each region, some shared if there are too few; ``fixed`` ones (region -> family) stay."""
     costs = _Costs(glimpse, families)
     fixed = dict(fixed or {})
     free = [k for k in range(len(glimpse.seen)) if k not in fixed]
@@ -207,12 +201,9 @@ def completed(families: Sequence[Family], pairs: Mapping[int, int]) -> list[Fami
 def best_division(
     divisions: Sequence[Sequence[Family]], glimpse: Glimpse, extra: Sequence[float]
 ) -> tuple[Sequence[Family], dict[int, int]]:
-    """Return the division whose families fit the regions best, and the family of each region.
+    """Return the division of a picture whose families fit the regions best, and the family of each region.
 
-    Args:
-        divisions: Ways to divide a picture.
-        glimpse: What is seen of the regions.
-        extra: What each way costs beside how its families fit.
+    ``extra`` is what each of the ``divisions`` costs beside how its families fit.
     """
     found = []
     for number, families in enumerate(divisions):

@@ -53,15 +53,9 @@ def piece_style(
     picture: Style, mask: NDArray[np.bool_] | None, settings: PieceSettings, larger: float = 1.0, seed: int = 0,
     device: torch.device | None = None,
 ) -> PieceStyle:  # fmt: skip
-    """Prepare a picture.
+    """Prepare a picture (H, W, 3), sRGB in [0, 1], of which the part in a mask (H, W) is learned from.
 
-    Args:
-        picture: The picture, sRGB in [0, 1]. (H, W, 3)
-        mask: True for the part to learn from, (H, W); None for all of it.
-        settings: Size and guides.
-        larger: Factor on the size.
-        seed: Seed of the texture outside the mask.
-        device: Where the picture is kept.
+    It is ``larger`` than usual by a factor; ``seed`` is that of the texture outside the mask.
     """
     values = np.ascontiguousarray(picture, np.float32)  # torch does not accept mirrored views of arrays
     size = round(settings.size * larger)

@@ -1,9 +1,8 @@
 """A style picture as paint on surfaces: pieces of it, laid such that strokes follow the form and continue one another.
 
 Image quilting (Efros & Freeman 2001) with the pieces of lapped textures (Praun, Finkelstein & Hoppe 2000): seeds are
-spread over what is visible, and each gets a piece of the picture, turned such that its strokes run along the surface's
-direction (:class:`svv.train.paint.surface_form.Form`). Its place in the picture is the one that best continues the
-paint already laid there. Nothing is learned and nothing is averaged: the result shows the picture's own strokes.
+spread over what is visible. Each gets a piece of the picture whose strokes run along the surface's direction, from the
+place that best continues the paint already laid. Nothing is learned or averaged: these are the picture's own strokes.
 """
 
 from __future__ import annotations
@@ -65,11 +64,9 @@ class Guides:
 
 
 class Manner:
-    """A prepared style picture: where it has strokes, in which direction they run, and how bright it is.
+    """A prepared style picture (H, W, 3): where it has strokes, in which direction they run, and how bright it is.
 
-    Args:
-        picture: Picture (H, W, 3), sRGB in [0, 1], at its painted size.
-        mask: True for the part to learn from, (H, W); by default all of it.
+    The picture is at its painted size; the ``mask`` (H, W) tells the part to learn from, by default all of it.
     """
 
     def __init__(self, picture: Floats, mask: NDArray[np.bool_] | None = None) -> None:
@@ -109,17 +106,10 @@ class Quilt:
         self, manner: Manner, form: Form, surface: Floats, pixel: float, seed: int, progress: Progress,
         guides: Guides | None = None, through: bool = False,
     ) -> None:  # fmt: skip
-        """Lay the pieces.
+        """Lay pieces of a prepared picture on visible points (S, 3) of a region, roughly evenly spread in the box.
 
-        Args:
-            manner: The style picture.
-            form: Form of the scene.
-            surface: Box coordinates of visible points of the region, roughly evenly spread. (S, 3)
-            pixel: Side of a pixel of the picture on the surface, in box units.
-            seed: Seed of the layout.
-            progress: Called after every few pieces.
-            guides: Weights by which pieces are chosen.
-            through: Whether a piece extends through a shell whose two sides are visible at the same time.
+        ``pixel`` is the side of a pixel of the picture on the surface, in box units. A piece may extend ``through`` a
+        shell whose two sides are visible at the same time.
         """
         self.manner, self.form, self.radius, self.through = manner, form, RADIUS * pixel, through
         self.guides = guides or Guides()

@@ -62,14 +62,9 @@ def stroke_width(scene: Scene, size: float) -> float:
 
 
 class Brushing:
-    """Paints regions of one scene by strokes.
+    """Paints regions of one scene by strokes of a ``size``, as views from all around show them.
 
-    Args:
-        scene: A scene with a palette colour network.
-        views: Views from all around.
-        size: Scale of the strokes.
-        cell: Side of a cell of the paint in box units.
-        seed: Seed of all random choices.
+    ``cell`` is the side of a cell of the paint in box units.
     """
 
     def __init__(self, scene: Scene, views: Sequence[StyledView], size: float, cell: float, seed: int) -> None:
@@ -171,11 +166,8 @@ class Brushing:
 def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
     """Return how much a region's opacity is to follow its strokes, from 0 for what is opaque to 1.
 
-    Args:
-        dry: Whether it is painted by dry strokes and not by washes.
-        clear: How translucent its sheets are, from 0 to 1.
-        deep: Depth of its visible sheets relative to :data:`DEEPEST`.
-        crumpled: How crumpled it is at the scale of a stroke, from 0 to 1.
+    It follows ``dry`` strokes more than washes, the more the clearer its sheets are, and less where these are ``deep``,
+    relative to :data:`DEEPEST`, or ``crumpled`` at the scale of a stroke (0 to 1).
 
     >>> glaze_of(True, 0.8, 0.5, 0.0), glaze_of(True, 0.8, 0.5, 0.7)
     (1.0, 0.3)

@@ -17,12 +17,9 @@ Mask = NDArray[np.bool_]
 
 
 def validate_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list[str]]:
-    """Return one mask or None for each style, and notes about them.
+    """Return one mask or None for each style, and notes about them: one of the whole picture has no effect and is None.
 
-    A mask that covers the whole picture has no effect and counts as None.
-
-    Raises:
-        BadInput: A mask differs in shape from its picture, is empty, or is given for an ink.
+    Raises BadInput if a mask differs in shape from its picture, is empty, or is given for an ink.
     """
     found: list[Mask | None] = []
     notes = []
@@ -87,12 +84,9 @@ def pairs_by_colour(
 ) -> dict[int, int]:
     """Return a style for each region that is not kept, by the mean colours of the styles (within their masks).
 
-    Regions and styles are paired one to one, as many as possible, with the least sum of CIEDE2000 differences. Regions
-    left over take the nearest style; styles left over are not used (:func:`leftovers` names them). A region's colour is
-    the one shown: the edited colour if there is one.
-
-    Returns:
-        Pairs of region and style; empty if there is no style, or no region that is not kept.
+    Regions, in the colours that are shown, and styles are paired one to one, as many as possible, with the least sum of
+    CIEDE2000 differences. Regions left over take the nearest style; styles left over are not used (:func:`leftovers`).
+    Empty if there is no style or no such region.
     """
     free = [k for k in range(len(regions)) if k not in set(keep)]
     if not free or not styles:

@@ -1,8 +1,8 @@
 """The form of what is visible: smooth normals, and the direction of strokes.
 
-Finite differences of a lattice flip from point to point. Here, the opacity of cells is blurred first, and everything is
-derived from the blurred field: its gradient gives normals, its second derivatives the principal curvatures. Strokes run
-along the weaker one, as a painter's do along a limb; where a surface is flat or equally round, they run horizontally.
+Finite differences of a lattice flip from point to point, so the opacity of cells is blurred first: its gradient gives
+normals, its second derivatives the principal curvatures. Strokes run along the weaker one, as a painter's do along a
+limb; where a surface is flat or equally round, horizontally.
 """
 
 from __future__ import annotations
@@ -66,9 +66,8 @@ class Form:
     def frames(self, position: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames that strokes follow at box coordinates (S, 3).
 
-        Returns:
-            Outward unit normals (S, 3); unit tangents along the strokes, of either sign (S, 3); and how distinct these
-            are: 0 where the surface is flat or equally round in all directions, 1 on a straight tube (S,).
+        Outward unit normals (S, 3); unit tangents along the strokes, of either sign (S, 3); and how distinct these are:
+        0 where the surface is flat or equally round in all directions, 1 on a straight tube (S,).
         """
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         look = [map_coordinates(f, at, order=1, mode="nearest") for f in (*self.gradient, *self.axes)]

@@ -1,11 +1,8 @@
 """Tone of painted regions in closed loop: what views show has the tone of the picture, and regions stay apart.
 
-A pixel mixes the strokes along its ray, so a painting looks flatter and greyer than its strokes. Here the strokes'
-colours are changed, in CIELAB, until the visible colours of each region have their picture's mean lightness, its
-deviation and its mean chroma; positions, tones' order and hues stay, and regions stay apart
-(:mod:`svv.train.paint.legibility`).
-
-Letters: P pixels, R regions.
+A pixel mixes the strokes along its ray, so a painting looks flatter and greyer than its strokes. Their colours are
+changed, in CIELAB, until each region's visible colours have their picture's mean lightness, its deviation and its mean
+chroma; positions, tones' order and hues stay. Letters: P pixels, R regions.
 """
 
 from __future__ import annotations

@@ -20,13 +20,9 @@ Floats = NDArray[np.float64]
 
 
 class ViewPixels:
-    """Pixels of views, with all samples of each.
+    """Pixels of views, with all samples of each: all pixels, or at most ``most`` of each of some regions in a view.
 
-    Args:
-        views: The views.
-        opacity: Factor of the edits on the extinction of each region. (R,)
-        regions: Regions of which pixels are chosen; by default all pixels are taken.
-        most: Maximum number of pixels chosen of each region in a view.
+    ``opacity`` is the factor of the edits on the extinction of each region. (R,)
     """
 
     def __init__(

@@ -1,8 +1,7 @@
 """The visible surface of a region: where strokes lie, how deep one sees into it, how it bends, and how it is lit.
 
-Along every ray of views from all around, the samples of a region that follow one another without a gap are one sheet.
-Their mean position, weighted by how visible they are, is where a viewer sees it, and their deviation is how deep: a
-stroke spans it. Letters: S points of the surface.
+Along every ray of views from all around, the samples of a region that follow one another without a gap are one sheet:
+its mean position, by visibility, is where a viewer sees it, and a stroke spans its deviation. Letters: S points.
 """
 
 from __future__ import annotations
@@ -114,9 +113,7 @@ class VisibleSurface:
     def spread(self, values: NDArray[np.floating], reach: float) -> NDArray[np.float64]:
         """Average values (S,) over all that is visible around each point, whichever way it faces. (S,)
 
-        Args:
-            values: Values of the points.
-            reach: Standard deviation of the distance in box units.
+        ``reach`` is the standard deviation of the distance in box units.
         """
         cells = min(max(int(2.0 / reach), 1), MOST_CELLS)  # cells of half a standard deviation
         at = np.minimum((self.points * cells).astype(np.int64), cells - 1)
@@ -153,13 +150,9 @@ class VisibleSurface:
         """Return how light each point is, ranked among all that is visible, from 0 (darkest) to 1. (S,)
 
         Light from the upper left and a weaker one from the other side, with their shadows, openness to the
-        surroundings, and signed curvature (ridges are lighter than hollows) in standard deviations.
-
-        Args:
-            opacity: Opacity of the scene's cells along a side of theirs. (X, Y, Z)
-            cells: Cells per box unit.
-            width: Width of a stroke.
-            mean: Mean curvature, positive where the surface is convex. (S,)
+        surroundings, and signed curvature (ridges are lighter than hollows) in standard deviations. ``opacity`` (X, Y,
+        Z) is that of the scene's cells along a side of theirs, ``width`` that of a stroke, ``mean`` (S,) the curvature,
+        positive where it is convex.
         """
         sun = LIGHT / np.linalg.norm(LIGHT)
         sky = _directions(SKY)
@@ -209,14 +202,9 @@ class Bends:
 def visible_surface(
     views: Sequence[StyledView], region: int, form: Form, width: float, most: int = 60_000
 ) -> VisibleSurface | None:
-    """Return the visible surface of a region, or None if nothing of it is visible.
+    """Return the visible surface of a region, with the normals of a form, or None if nothing of it is visible.
 
-    Args:
-        views: Views from all around.
-        region: Number of the region.
-        form: Form of the scene, whose normals the surface has.
-        width: Width of a stroke in box units, which sets the distance of points.
-        most: Maximum number of sheets taken from each view.
+    The ``width`` of a stroke, in box units, sets the distance of points; ``most`` sheets are taken from each view.
     """
     found = [s for s in (_sheets(view, region, GAP * width, most) for view in views) if s is not None]
     if not found:

@@ -119,14 +119,16 @@ class Learning:
         self._end()
 
     def wait(self, timeout: float | None = None, progress: Progress = silent) -> tuple[Scene, Report]:
-        """Wait at most ``timeout`` seconds for the scene and its report, as :func:`svv.train_scene` returns them.
+        """Wait for the scene, and return it with its report, as :func:`svv.train_scene` returns them.
 
-        The training goes on if ``progress`` raises.
+        Args:
+            timeout: Most seconds to wait.
+            progress: Called several times a second; the training goes on if it raises.
 
         Raises:
             BadInput: The training has failed; one sentence says why.
             Cancelled: It was stopped.
-            TimeoutError: It takes longer.
+            TimeoutError: The scene is not there yet.
         """
         until = None if timeout is None else time.monotonic() + timeout
         while not self.done:
@@ -172,8 +174,11 @@ class Learning:
     def page(self, title: str, background: Sequence[float]) -> tuple[int, str] | None:
         """Return the page of the newest scene that has one, and the scene's number; None if there is none yet.
 
-        The process makes pages, which takes seconds, from the first call on: with this heading, and a background RGB in
-        [0, 1].
+        The process makes pages, which takes seconds, from the first call on.
+
+        Args:
+            title: Heading of the page.
+            background: RGB in [0, 1] behind the scene.
         """
         if not self._asked and self._result is None:
             self._asked = True

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from svv.errors import BadInput, Progress, part
 from svv.fields.scene.joined import members, with_members
@@ -92,23 +93,20 @@ def _as_one(
         for stage, spent in report["seconds"].items():
             seconds[stage] = seconds.get(stage, 0.0) + spent
     gpu = [report["peak_gpu_bytes"] for report in each if report["peak_gpu_bytes"] is not None]
+    told: Mapping[int, Any] = reports
+    styles, manner, hand = (
+        {str(numbers[k][int(own)]): how for k, report in told.items() for own, how in report.get(key, {}).items()}
+        for key in ("styles", "manner", "hand")
+    )
     return {
         **each[0],
         "seconds": seconds,
         "peak_rss_bytes": max(report["peak_rss_bytes"] for report in each),
         "peak_gpu_bytes": max(gpu) if gpu else None,
         "parameters": scene.info()["parameters"]["total"],
-        "styles": {
-            str(numbers[k][int(own)]): style for k, report in reports.items() for own, style in report["styles"].items()
-        },
-        "manner": {
-            str(numbers[k][int(own)]): how for k, report in reports.items() for own, how in report["manner"].items()
-        },
-        "hand": {
-            str(numbers[k][int(own)]): how
-            for k, report in reports.items()
-            for own, how in report.get("hand", {}).items()
-        },
+        "styles": styles,
+        "manner": manner,
+        "hand": hand,
         "masked": sorted({style for report in each for style in report["masked"]}),
         "continued": [numbers[k][own] for k, report in reports.items() for own in report["continued"]],
         "previews": [seconds for report in each for seconds in report["previews"]],

@@ -18,39 +18,29 @@ from svv.styles.features import FeatureNetwork
 from svv.train.match.distil import Distillation
 from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from svv.train.match.stylize import Stylization
-from svv.train.paint.painting import Remarks
+from svv.train.paint.painting import Painting
 from svv.train.paint.plan import Order
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.config import MatchSettings
 from svv.train.run.loop import Loop
-from svv.train.run.previews import Previews, Show
+from svv.train.run.previews import Show
 
 PREFIX = "table_and_network."
 
 
-class Matching:
-    """Paints one scene by distillation and matching; ``seconds`` holds the duration of each."""
+class Matching(Painting):
+    """Paints one scene by distillation and matching."""
+
+    settings: MatchSettings
 
     def __init__(
-        self,
-        scene: Scene,
-        order: Order,
-        settings: MatchSettings,
-        loss: StyleLossSettings,
-        network: FeatureNetwork,
-        seed: int,
-        saved: Checkpoint | None,
-        preview: Show | None,
-    ) -> None:
+        self, scene: Scene, order: Order, settings: MatchSettings, loss: StyleLossSettings, network: FeatureNetwork,
+        seed: int, saved: Checkpoint | None, preview: Show | None,
+    ) -> None:  # fmt: skip
         """Prepare the painting of regions by an order without inks; ``preview`` is called from time to time."""
-        self.scene, self.order, self.settings, self.loss = scene, order, settings, loss
-        self.network, self.seed, self.saved = network, seed, saved
-        self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
-        self.seconds: dict[str, float] = {}
-        self.remarks = Remarks(doubtful=True)
-        """What there is to say about how it went."""
+        super().__init__(scene, order, settings, seed, saved, preview)
+        self.loss, self.network, self.remarks.doubtful = loss, network, True
         self.refined = [k for k in order.pairs if order.go_on and scene.regions[k].style is not None]
-        """Regions that start from their present paint."""
 
     def run(self, progress: Progress) -> UnrestrictedField:
         """Paint the scene and return its colours.

@@ -5,7 +5,7 @@ A style that several regions share becomes several styles: the same picture and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -158,7 +158,10 @@ def _shared(
     every = [_distinct(families) for families in divisions(picture, hand_of(picture, mask), counts, ways)]
     extra = [SCATTERED * (way == "colours" and len(ways) > 1) for way in ways for _ in counts]
     # What is named is looked for in every division, so that a name does not depend on which of them fits best.
-    fit = [n for n, families in enumerate(every) if _has_all(families, named.values())] or range(len(every))
+    fit = [
+        number for number, families in enumerate(every)
+        if all(len(_fitting(word, names_of(families))) == 1 for word in named.values())
+    ] or range(len(every))  # fmt: skip
     every, extra = [every[n] for n in fit], [extra[n] for n in fit]
     if all(len(families) == 1 for families in every):
         for word in named.values():
@@ -212,12 +215,6 @@ def _filled(areas: Sequence[Mask], families: Sequence[Family], mask: Mask | None
         own &= True if mask is None else mask
         found = [own if n == number else area & ~own for n, area in enumerate(found)]
     return found
-
-
-def _has_all(families: Sequence[Family], words: Iterable[str]) -> bool:
-    """Return whether each word names one of the families."""
-    names = names_of(families)
-    return all(len(_fitting(word, names)) == 1 for word in words)
 
 
 def _fitting(word: str, names: Sequence[Sequence[str]]) -> list[int]:

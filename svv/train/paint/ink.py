@@ -22,7 +22,7 @@ from svv.styles.gallery import open_style
 from svv.styles.gallery.offered import INKS, Layer
 from svv.train.paint import ink_kernels as numba_inking
 from svv.train.paint.quilt import LIGHT
-from svv.train.paint.surface_form import Floats, Form
+from svv.train.paint.surface_form import Floats, Form, in_cubes, slots_of
 
 PAPER = (0.97, 0.955, 0.92)
 """Colour of paper, which is not inked: warm white, RGB."""
@@ -210,31 +210,20 @@ class Sheet:
     @classmethod
     def of(cls, form: Form, surface: Floats, side: float) -> Sheet:
         """Return the surface through visible points (S, 3); points at several depths are moved to their mean depth."""
-        points, _, slot = _in_cubes(surface, side)
+        points = np.ascontiguousarray(surface[in_cubes(surface, side)[0]])
         normals, tangents, _ = form.frames(points)
         tone = tones(form, points, normals)
         out = np.empty((len(points), 10))
-        numba_inking.settle(side, slot, points, normals, tangents, tone, out)
-        _, kept, slot = _in_cubes(out[:, :3].astype(np.float32), side)
-        out = out[kept]
+        numba_inking.settle(side, slots_of(points, side), points, normals, tangents, tone, out)
+        out = out[in_cubes(out[:, :3].astype(np.float32), side)[0]]
         rank = np.argsort(np.argsort(out[:, 9])) / max(len(out) - 1, 1)
         points, normals, tangents = (np.ascontiguousarray(out[:, k : k + 3], np.float32) for k in (0, 3, 6))
-        return cls(side, slot, points, normals, tangents, rank.astype(np.float32))
+        return cls(side, slots_of(points, side), points, normals, tangents, rank.astype(np.float32))
 
     @property
     def looked_up(self) -> tuple[float, NDArray[np.int32], Floats, Floats, Floats, Floats]:
         """Arguments of the kernels."""
         return self.side, self.slot, self.points, self.normals, self.tangents, self.tones
-
-
-def _in_cubes(points: Floats, side: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int32]]:
-    """Return the first point of each cube, the indices of these points, and the grid of their numbers."""
-    cells = int(np.ceil(1.0 / side)) + 1
-    cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
-    flat, first = np.unique(np.ravel_multi_index(tuple(cube.T), (cells,) * 3), return_index=True)
-    slot = np.full(cells**3, -1, np.int32)
-    slot[flat] = np.arange(len(flat))
-    return np.ascontiguousarray(points[first]), first, slot.reshape(cells, cells, cells)
 
 
 @dataclass(frozen=True)

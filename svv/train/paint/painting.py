@@ -29,10 +29,14 @@ from svv.fields.strokes.stored_strokes import NOBODY, Brushed
 from svv.styles.hand import Hand
 from svv.train.paint.ink import SURFACE, Drawing, Ink
 from svv.train.paint.pieces import PieceStyle, resized
+from svv.train.paint.plan import Order
 from svv.train.paint.quilt import RADIUS, Manner, Quilt
 from svv.train.paint.stroke_painting import Brushing, PaintedRegion, stroke_width
 from svv.train.paint.styled_views import UNSEEN, StyledView, visible_from
 from svv.train.paint.surface_form import Form, form_of
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import StylizeSettings
+from svv.train.run.previews import Previews, Show
 
 MOST_VERTICES = 3_000_000
 """Approximate maximum number of vertices of a painting: each takes three bytes in the scene file."""
@@ -55,6 +59,9 @@ CELLS_A_STROKE = 6.0
 
 POINTS_A_VIEW = 20_000
 """Maximum number of points used of each view."""
+
+AT_A_TIME = 1 << 17
+"""Places whose paint is computed together."""
 
 POINTS_A_RADIUS = 8.0
 """Number of surface points along a piece's radius; pieces are chosen by these points."""
@@ -111,9 +118,21 @@ class Remarks:
         self.doubtful |= brushing.doubtful
 
 
-def finest(scene: Scene, start: Start, pixel: float) -> float:
-    """Return the side of a pixel that the paint resolves: ``pixel``, or finer where strokes need it."""
-    return min(pixel, stroke_width(scene, start.size) / CELLS_A_STROKE) if start.hands else pixel
+class Painting:
+    """One painting of a scene; ``seconds`` holds the duration of each of its parts."""
+
+    def __init__(
+        self, scene: Scene, order: Order, settings: StylizeSettings, seed: int, saved: Checkpoint | None,
+        preview: Show | None,
+    ) -> None:  # fmt: skip
+        """Prepare to resume from and save to a checkpoint, and to show the painting from time to time."""
+        self.scene, self.order, self.settings, self.seed, self.saved = scene, order, settings, seed, saved
+        self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
+        self.seconds: dict[str, float] = {}
+        self.remarks = Remarks()
+        """What there is to say about how it went."""
+        self.refined: list[int] = []
+        """Regions that start from their present paint."""
 
 
 @torch.no_grad()
@@ -134,7 +153,8 @@ def painted_start(
     """
     assert scene.palette_network is not None
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
-    paint = painted_field(scene, finest(scene, start, pixel))
+    narrow = stroke_width(scene, start.size) / CELLS_A_STROKE if start.hands else pixel
+    paint = painted_field(scene, min(pixel, narrow))
     lattice = paint.encoding
     assert isinstance(lattice, SparseLattice)
     styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
@@ -149,7 +169,8 @@ def painted_start(
     show(paint)
     views = _views_of(scene, start.views, painted, part(progress, 0.0, 0.1))
     progress = part(progress, 0.15, 1.0)
-    left = _select_strokes(before, kept)
+    strokes = {} if before is None or before.brushed is None else before.brushed.regions
+    left = {k: own for k, own in strokes.items() if k in kept}
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
         paint.brushed = _brush(brushing, start, region, place, colours, left, part(progress, 0.0, 0.9))
@@ -178,7 +199,10 @@ def painted_start(
         else:
             laid = _quilt(targets[k], form, points, pixel, seed + k, part(told, 0.0, 0.6))
         own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
-        _fill(colours, own, place, laid, part(told, 0.6, 1.0))
+        for first in range(0, len(own), AT_A_TIME):
+            part(told, 0.6, 1.0)(first / len(own), "painting")
+            piece = own[first : first + AT_A_TIME]
+            colours[piece] = laid(place[piece]).clip(0.0, 1.0)
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
     progress(1.0, "painting")
@@ -257,8 +281,8 @@ def _owners_at(scene: Scene, place: NDArray[np.float32], painted: Sequence[int])
     assert scene.palette_network is not None
     own = torch.tensor([k in painted for k in range(len(scene.regions))], device=scene.device)
     found = np.empty(len(place), np.uint8)
-    for first in range(0, len(place), 1 << 17):
-        piece = slice(first, first + (1 << 17))
+    for first in range(0, len(place), AT_A_TIME):
+        piece = slice(first, first + AT_A_TIME)
         position = torch.from_numpy(place[piece]).to(scene.device)
         weights, here = scene.palette_network.material(position)[1], scene.regions_at(position)
         best = _best(weights, own, here).cpu().numpy()
@@ -299,24 +323,6 @@ def _brush(
     return Brushed({**works, **left}, None, flats, glazes)
 
 
-def _select_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:
-    """Return the strokes of regions that keep their paint."""
-    if before is None or before.brushed is None:
-        return {}
-    return {k: strokes for k, strokes in before.brushed.regions.items() if k in kept}
-
-
-def _fill(
-    colours: NDArray[np.float32], own: NDArray[np.int64], place: NDArray[np.float32],
-    paint: Callable[[NDArray[np.float32]], NDArray[np.float32]], progress: Progress,
-) -> None:  # fmt: skip
-    """Write paint at the places ``own`` into the colours of all places (V, 3)."""
-    for first in range(0, len(own), 1 << 17):
-        progress(first / len(own), "painting")
-        piece = own[first : first + (1 << 17)]
-        colours[piece] = paint(place[piece]).clip(0.0, 1.0)
-
-
 def _quilt(
     target: PieceStyle, form: Form, points: NDArray[np.float32], pixel: float, seed: int, progress: Progress
 ) -> Quilt:
@@ -344,8 +350,8 @@ def _flat(
     region = np.empty(len(place), np.int64)
     colours = np.empty((len(place), 3), np.float32)
     own = torch.tensor([k in painted for k in range(len(transferred))], device=transferred.device)
-    for first in range(0, len(place), 1 << 17):
-        piece = slice(first, first + (1 << 17))
+    for first in range(0, len(place), AT_A_TIME):
+        piece = slice(first, first + AT_A_TIME)
         position = torch.from_numpy(place[piece]).to(transferred.device)
         intensity, weights, offsets = scene.palette_network.material(position)
         here = scene.regions_at(position)

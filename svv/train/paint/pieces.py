@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -68,14 +67,6 @@ def piece_style(
     inside = (share >= min(0.5, float(share.max()))).numpy()
     whole = torch.from_numpy(filled(scaled.permute(1, 2, 0).numpy(), inside, seed)).permute(2, 0, 1)
     return PieceStyle(whole.to(device), inside, mean.to(device), larger, settings.guides)
-
-
-def piece_styles(
-    pictures: Mapping[int, Style], masks: Mapping[int, NDArray[np.bool_] | None], settings: PieceSettings,
-    larger: Mapping[int, float], seed: int, device: torch.device,
-) -> dict[int, PieceStyle]:  # fmt: skip
-    """Return the prepared picture of each region, for its mask and its factor on the size."""
-    return {k: piece_style(p, masks[k], settings, larger.get(k, 1.0), seed, device) for k, p in pictures.items()}
 
 
 def resized(picture: Tensor, long_side: int) -> Tensor:

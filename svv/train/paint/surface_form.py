@@ -113,6 +113,23 @@ def tangents(normal: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDAr
     return np.cross(upward, normal), upward
 
 
+def in_cubes(points: NDArray[np.floating], side: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first of points (S, 3) in each cube of side ``side``, and the number of each point's cube. (S,)"""
+    cells = int(np.ceil(1.0 / side)) + 1
+    cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
+    flat = np.ravel_multi_index(tuple(cube.T), (cells,) * 3)
+    _, first, number = np.unique(flat, return_index=True, return_inverse=True)
+    return first, number.reshape(-1)
+
+
+def slots_of(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
+    """Return the number of the point (S, 3) in each cube of side ``side``, -1 for none. (X, Y, Z)"""
+    cells = int(np.ceil(1.0 / side)) + 1
+    slot = np.full((cells, cells, cells), -1, np.int32)
+    slot[tuple(np.clip((points / side).astype(np.int64), 0, cells - 1).T)] = np.arange(len(points))
+    return slot
+
+
 @torch.no_grad()
 def opacity_grid(base: BaseField, occupancy: Occupancy, cells: int) -> Floats:
     """Return the opacity of grid cells along one of their sides, 1 - exp(-sigma / cells), 0 if unoccupied. (X, Y, Z)

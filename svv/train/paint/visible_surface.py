@@ -19,7 +19,7 @@ from svv.train.paint import ink_kernels as numba_inking
 from svv.train.paint import tracing_kernels as numba_tracing
 from svv.train.paint.quilt import LIGHT
 from svv.train.paint.styled_views import StyledView
-from svv.train.paint.surface_form import Floats, Form, tangents
+from svv.train.paint.surface_form import Floats, Form, in_cubes, slots_of, tangents
 
 SIDE = 0.4
 """Side of the cubes with at most one point each, in widths of a stroke."""
@@ -213,7 +213,7 @@ def visible_surface(
     # In the middle of a thin sheet the opacity has no gradient: its side towards the viewer has.
     normals = form.normals(front.astype(np.float32))
     side = max(SIDE * width, 1.0 / 400.0)
-    kept, cube = _in_cubes(middle, side)
+    kept, cube = in_cubes(middle, side)
     count = np.bincount(cube, weight).astype(np.float64)
     depth, alpha = (np.bincount(cube, weight * a) / np.maximum(count, 1e-12) for a in (depth, weight))
     points, normals = middle[kept].astype(np.float32), normals[kept]
@@ -224,7 +224,7 @@ def visible_surface(
     numba_inking.settle(side, surface.slot, surface.points, surface.normals, tangent, none, out)
     fine = np.isfinite(out).all(1) & (np.abs(out[:, 3:6]).sum(1) > 0.5)
     place, facing = out[:, :3].clip(0.0, 1.0).astype(np.float32), out[:, 3:6].astype(np.float32)
-    again, cube = _in_cubes(place[fine], side)
+    again, cube = in_cubes(place[fine], side)
     own = np.flatnonzero(fine)[again]
     total = np.bincount(cube, surface.seen[fine]).astype(np.float64)
     surface = surface_of(place[own], facing[own], surface.depth[own], surface.alpha[own], total, side, form.up)
@@ -260,13 +260,10 @@ def surface_of(
     >>> len(surface_of(flat, np.tile([0.0, 0.0, 1.0], (2, 1)), np.zeros(2), np.ones(2), np.ones(2), 0.05, up))
     2
     """
-    cells = int(np.ceil(1.0 / side)) + 1
-    slot = np.full((cells, cells, cells), -1, np.int32)
-    slot[tuple(np.clip((points / side).astype(np.int64), 0, cells - 1).T)] = np.arange(len(points))
     place, facing, deep, opaque, count = (
         np.ascontiguousarray(a, np.float32) for a in (points, normals, depth, alpha, seen)
     )
-    return VisibleSurface(side, slot, place, facing, deep, opaque, count, up)
+    return VisibleSurface(side, slots_of(points, side), place, facing, deep, opaque, count, up)
 
 
 def _sheets(
@@ -294,15 +291,6 @@ def _sheets(
     if len(seen) > most:
         seen = seen[:: -(-len(seen) // most)]
     return (middle[seen], front[seen], depth[seen], total[seen]) if len(seen) else None
-
-
-def _in_cubes(points: NDArray[np.floating], side: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first point of each cube, and the number of each point's cube."""
-    cells = int(np.ceil(1.0 / side)) + 1
-    cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
-    flat = np.ravel_multi_index(tuple(cube.T), (cells,) * 3)
-    _, first, number = np.unique(flat, return_index=True, return_inverse=True)
-    return first, number.reshape(-1)
 
 
 def _standard(values: NDArray[np.float64]) -> NDArray[np.float64]:

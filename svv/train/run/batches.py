@@ -17,7 +17,7 @@ from svv.kernels.constants import moved, moved_at_once, numbers_on, on_device
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import PixelSource, Target
 from svv.train.run import ranks
-from svv.train.run.pixels import pixels_of
+from svv.train.run.pixels import pixels_of, steps_to_draw
 from svv.train.run.views_there import views_on
 
 
@@ -139,7 +139,7 @@ class RayPool:
         assert self._there is not None
         if by_contrast not in self._sources:
             there, device = self._there, self._caster.device
-            share, ends, first = there.steps(by_contrast)
+            share, ends, first = steps_to_draw(there.counts, by_contrast)
             steps = on_device(first.astype(np.int64), device), on_device(ends, device), on_device(share, device)
             self._sources[by_contrast] = PixelSource(there.index, there.levels.view(-1, 4), *steps)
         return self._sources[by_contrast]

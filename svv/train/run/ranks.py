@@ -126,14 +126,14 @@ def joined(device: str = "cpu") -> Iterator[None]:
         with _ended_by_launcher():
             yield
     except (Cancelled, KeyboardInterrupt):
-        _signal("stopped")
+        _signal("stopped", 1)
         if is_first():
             raise
         raise Elsewhere(130) from None
     except (BadInput, MemoryError, OSError) as error:
-        if _is_signalled("stopped"):
+        if _signal("stopped", 0):
             raise (Cancelled() if is_first() else Elsewhere(130)) from error
-        if _signal("said") > 1:
+        if _signal("said", 1) > 1:
             raise Elsewhere(2) from error
         raise
     finally:
@@ -222,21 +222,13 @@ def _ended_by_launcher() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
-def _signal(what: str) -> int:
-    """Let all ranks know something; returns how many have told it so far, 1 if they cannot be reached any more."""
+def _signal(what: str, more: int) -> int:
+    """Let all ranks know something ``more`` times; returns how often they were told, ``more`` without the first."""
     assert _group is not None
     try:
-        return int(_group.store.add(what, 1))
+        return int(_group.store.add(what, more))
     except RuntimeError:  # the store has gone with the first rank
-        return 1
-
-
-def _is_signalled(what: str) -> bool:
-    assert _group is not None
-    try:
-        return int(_group.store.add(what, 0)) > 0
-    except RuntimeError:  # as above
-        return False
+        return more
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from svv.io.views.viewset import ViewSet
-from svv.train.run.pixels import MARGIN, STEPS, steps_to_draw
+from svv.train.run.pixels import MARGIN, STEPS
 
 MOST_OF_GPU = 0.125
 """Share of a GPU's memory that views may take there; larger sets stay in the CPU's, which then draws the rays."""
@@ -36,10 +36,6 @@ class ViewsThere:
     def alpha(self) -> Tensor:
         """Alpha of all views, uint8. (N, H, W)"""
         return self.levels[..., 3]
-
-    def steps(self, by_contrast: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return how pixels are drawn by contrast: :func:`svv.train.run.pixels.steps_to_draw`."""
-        return steps_to_draw(self.counts, by_contrast)
 
 
 _THERE: WeakKeyDictionary[ViewSet, dict[torch.device, ViewsThere | None]] = WeakKeyDictionary()

@@ -1,7 +1,4 @@
-"""Palette correction by hand: stage 2 is trained again for the new palette, on the existing base network.
-
-It is the paper's remedy for regions of similar hue, which the palette joins (StyleRF-VolVis, section limitations).
-"""
+"""Palette correction by hand: stage 2 is trained again for a new palette, the paper's remedy for similar hues."""
 
 from __future__ import annotations
 

@@ -31,10 +31,9 @@ def stylize_layers(
     checkpoint: Path | None,
     preview: Show | None,
 ) -> tuple[Scene, Report]:
-    """Paint the regions of a joined scene, whose one painting is replaced, or continued with ``go_on``.
+    """Paint the regions of a joined scene with ``paint``, member by member; raises BadInput as ``stylize_scene``.
 
-    ``paint`` paints one member, with a ``checkpoint`` of its own beside the file; ``preview`` gets the joined scene.
-    Raises BadInput as :func:`svv.train.pipeline.stylize_scene`.
+    Its one painting is replaced, or continued with ``go_on``; members' checkpoints lie beside the file.
     """
     every, go_on = list(members(scene)), asked.go_on
     if go_on and all(member.styled is None for member in every):

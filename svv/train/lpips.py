@@ -1,7 +1,4 @@
-"""LPIPS with AlexNet (Zhang et al. 2018, version 0.1), if its weights are on this machine.
-
-They are torchvision's AlexNet and the heads of the package ``lpips``; :mod:`svv.styles.weights` finds and fetches them.
-"""
+"""LPIPS with AlexNet (Zhang et al. 2018, version 0.1), if :mod:`svv.styles.weights` finds its weights."""
 
 from __future__ import annotations
 
@@ -61,10 +58,7 @@ def _unit(x: Tensor) -> Tensor:
 
 
 def load_lpips() -> Lpips | None:
-    """Return LPIPS with its published weights, None without them (see ``svv features --get``).
-
-    Raises BadInput if torch's cache holds a different file under the name of the published AlexNet.
-    """
+    """Return LPIPS with its published weights, None without them; raises BadInput if torch's cache has another file."""
     found = weights.load("alexnet")
     if found is None:
         return None

@@ -96,11 +96,7 @@ class Training:
 
     @property
     def _values(self) -> ValueGrid | None:
-        """The volume's values, if the scene is to be a function of them.
-
-        Raises:
-            BadInput: The views do not come with them, or there are none between those of neighbours.
-        """
+        """The volume's values, if the scene is to be a function of them; raises BadInput if views come without."""
         if not self.chosen.values:
             return None
         if self._volume is None or self._volume.values is None:

@@ -1,7 +1,6 @@
 """Sketches of a known volume: its own extinction and light, and colours that are learned as functions of its values.
 
-Of few small views, a network learns blotches and dents. The volume tells all but the colour of each value: it takes two
-seconds, and the result is as smooth as the volume's own rendering (:mod:`svv.train.base.from_values`).
+They take two seconds and are as smooth as the volume's rendering; of few views, a network learns blotches and dents.
 """
 
 from __future__ import annotations
@@ -41,10 +40,9 @@ MOST_VERTICES = 2_000_000
 def sketch_from_values(
     views: ViewSet, longest: int, options: TrainOptions, progress: Progress = silent
 ) -> Scene | None:
-    """Return a sketch with the extinction and the normals of the views' volume; None if the volume is not to be used.
+    """Return a sketch with the extinction and normals of the views' volume; None if the volume is not to be used.
 
-    It has the networks of the trained scene, `base` and `pcn`. ``views`` are few and small; ``longest``, the longer
-    side of those of which the scene itself is learned, in pixels, tells how fine its shape is.
+    ``longest`` is the longer side, in pixels, of the views of which the scene itself is learned, not these small ones.
     """
     chosen, draft = settings_of(options), preset("draft")
     volume = known_volume(views, chosen.reconstruct, draft.field)
@@ -80,10 +78,7 @@ def sketch_from_values(
 
 
 def sketches_of(views: ViewSet, options: TrainOptions, progress: Progress) -> Iterator[Scene]:
-    """Yield sketches of the scene that is learned of these views, each better than the one before.
-
-    Raises BadInput if one cannot be trained.
-    """
+    """Yield sketches of the scene of these views, each better than the one before; raises BadInput if one fails."""
     every = sketches_for(options.preset)
     for number, sketch in enumerate(every):
         told = part(progress, number / len(every), (number + 1) / len(every))

@@ -1,7 +1,4 @@
-"""Extinction as a function of a volume's values, while it is learned; see :mod:`svv.fields.radiance.of_values`.
-
-It starts as the mean extinction over the values within half a cell (pre-integrated classification, Engel et al. 2001).
-"""
+"""Extinction as a function of a volume's values, while it is learned (:mod:`svv.fields.radiance.of_values`)."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ class ExtinctionTable:
     """Logarithm of the extinction for each value and slope, and its optimiser (Adam)."""
 
     def __init__(self, grid: ValueGrid, device: torch.device) -> None:
-        """Start from the grid's extinction."""
+        """Start from the mean extinction over the values within half a cell (Engel et al. 2001, pre-integration)."""
         assert grid.integral is not None
         value = np.linspace(0.0, 1.0, VALUES)[:, None]
         half = 0.5 * np.geomspace(*SLOPE_RANGE, SLOPES)[None]

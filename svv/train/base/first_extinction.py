@@ -70,8 +70,7 @@ def first_occupancy(
 ) -> tuple[Occupancy, str]:
     """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
 
-    A ``device`` that holds the views carves it. Raises BadInput if no point is visible in all views, or they show
-    nothing.
+    Raises BadInput if no point is visible in all views, or they show nothing.
     """
     progress(0.0, "where to look")
     known = known_volume(views, settings, field)
@@ -152,9 +151,8 @@ def largest_extinction(
 ) -> Tensor:
     """Return the largest extinction at 27 points of each occupied cell, in raster order.
 
-    ``exponent`` gives the log extinction (S,) at points (S, 3) of the box. If all ranks call this together
-    (``shared``), each looks at a part of the cells. The 8 ``corners`` are enough where the exponent is interpolated
-    between them.
+    ``exponent`` is its logarithm (S,) at points (S, 3). Ranks that call this together (``shared``) each look at a part.
+    The 8 ``corners`` are enough where the exponent is interpolated between them.
     """
     corner = occupancy.occupied_on(device).nonzero()
     if shared and ranks.many():

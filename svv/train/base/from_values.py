@@ -1,8 +1,6 @@
-"""Stages 1 and 2 of a scene that knows its volume's values: features are given, and only functions of them are learned.
+"""Stages 1 and 2 of a scene that is a function of its volume's values: a table of extinctions, and given features.
 
-What a transfer function shows depends on the value alone, and its light on the gradient: a lattice of values and
-normals replaces the learned features, :class:`svv.train.base.extinction_table.ExtinctionTable` the extinction of every
-vertex, and an explicit light the lighting network. The result is an ordinary scene.
+A lattice of values and normals replaces the learned features, and an explicit light the lighting network.
 """
 
 from __future__ import annotations
@@ -121,10 +119,7 @@ class ValueReconstruction(Reconstruction):
 
 
 def palette_given(network: PaletteField, base: BaseField) -> None:
-    """Give an untrained palette network the values of its base field, and its light their normals; both stay so.
-
-    Each unit of the MLP's first layer begins at another value.
-    """
+    """Give an untrained palette network its base field's values, and its light their normals; both stay so."""
     fill_palette(network, base)
     first = network.palette_mlp[0]
     assert isinstance(first, nn.Linear)
@@ -144,10 +139,7 @@ def _thresholds(count: int, device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def sample_transfer_function(grid: ValueGrid, device: torch.device) -> tuple[Tensor, Tensor] | None:
-    """Return visible values, which count from 0 to 1 over these, and the transfer function's colours there.
-
-    (K,), (K, 3); None if the grid does not tell the colours.
-    """
+    """Return visible values in [0, 1] (K,) and the transfer function's colours there (K, 3), or None if unknown."""
     if grid.colours is None or grid.integral is None:
         return None
     value = np.linspace(0.0, 1.0, len(grid.colours))

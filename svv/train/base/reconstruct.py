@@ -179,8 +179,7 @@ class Reconstruction:
     def _look(self, samples: Samples, batch: Batch) -> tuple[Samples, Tensor, Tensor, float]:
         """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
 
-        If the density has its own lattice, it learns from all samples, but colours only from representative ones, which
-        share them with those around: a ray through fog has dozens of samples but needs few colours.
+        A density with a lattice learns from all samples, colours from representative ones: fog has dozens along a ray.
         """
         rays = batch.rays
         if self.field.density is None or not len(samples):

@@ -218,16 +218,10 @@ def extinction_from(
 ) -> tuple[SparseLattice, Occupancy, str]:
     """Return the log extinction that has the views' alpha, its occupied cells, and how well they agree with the views.
 
-    Args:
-        views: Training views.
-        occupancy: Cells that may hold something visible, such as the views' visual hull.
-        finest: Cells per box unit of the result, a power of two.
-        pruned: Returns the occupancy without the cells in which a log extinction is nowhere visible; the last argument
-            says whether to keep their neighbours.
-        seed: Seed of the order of the views.
-        progress: Called several times a second.
-        limit: Seconds after which no more steps are taken; after twice as many, cells are not refined any further.
-        work: What takes the steps, at its start; by default on the CPU.
+    ``finest`` is its cells per box unit, a power of two. ``pruned`` returns the occupancy without the cells in which a
+    log extinction is nowhere visible; its last argument says whether to keep their neighbours. After ``limit`` seconds
+    no more steps are taken, and after twice as many, cells are not refined any further. ``work`` takes the steps, by
+    default on the CPU.
     """
     levels = [COARSEST]
     while levels[-1] < finest:

@@ -1,7 +1,4 @@
-"""Stage 3 as in the paper: a network is distilled from the palette network, and its colours match the styles' features.
-
-Source: StyleRF-VolVis, sections UCN and NPSE. Only the preset ``paper`` paints in this way.
-"""
+"""Stage 3 as in the paper (StyleRF-VolVis, UCN and NPSE): a network is distilled, and its colours match features."""
 
 from __future__ import annotations
 
@@ -43,11 +40,7 @@ class Matching(Painting):
         self.refined = [k for k in order.pairs if order.go_on and scene.regions[k].style is not None]
 
     def run(self, progress: Progress) -> UnrestrictedField:
-        """Paint the scene and return its colours.
-
-        Raises:
-            BadInput: None of the regions is visible.
-        """
+        """Paint the scene and return its colours; raises BadInput if none of the regions is visible."""
         targets = self._targets()
         field = self._distilled(targets, part(progress, 0.0, 0.3))
         work = Stylization(self.scene, field, targets, self.settings, part(progress, 0.3, 0.36))

@@ -1,7 +1,6 @@
 """Style target of a region's render: the features and colours of one style picture, and the loss against them.
 
-The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.styles.features`, all of it in the paper. Losses
-on mean and covariance, against drifting colours, and on total variation, against noise, are additions.
+The core is NNFM (StyleRF-VolVis, eq. 8). Losses on mean and covariance and on total variation are additions.
 """
 
 from __future__ import annotations
@@ -53,14 +52,10 @@ PAPER_LOSS = StyleLossSettings(style_size=400, colours=0.0, variation=0.0)
 
 
 class StyleTarget:
-    """A style picture prepared for matching.
+    """A style picture (3, h, w), sRGB in [0, 1], prepared for matching by a frozen feature network.
 
-    Args:
-        network: Frozen feature network: (n, 3, h, w) -> (n, c, h // 4, w // 4).
-        style: Picture (3, h, w), sRGB in [0, 1], on the network's device.
-        settings: Weights and sizes.
-        seed: Seed of the random style vectors and of the shifts of renders.
-        mask: True for the part whose patches and colours count, (h, w); by default all of it.
+    The network takes (n, 3, h, w) to (n, c, h // 4, w // 4); ``mask`` (h, w) is the part whose patches and colours
+    count.
     """
 
     def __init__(

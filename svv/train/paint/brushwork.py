@@ -1,8 +1,7 @@
 """The strokes of a painting on a region's surface, layer by layer, as a painter works: ground, main strokes, accents.
 
-Seeds are Poisson-disc samples with ellipses along the strokes, traced both ways along the directions on the surface
-(Hertzmann 1998, in the plane; Meier 1996, on surfaces). Every stroke has one broken colour of the picture: that of the
-wanted tone nearest to its place there. Letters: S points of the surface, N strokes.
+Seeds are Poisson-disc samples, traced both ways along the surface (Hertzmann 1998; Meier 1996). Every stroke has one
+broken colour of the picture, of the wanted tone and near its place there. Letters: S points of the surface, N strokes.
 """
 
 from __future__ import annotations
@@ -87,7 +86,6 @@ NEAR, ANYWHERE = 80, 120
 BROKEN, MOST_SCATTER = 1.4, 0.18
 """Broken tone of strokes relative to that of the picture, whose neighbouring samples may lie on one stroke; and its
 largest value: with more, the form is lost."""
-
 
 SAG = 0.5
 """How deep the paint of washes reaches at least, in half widths."""

@@ -1,8 +1,7 @@
 """Adjustment of paint so that it appears with the contrast of its style.
 
-A pixel shows the mean of the paint along its ray, another one from each side, so the strokes of translucent regions,
-and a little those of surfaces, lose contrast. Images depend linearly on the paint: with more contrast than its style,
-it can look like its style.
+A pixel shows the mean of the paint along its ray, so strokes lose contrast, most of all those of translucent regions.
+Images depend linearly on the paint: with more contrast than its style, it can look like its style.
 """
 
 from __future__ import annotations
@@ -85,11 +84,10 @@ def match_contrast(
     settings: StylizeSettings,
     progress: Progress = silent,
 ) -> dict[int, Contrast]:
-    """Change the contrast of laid paint in place, within bounds, such that it appears as strong as in its style.
+    """Change the contrast of laid paint in place such that it appears as strong as in its style; returns a, b.
 
     Colours c with the mean m and the mean l of their surroundings become m + a (l - m) + b (c - l): a matches the
-    deviation of visible colours to the style's, b the deviation within patches of :data:`PATCH` pixels. Returns a and b
-    of each region of the ``targets`` whose contrast can be adjusted.
+    deviation of visible colours to the style's, b that within patches of :data:`PATCH` pixels.
     """
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
@@ -121,8 +119,7 @@ def match_contrast(
 def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest: float) -> dict[int, float]:
     """Return how much larger than usual strokes must be to be visible, from 1 to ``largest`` for each region.
 
-    Strokes narrower than a fog is deep blur into one another. The depth is the weighted deviation of positions along a
-    ray, of which the median over pixels counts; ``pixel`` is their side in the stylization views, in box units.
+    Strokes narrower than a fog is deep blur into one another: the median over pixels, whose side is ``pixel``, counts.
     """
     depths: dict[int, list[Tensor]] = {k: [] for k in regions}
     for view in visible_from(scene, scene.rig.sphere(6, 128), silent):
@@ -141,9 +138,9 @@ def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest:
 
 
 def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> Contrast | None:
-    """Return the standard deviation of colours, and that within patches, as root mean squares over pictures.
+    """Return the deviation of colours (3, h, w), and that within patches, where masks (h, w) are 1.
 
-    These are colours (3, h, w) and masks (h, w), 1 where pixels count and 0 elsewhere; None if too little is visible.
+    Both are root mean squares over pictures; None if too little is visible.
     """
     total, count = 0.0, 0
     whole: list[Tensor] = []

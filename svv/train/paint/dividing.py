@@ -1,7 +1,4 @@
-"""One picture for several regions: its strokes are divided into families, and each region is painted by one.
-
-A style that several regions share becomes several styles: the same picture and hand, each with the area of its family.
-"""
+"""One picture for several regions: its strokes are divided into families, as styles of their own for the regions."""
 
 from __future__ import annotations
 
@@ -47,18 +44,11 @@ class Division:
 
 
 def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Division:
-    """Divide the pictures that several regions share, unless the options say no.
+    """Divide the pictures that several regions share, unless the options say no; raises BadInput as ``stylize_scene``.
 
-    Hidden regions have the whole picture, so that they take no part away from visible ones, unless ``mapping`` names
-    one for them. With ``go_on``, regions that keep their paint keep their parts of a picture of the same name. Styles
-    that are parts of a picture already are not divided again.
-
-    Returns:
-        Styles and options in which no region shares a divided picture with another, and in which ``mapping`` names
-        styles only.
-
-    Raises:
-        BadInput: As :func:`svv.train.pipeline.stylize_scene` does.
+    No region then shares a divided picture with another, and ``mapping`` names styles only. Hidden regions have the
+    whole picture, unless ``mapping`` names a part for them. With ``go_on``, regions that keep their paint keep their
+    parts of a picture of the same name.
     """
     asked, words = _without_words(len(scene.regions), inputs, options)
     order = ordered(scene, inputs, replace(asked, go_on=False))  # of a joined scene, only some may have paint
@@ -101,7 +91,7 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
 def _without_words(
     regions: int, inputs: Sequence[StyleInput], options: PaintOptions
 ) -> tuple[PaintOptions, dict[int, str]]:
-    """Return the options with styles' numbers in place of parts of pictures, and the parts by region.
+    """Return the options with styles' numbers in place of parts' names, and these names by region.
 
     Where only parts are named, the other regions get styles in turn, as without a mapping.
     """

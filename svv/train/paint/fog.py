@@ -1,7 +1,6 @@
 """Fog as a wash: broad wet strokes all through its volume flow into each other, darker where it is denser.
 
-Fog has no surface for strokes to lie on. Where strokes of one wash overlap, their colours are averaged, so tones change
-as smoothly as the density. Letters: N strokes.
+Where they overlap, their colours are averaged, so tones change as smoothly as the density. Letters: N strokes.
 """
 
 from __future__ import annotations

@@ -163,10 +163,7 @@ def ink_named(source: object) -> Ink | None:
 
 
 def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:
-    """Return the name and the picture or ink of ``ink:NAME``, ``gallery:NAME`` or a file.
-
-    Raises BadInput as :func:`ink_named` and :func:`svv.styles.gallery.open_style`.
-    """
+    """Return the name and picture or ink of ``ink:NAME``, ``gallery:NAME`` or a file; raises BadInput without one."""
     ink = ink_named(source)
     return open_style(source, progress) if ink is None else (ink.name, ink)
 
@@ -325,11 +322,7 @@ class Drawing:
         self, ink: Ink, colour: Sequence[float], form: Form, surface: Floats, pixel: float, cell: float,
         seed: int, progress: Progress,
     ) -> None:  # fmt: skip
-        """Draw a region at its visible points (S, 3), with ink of its colour's hue (RGB).
-
-        ``pixel`` and ``cell`` are the sides of a pixel of the stylization views on the surface and of a cell of the
-        paint, in box units: strokes are as fine as the coarser of the two.
-        """
+        """Draw a region at visible points (S, 3), in ink of its colour's hue, as fine as pixels or cells allow."""
         self.form, self.cell, self.colour = form, cell, ink_colour(colour)
         fine = max(pixel, cell)
         self.depth, self.thin = DEPTH * fine, THIN * fine

@@ -40,11 +40,7 @@ class Laying(Painting):
         self.pieces = pieces
 
     def run(self, progress: Progress) -> UnrestrictedField:
-        """Paint the scene and return its colours.
-
-        Raises:
-            BadInput: None of the regions is visible.
-        """
+        """Paint the scene and return its colours; raises BadInput if none of the regions is visible."""
         styles = self._styles()
         solved = bool(styles) and self.pieces.contrast
         end = PIECES_LAID if solved else 1.0

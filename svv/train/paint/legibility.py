@@ -1,9 +1,7 @@
 """What keeps the regions of a painting apart, as they are rendered over white.
 
-Regions that could be confused move apart in lightness and chroma, within the range of their pictures; what encloses
-stays lighter or darker than what it encloses, as in the volume rendering. Changes are tried on pixels of views.
-
-Letters: P pixels, R regions, N pixels of one region.
+What could be confused moves apart in lightness and chroma, within the range of its picture, and what encloses stays
+lighter or darker than what it encloses. Letters: P pixels, R regions, N pixels of one region.
 """
 
 from __future__ import annotations
@@ -84,16 +82,11 @@ class Move:
 
 
 class Legibility:
-    """How far regions are apart in some pixels, and what they should be.
+    """How far regions are apart in some pixels, seen in some ways over a background, and what they should be.
 
-    Args:
-        pixels: Pixels of views.
-        colours: Colours of all regions in the volume rendering, RGB. (R, 3)
-        flats: Colours of the regions of which no others are given, RGB. (R, 3)
-        visions: Ways of seeing them.
-        least: CIEDE2000 that all regions are to differ by; by default :data:`LEAST_DIFFERENCE`, more for vessels, and
-            no more than in the volume rendering.
-        background: What is behind them, RGB.
+    ``colours`` (R, 3), RGB, are those of all regions in the volume rendering, and ``flats`` (R, 3) those of regions of
+    which no others are given. ``least`` is the CIEDE2000 that all are to differ by: by default
+    :data:`LEAST_DIFFERENCE`, more for vessels, and no more than in the volume rendering.
     """
 
     def __init__(
@@ -150,10 +143,7 @@ class Legibility:
         return {k: lab[part] for k, part in self.parts.items()}
 
     def shown(self, lab: Mapping[int, Floats]) -> dict[int, Floats]:
-        """Return what pixels that each region dominates show over the background, CIELAB (N, 3), by region.
-
-        ``lab`` are colours of regions in all pixels, CIELAB. (P, 3)
-        """
+        """Return what each region's pixels show over the background (N, 3), from colours (P, 3) of regions, CIELAB."""
         return self._moved({k: own[self.rows] for k, own in lab.items()}, {})
 
     def _moved(self, lab: Mapping[int, Floats], moves: Mapping[int, Move]) -> dict[int, Floats]:
@@ -207,10 +197,9 @@ class Legibility:
         self, lab: Mapping[int, Floats], means: Mapping[int, Floats], gamuts: Mapping[int, tuple[float, float, float]],
         before: Mapping[int, Move],
     ) -> dict[int, Move]:  # fmt: skip
-        """Return changes of regions that keep all apart; none if they are.
+        """Return changes of regions that keep all apart, from their colours (P, 3) and means (3,); none if they are.
 
-        ``lab``: colours in all pixels, CIELAB, that can change (P, 3); ``means``: their means; ``gamuts``: least and
-        largest lightness, and largest chroma, of their pictures; ``before``: earlier changes, which count towards the
+        ``gamuts``: least and largest lightness, and largest chroma, of their pictures; ``before`` counts towards the
         bounds.
         """
         own = {k: lab[k][self.rows] for k in lab}

@@ -1,7 +1,6 @@
 """Stage 3: paint that is laid on a scene's regions, as strokes, pieces of pictures or ink.
 
-Matching features view by view puts strokes elsewhere in each view (:mod:`svv.train.match.matching`). Here they are laid
-once, the same from every side, on a lattice that stores the colours themselves.
+It is laid once, the same from every side, on a lattice that stores the colours themselves.
 """
 
 from __future__ import annotations
@@ -68,10 +67,7 @@ POINTS_A_RADIUS = 8.0
 
 
 def paint_cells(occupancy: Occupancy, pixel: float) -> int:
-    """Return the resolution of a painting's lattice: as fine as the pixels that see it, within the limits.
-
-    ``pixel``: side of one in the stylization views at the scene's centre, in box units.
-    """
+    """Return the resolution of a painting's lattice: as fine as a pixel (its side in box units), within the limits."""
     cells, count = occupancy.cells, int((occupancy.occupied > 0).sum())
     while 1.0 / cells > pixel and 2 * cells <= MOST_CELLS and 9 * count <= MOST_VERTICES:
         cells, count = 2 * cells, 8 * count
@@ -145,11 +141,9 @@ def painted_start(
     show: Callable[[UnrestrictedField], None],
     remarks: Remarks,
 ) -> UnrestrictedField:
-    """Paint the regions; returns a direct colour field.
+    """Paint the regions; returns a direct colour field, or raises BadInput if none of them is visible.
 
-    ``pixel`` is the side of one of the styles on the surface, in box units. ``show`` is called with the field when
-    every region has one colour, and after each painted region; ``remarks`` receives what there is to say about strokes.
-    Raises BadInput if none of the regions to be painted is visible.
+    ``pixel`` is a style's on the surface, in box units; ``show`` is called with flat colours, and after each region.
     """
     assert scene.palette_network is not None
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
@@ -310,10 +304,7 @@ def _brush(
     brushing: Brushing, start: Start, region: NDArray[np.int64], place: NDArray[np.float32],
     colours: NDArray[np.float32], left: Mapping[int, tuple[Strokes, Brush]], progress: Progress,
 ) -> Brushed:  # fmt: skip
-    """Paint the regions that have a hand by strokes, and write their paint into the colours of all places (V, 3).
-
-    ``left``: strokes of regions that keep their paint, beside which the lattice has other paint.
-    """
+    """Paint regions by strokes into the colours of all places (V, 3); others keep the strokes that are ``left``."""
     found = brushing.painted(start.hands, part(progress, 0.0, 0.65))
     works, flats, glazes = _worked(found, start.transferred.cpu().numpy().astype(np.float32))
     owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
@@ -342,10 +333,7 @@ def _flat(
     scene: Scene, transferred: Tensor, place: NDArray[np.float32], painted: list[int], kept: list[int],
     before: UnrestrictedField | None,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:  # fmt: skip
-    """Return the painted region with the largest weight at each vertex, -1 for none (V,), and flat colours (V, 3).
-
-    Strokes continue across the border to an unpainted region, so that colours interpolated there are paint.
-    """
+    """Return the painted region of each vertex, -1 for none (V,), and flat colours (V, 3), also across the border."""
     assert scene.palette_network is not None
     region = np.empty(len(place), np.int64)
     colours = np.empty((len(place), 3), np.float32)

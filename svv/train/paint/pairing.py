@@ -1,7 +1,7 @@
 """Which family of a picture's strokes paints which region, so that the painting says what the volume rendering says.
 
-Regions and families are paired at once, by hue, lightness and vividness, by the order of lightness of what encloses and
-what is enclosed, and by how unlike those seen together are. Letters: R regions, F families.
+All are paired at once, by hue, lightness and vividness, by the order of lightness of what encloses and is enclosed, and
+by how unlike those seen together are. Letters: R regions, F families.
 """
 
 from __future__ import annotations
@@ -73,10 +73,7 @@ class Glimpse:
 
 
 def glimpse_of(scene: Scene) -> Glimpse:
-    """Return what small views show of a scene with a palette network, as edited.
-
-    Of a joined scene, each member is looked at alone: regions of two members count as seen together.
-    """
+    """Return what small views show of a scene as edited; regions of two members of a joined one are seen together."""
     cameras, count = scene.rig.sphere(GLANCES, GLANCE), len(scene.regions)
     seen, together, encloses = np.zeros(count), np.ones((count, count)), np.zeros((count, count), bool)
     for layer, member in enumerate(members(scene)):
@@ -180,10 +177,7 @@ class _Costs:
 
 
 def completed(families: Sequence[Family], pairs: Mapping[int, int]) -> list[Family]:
-    """Return the families of paired regions, which take in those left over where they stay unlike the others.
-
-    What no family can take in without resembling another is not painted with.
-    """
+    """Return the families of paired regions, which take in those left over that leave them unlike the others."""
     used = sorted(set(pairs.values()))
     found = {f: families[f] for f in used}
     for number in [f for f in range(len(families)) if f not in used]:
@@ -201,10 +195,7 @@ def completed(families: Sequence[Family], pairs: Mapping[int, int]) -> list[Fami
 def best_division(
     divisions: Sequence[Sequence[Family]], glimpse: Glimpse, extra: Sequence[float]
 ) -> tuple[Sequence[Family], dict[int, int]]:
-    """Return the division of a picture whose families fit the regions best, and the family of each region.
-
-    ``extra`` is what each of the ``divisions`` costs beside how its families fit.
-    """
+    """Return the division, of those with ``extra`` costs, that fits the regions best, and each region's family."""
     found = []
     for number, families in enumerate(divisions):
         pairs = paired(glimpse, families)

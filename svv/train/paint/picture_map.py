@@ -1,8 +1,7 @@
 """A picture mapped onto a surface, loosely: which part of it a place resembles, and in which direction it flows there.
 
-Patches of the surface have places in the picture of the same tone. Around a patch's centre, distances on the surface
-are distances in the picture, in widths of strokes, so hues change as in the picture, and where the form gives no
-direction, strokes run as the picture's do. Letters: S points of the surface.
+Patches of the surface have places of the same tone; around these, distances are the picture's, so hues change as there,
+and where the form gives no direction, strokes run as there. Letters: S points of the surface.
 """
 
 from __future__ import annotations
@@ -86,10 +85,7 @@ class PictureMap:
         return np.asarray(np.where(folded > self.span, 2.0 * self.span - folded, folded))
 
     def flow(self, bends: Bends) -> NDArray[np.float32]:
-        """Return the direction of strokes at each point, unit tangents of either sign. (S, 3)
-
-        Along the weakest curvature where the form is distinct, elsewhere as in the picture; smoothed as outer products.
-        """
+        """Return strokes' directions, unit tangents of either sign: the form's if distinct, or the picture's. (S, 3)"""
         surface, width = self.surface, self.width
         one_way = (bends.strongest - bends.weakest) / np.maximum(bends.strongest + bends.weakest, 1e-9)
         low, high = ONE_WAY

@@ -52,10 +52,7 @@ def piece_style(
     picture: Style, mask: NDArray[np.bool_] | None, settings: PieceSettings, larger: float = 1.0, seed: int = 0,
     device: torch.device | None = None,
 ) -> PieceStyle:  # fmt: skip
-    """Prepare a picture (H, W, 3), sRGB in [0, 1], of which the part in a mask (H, W) is learned from.
-
-    It is ``larger`` than usual by a factor; ``seed`` is that of the texture outside the mask.
-    """
+    """Prepare a picture (H, W, 3), sRGB in [0, 1], larger by a factor; its mask (H, W) is the part to learn from."""
     values = np.ascontiguousarray(picture, np.float32)  # torch does not accept mirrored views of arrays
     size = round(settings.size * larger)
     scaled = resized(torch.from_numpy(values).permute(2, 0, 1), size)

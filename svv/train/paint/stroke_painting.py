@@ -62,10 +62,7 @@ def stroke_width(scene: Scene, size: float) -> float:
 
 
 class Brushing:
-    """Paints regions of one scene by strokes of a ``size``, as views from all around show them.
-
-    ``cell`` is the side of a cell of the paint in box units.
-    """
+    """Paints regions of one scene by strokes of a ``size``, on paint whose cells have a side in box units."""
 
     def __init__(self, scene: Scene, views: Sequence[StyledView], size: float, cell: float, seed: int) -> None:
         self.scene, self.views, self.cell, self.seed = scene, views, cell, seed
@@ -78,10 +75,7 @@ class Brushing:
         """Whether regions may look alike."""
 
     def painted(self, hands: Mapping[int, Hand], progress: Progress) -> dict[int, PaintedRegion]:
-        """Return the paint of regions by the hands of their pictures; regions that nobody sees are left out.
-
-        Notes say which regions are washed because they are fog.
-        """
+        """Return the paint of regions that are seen, by the hands of their pictures; notes say which are washed."""
         found: dict[int, PaintedRegion] = {}
         laid: dict[int, Laid] = {}
         for number, (region, hand) in enumerate(hands.items()):

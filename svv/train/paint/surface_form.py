@@ -1,8 +1,7 @@
 """The form of what is visible: smooth normals, and the direction of strokes.
 
-Finite differences of a lattice flip from point to point, so the opacity of cells is blurred first: its gradient gives
-normals, its second derivatives the principal curvatures. Strokes run along the weaker one, as a painter's do along a
-limb; where a surface is flat or equally round, horizontally.
+The gradient of the blurred opacity gives normals, its second derivatives the principal curvatures. Strokes run along
+the weaker one, as a painter's do along a limb; where a surface is flat or equally round, horizontally.
 """
 
 from __future__ import annotations
@@ -86,11 +85,7 @@ class Form:
         return normal.astype(np.float32), tangent.astype(np.float32), np.minimum(decided, 1.0).astype(np.float32)
 
     def hollowness(self, position: Floats) -> Floats:
-        """Return how much of the surroundings of box coordinates (S, 3) is filled, in [0, 1]. (S,)
-
-        It is 1/2 on the surface of a half space and less on a ridge: an integral invariant of the mean curvature
-        (Pottmann et al. 2007), without derivatives.
-        """
+        """Return how much around box coordinates (S, 3) is filled, 1/2 on a plane (Pottmann et al. 2007). (S,)"""
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
 
@@ -182,8 +177,7 @@ def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple
 def stroke_axes(gradient: Floats, spread: float) -> Floats:
     """Return weakest-curvature directions of level surfaces as averaged outer products: (3, X, Y, Z) -> (6, X, Y, Z).
 
-    The shape operator of a level surface is P H P / |g|, with g the gradient, H the second derivatives and P the
-    projection to the tangent plane (Kindlmann et al. 2003, Curvature-based transfer functions, eq. 5).
+    The shape operator is P H P / |g|: gradient g, second derivatives H, tangent plane P (Kindlmann et al. 2003, eq. 5).
     """
     length = np.sqrt(np.square(gradient).sum(0))
     where = length > 0.02 * float(length.max() or 1.0)

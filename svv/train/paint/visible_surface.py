@@ -1,7 +1,6 @@
 """The visible surface of a region: where strokes lie, how deep one sees into it, how it bends, and how it is lit.
 
-Along every ray of views from all around, the samples of a region that follow one another without a gap are one sheet:
-its mean position, by visibility, is where a viewer sees it, and a stroke spans its deviation. Letters: S points.
+A region's samples along a ray without a gap are one sheet, which is seen at its mean position. S points.
 """
 
 from __future__ import annotations
@@ -111,10 +110,7 @@ class VisibleSurface:
         return found.reshape(values.shape)
 
     def spread(self, values: NDArray[np.floating], reach: float) -> NDArray[np.float64]:
-        """Average values (S,) over all that is visible around each point, whichever way it faces. (S,)
-
-        ``reach`` is the standard deviation of the distance in box units.
-        """
+        """Average values (S,) over all that is visible within about ``reach`` box units, whichever way it faces."""
         cells = min(max(int(2.0 / reach), 1), MOST_CELLS)  # cells of half a standard deviation
         at = np.minimum((self.points * cells).astype(np.int64), cells - 1)
         cell = np.ravel_multi_index(tuple(at.T), (cells, cells, cells))
@@ -149,10 +145,8 @@ class VisibleSurface:
     def tones(self, opacity: Floats, cells: int, width: float, mean: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how light each point is, ranked among all that is visible, from 0 (darkest) to 1. (S,)
 
-        Light from the upper left and a weaker one from the other side, with their shadows, openness to the
-        surroundings, and signed curvature (ridges are lighter than hollows) in standard deviations. ``opacity`` (X, Y,
-        Z) is that of the scene's cells along a side of theirs, ``width`` that of a stroke, ``mean`` (S,) the curvature,
-        positive where it is convex.
+        Two opposite lights with their shadows, openness to the surroundings and signed curvature, the ``mean`` (S,),
+        count in standard deviations. ``opacity`` (X, Y, Z) is that of the scene's cells along a side of theirs.
         """
         sun = LIGHT / np.linalg.norm(LIGHT)
         sky = _directions(SKY)
@@ -202,10 +196,7 @@ class Bends:
 def visible_surface(
     views: Sequence[StyledView], region: int, form: Form, width: float, most: int = 60_000
 ) -> VisibleSurface | None:
-    """Return the visible surface of a region, with the normals of a form, or None if nothing of it is visible.
-
-    The ``width`` of a stroke, in box units, sets the distance of points; ``most`` sheets are taken from each view.
-    """
+    """Return the visible surface of a region with a form's normals, for a width of strokes, or None if it is unseen."""
     found = [s for s in (_sheets(view, region, GAP * width, most) for view in views) if s is not None]
     if not found:
         return None

@@ -1,14 +1,10 @@
 """Regions unmixed along rays: which region each point of a scene has, solved over many rays at once.
 
-The base field's colour of a point behind a translucent shell is tinted, as light may lie anywhere along a ray. A pixel
-is a sum over its points, of their weights in it times their regions' colours, and rays from many sides disagree with a
-wrong one. With a soft membership x in [0, 1] of each vertex in each region, this is a sparse convex problem: least
-squares over rays, plus differences of neighbours, weighted by the light of both, so that borders lie where little is
-seen. It is solved in turn with the regions' colours. Normals are noisy, so errors along a pixel's own colour, its
-brightness, count less. Rays that are held out choose the smoothness, or no solution, and divide regions whose halves
-explain them much better.
-
-Letters: S samples, R rays, V vertices, E edges between neighbours, P regions.
+Behind a translucent shell, the base field's colours are tinted. A pixel is a sum over points, of their weights in it
+times their regions' colours, and rays from many sides disagree with a wrong region. With soft memberships of vertices,
+this is a sparse convex problem: least squares over rays, plus differences of neighbours, weighted by the light of both,
+solved in turn with the colours. Rays that are held out choose the smoothness, or no solution, and divide regions whose
+halves explain them much better. Letters: S samples, R rays, V vertices, P regions.
 """
 
 from __future__ import annotations
@@ -114,7 +110,7 @@ class Seen:
         return found[:count], found[count:]
 
     def errors(self, region: Tensor, light: tuple[Array, Array], along: float) -> Tensor:
-        """Return what is shown of regions (V,) and their light less the pixels. (R, 3)
+        """Return what is shown of regions (V,) less the pixels. (R, 3)
 
         ``along`` is the part that is left of errors along the pixels' own colours.
         """
@@ -150,10 +146,9 @@ class Unmixed:
 
 
 def unmixed(seen: Seen, region: Regions, count: int, places: Tensor, until: float = math.inf) -> Unmixed:
-    """Return the regions of vertices that explain held-out rays best, starting from regions (V,) found otherwise.
+    """Return the regions (V,) of vertices at places (V, 3) on a grid that explain held-out rays best.
 
-    ``places`` (V, 3) are the vertices' coordinates on their grid, int64. It stops with the best regions so far at the
-    time ``until`` of :func:`time.monotonic`.
+    It starts from ``region`` and stops at the time ``until`` of :func:`time.monotonic` with the best so far.
     """
     if count < 2 or time.monotonic() >= until:
         return Unmixed(region, 0.0)
@@ -181,9 +176,8 @@ def divided(
 ) -> tuple[Regions, list[tuple[int, float]], list[tuple[int, NDArray[np.bool_]]]]:
     """Return regions (V,) of which those are divided whose halves explain held-out rays much better, up to ``most``.
 
-    Two materials of similar hues may be one region, because the pixels' palette mixes one of them from others. Each
-    half of a region, along the direction in which its colours, ``light`` (V, 3), differ most, then has a colour of its
-    own.
+    The pixels' palette may mix one of two materials of similar hues from others. Each half of a region, along the
+    direction in which its colours in ``light`` (V, 3) differ most, then has a colour of its own.
 
     Returns:
         Regions, of which new ones have the numbers after the last; the number of each that was divided, with the part
@@ -294,10 +288,7 @@ def _neighbours(places: Tensor) -> Tensor:
 
 
 def joined(ray: Tensor, vertex: Tensor, weight: Tensor, colour: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return samples of which those of a ray that stand for the same vertex, one after the other, are one.
-
-    ``ray`` (S,) ascends, ``vertex`` (S,) is int64, ``weight`` (S,) > 0; ``colour`` (S, 3) becomes the mean by weight.
-    """
+    """Return samples (S,) of which consecutive ones of a ray with one vertex are one; colours (S, 3) are means."""
     begins = torch.ones(len(ray), dtype=torch.bool, device=ray.device)
     begins[1:] = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
     first, run = begins.nonzero()[:, 0], begins.cumsum(0) - 1

@@ -49,10 +49,9 @@ worth that much."""
 
 
 def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
-    """Return whether colours depend on the viewing direction, and the reason for the decision.
+    """Return whether colours depend on the viewing direction, and the reason: views of a volume record it.
 
-    Views rendered from a volume record how they were shaded. For others, the base network is asked for the colours of
-    the same points from a slightly different direction.
+    For others, the base network is asked for the colours of the same points from slightly different directions.
     """
     shading = views.meta.shading
     if shading is not None:
@@ -67,18 +66,14 @@ def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
 
 
 def headlight_of(views: ViewSet) -> str:
-    """Return the direction of the views' headlight; see :attr:`svv.fields.radiance.networks.FieldSettings.headlight`.
-
-    VTK's CPU ray caster and ours take it as parallel to the camera's axis, others as a point at the camera.
-    """
+    """Return a headlight's direction: ``axis`` of the camera for VTK's CPU ray caster and ours, else ``point``."""
     return "axis" if views.meta.mapper in ("cpu", "bricks") else "point"
 
 
 def light_for(views: ViewSet, settings: FieldSettings) -> str:
     """Return the light to train by default: ``network``, or ``auto`` for few views that were drawn from a volume.
 
-    A network must see a surface from all directions; an explicit light knows the cosine, and is 8 dB better for smooth
-    shapes in 16 views.
+    A network must see a surface from all directions; an explicit light is 8 dB better for smooth shapes in 16 views.
     """
     few = len(views.cameras) < FEW_VIEWS and views.meta.shading is not None
     return "auto" if few and settings.encoding == "lattice" else "network"
@@ -96,18 +91,11 @@ def light_by_trial(
     """Return the scene with an explicit light if that renders held-out views as well as the network, and the reason.
 
     Both are trained for :data:`TRIAL` of the steps, without one of every :data:`HELD_OUT` views, and tested on those:
-    the network must be better by more than :data:`MARGIN`. Of fewer than :data:`FEW_VIEWS`, none is held out, because
-    they tell nothing and the base field has learned from all. Of two lights that explain all views within
-    :data:`FEW_STEPS` steps, the one of a dozen numbers is the more likely.
+    the network must be better by more than :data:`MARGIN`. Of fewer than :data:`FEW_VIEWS`, none is held out: they tell
+    nothing. Of two lights that explain all views within :data:`FEW_STEPS` steps, the one of a dozen numbers is the more
+    likely.
 
-    Args:
-        scene: A scene without a palette network; its settings have the explicit light.
-        views: Training views.
-        palette: Colours of the regions. (P, 3)
-        settings: Settings of stage 2.
-        running: Seed of both trials, seconds for both together, and progress.
-        owners: Region of each point, if it is known.
-        given: Palette shares in the pixels, if they are needed.
+    ``running`` has the seconds of both trials together; ``owners`` and ``given`` are as for :func:`recolour`.
     """
     count = len(views.cameras)
     steps = max(1, round(settings.iterations * TRIAL))

@@ -1,8 +1,7 @@
 """Regions corrected by pointing: "this is region 1" and "these are one".
 
 A point stands for the connected piece of its region around it. If points in a piece differ, a random walker divides it
-(Grady 2006): each cell goes to the point that a walker from there reaches first, which rarely steps where colour or
-opacity changes. Other pieces stay. Letters: S samples, P palette colours.
+(Grady 2006): each cell goes to the point reached first by steps that avoid changes of colour or opacity.
 """
 
 from __future__ import annotations
@@ -92,15 +91,10 @@ class Pointed:
 
 
 def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]) -> Pointed:
-    """Return the regions that points and pairs of places ask for, in cells; nothing is trained.
+    """Return the regions, in cells, that places in world units ask for; nothing is trained.
 
-    Args:
-        scene: A scene with a palette network, without parts.
-        points: Places in world units, each with the region that is there; the number after the last one is a new one.
-        same: Pairs of places that are one region.
-
-    Raises:
-        BadInput: The reasons of :func:`check_places`, nothing would change, or nothing would be left of a region.
+    Each of the ``points`` has the region that is there, or the number after the last one for a new one; each pair of
+    ``same`` is one region. Raises BadInput as :func:`check_places`, or if nothing would change or be left of a region.
     """
     count = len(scene.palette_regions)
     (cells, region, opacity), seeds, pairs = _placed(scene, points, same)
@@ -122,9 +116,8 @@ def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tu
 def check_places(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]) -> None:
     """Check what can be told of each place of :func:`pointed` by itself, and of pairs; more places may mend the rest.
 
-    Raises:
-        BadInput: Nothing is at a place, a region does not exist, places contradict each other, both places of a pair
-        have the same region already, or the scene has parts.
+    Raises BadInput if nothing is at a place, a region does not exist, places contradict each other, both of a pair have
+    the same region already, or the scene has parts.
     """
     _placed(scene, points, same)
 

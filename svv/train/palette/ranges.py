@@ -137,10 +137,7 @@ def hull_of(ranges: Sequence[tuple[float, float]]) -> tuple[float, float] | None
 
 
 def membership(regions: Sequence[Region], volume: ClassifiedVolume) -> NDArray[np.bool_]:
-    """Return whether each range of a volume is part of each region; all regions know their values. (R, P)
-
-    It belongs to every region whose values contain its middle, or else to the one with the nearest values.
-    """
+    """Return whether each range of a volume is part of each region: those around its middle, or the nearest. (R, P)"""
     middles = np.array([0.5 * (r.low + r.high) for r in volume.ranges])
     away = np.full((len(middles), len(regions)), np.inf)
     for number, region in enumerate(regions):

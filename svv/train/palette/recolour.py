@@ -54,7 +54,6 @@ OWNER_WEIGHT = 0.1
 a volume, for a palette made by hand or of more than three colours: weight of the cross entropy of their shares in
 a pixel, averaged over the colours."""
 
-
 PENALTIES = 3
 """Weights among a step's numbers: of offsets, of the shade's deviation from 1, and of mixed palette weights."""
 
@@ -241,10 +240,9 @@ class Recolouring:
         return values, parts.weights
 
     def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
-        """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
+        """Return the penalty of palette weights (S, P) at positions (S, 3) in other regions than their own, a scalar.
 
-        It is a mean over the regions, and over the samples of each on all ranks: a thin shell counts as much as thick
-        fog.
+        It is a mean over regions, and over the samples of each on all ranks: a thin shell counts as much as thick fog.
         """
         count = weights.shape[1]
         if not len(position):
@@ -296,21 +294,14 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     values: ValueGrid | None = None,
     start: PaletteField | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
-    """Train the palette colour network for a palette (P, 3), RGB in [0, 1].
+    """Train the palette colour network for a palette (P, 3), RGB in [0, 1], on a scene's frozen base field.
 
-    Args:
-        views: Training views.
-        scene: A scene with a frozen base field; its settings shape the network, and its device trains it.
-        palette: Initial palette colours.
-        settings: Settings of stage 2.
-        running: Seed, time, progress and checkpoint.
-        owners: Region of each point, if it is known.
-        given: Palette shares in the pixels, for a palette made by hand or of more than three colours.
-        values: Values of the volume, if the network is to be a function of them (:mod:`svv.train.base.from_values`).
-        start: A trained network of as many colours to start from, which first learns its points' regions without rays.
+    ``owners`` are the regions of points, if they are known, and ``given`` palette shares in the pixels, for a palette
+    made by hand or of more than three colours. With ``values``, the network is a function of the volume's
+    (:mod:`svv.train.base.from_values`). It may ``start`` from a trained one of as many colours, which first learns its
+    points' regions without rays.
 
-    Returns:
-        The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
+    Returns the frozen network, each region's fraction of the visible light (P,), and the seconds spent.
     """
     begin = time.monotonic()
     base, occupancy, seed, checkpoint = scene.base, scene.occupancy, running.seed, running.saved

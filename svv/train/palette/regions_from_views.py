@@ -1,10 +1,9 @@
 """Regions of a scene without its volume: which points are of one material, and its colour in full light.
 
-No pixel may show a material alone, as behind a translucent shell, and none tells grey from white in the shade; points
-do. The base field says how much of each point a pixel shows, and what a pixel shows beyond the field's colours is given
-back to its points. Points of one hue are one region, unless their hues, or their brightness in full light, fall into
-two groups; a surface's normal tells how much of a headlight it reflects. Rays from many sides then correct the points'
-regions (:mod:`svv.train.palette.along_rays`), and least squares over many pixels find the regions' colours.
+Pixels may show no material alone, nor tell grey from white in the shade. The base field says how much of each point a
+pixel shows; what it shows beyond the field's colours is given back to its points. Points of one hue are one region,
+unless hues or brightness in full light fall into two groups. Rays then correct the points' regions
+(:mod:`svv.train.palette.along_rays`), and least squares over many pixels find the regions' colours.
 
 Letters: S samples, R rays, V vertices of the grid of regions, P regions.
 """
@@ -217,8 +216,8 @@ class _Points:
     def confidence(self, region: NDArray[np.int64], colours: Array) -> Array:
         """Return how far single rays agree with the regions (V,) of their points, in [0, 1]; ``colours`` (P, 3). (P,)
 
-        A ray's own colour of a point tells a region as well: it is the intersection over union of both, in terms of
-        light. Regions of nearly one hue are not told apart.
+        The hue of a point in a ray tells a region as well: the intersection over union of both, by light. Regions of
+        nearly one hue are not told apart.
         """
         unit, own, count = _unit(colours), self._own(region), len(colours)
         light = [summed(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
@@ -328,14 +327,9 @@ def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_
 
 @torch.no_grad()
 def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, seconds: float | None = None) -> KnownRegions:
-    """Return the regions of a scene that was learned from views alone.
+    """Return the regions of a scene that was learned from views alone; a palette's hues divide its points.
 
-    Args:
-        scene: A scene with a base field on a lattice; its device does the work.
-        views: Training views.
-        palette: Palette of the pixels: its hues divide the points.
-        seed: Seed of the rays.
-        seconds: About how long it may take: fewer rays are then followed, and less is unmixed along them.
+    It takes about so many seconds: fewer rays are then followed, and less is unmixed along them.
     """
     until = math.inf if seconds is None else time.monotonic() + seconds
     points, hues = _Points(scene, views, seed, until), palette.colours

@@ -1,8 +1,7 @@
 """Palette shares of pixels, used when no volume determines the regions: how much of the light each colour contributes.
 
-Of similar hues, and of more than three colours, the weights of eq. 4 (StyleRF-VolVis) choose by chance and leave the
-rest to the offsets. Pixels resolve this: a pure one is a shade of a single colour. Letters: R rays, P palette colours,
-G of them in one mixture, N mixtures.
+Of similar hues, and of more than three colours, the weights of eq. 4 (StyleRF-VolVis) choose by chance. Pixels resolve
+this: a pure one is a shade of a single colour. Letters: R rays, P colours, G of them in one mixture, N mixtures.
 """
 
 from __future__ import annotations

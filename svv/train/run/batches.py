@@ -81,10 +81,7 @@ class RayBudget:
         self.rays, self._most, self._samples = most, most, samples
 
     def adjust(self, number: int, samples: float) -> None:
-        """Adapt to the samples that this rank's part of the rays gave in step ``number``; every 16th step counts.
-
-        Small differences change nothing: steps of as many rays as before need not be recorded anew on a GPU.
-        """
+        """Adapt to the samples of this rank's rays in every 16th step; small differences record no steps anew."""
         if number % 16 == 0:
             ideal = self._samples * self.rays / max(int(ranks.total(samples)), 1)
             rays = int(np.clip(ideal, self._most // 4, self._most))
@@ -145,10 +142,7 @@ class RayPool:
         return self._sources[by_contrast]
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly.
-
-        Of more, one is drawn from each of ``most`` equal parts of their list (stratified sampling).
-        """
+        """Return RGB (N, 3) and alpha (N,) in [0, 1] of visible pixels, of too many a stratified sample."""
         there, generator = self._there, np.random.default_rng(self._seed)
         pool = pixels_of(self._views).index if there is None else there.index
         chosen = np.arange(min(len(pool), most))

@@ -1,7 +1,6 @@
 """Checkpoints of a training run, in the scene container's format, so that they are data and never code.
 
-A file holds the finished stages and the state of the one in progress, and belongs to one set of views, settings and
-seed: any other run starts afresh.
+A file belongs to one set of views, settings and seed, and holds finished stages and the state of one in progress.
 """
 
 from __future__ import annotations

@@ -202,7 +202,6 @@ PRESETS = {
 HOMES = {"lattice": "balanced"}
 """Encoding -> the preset whose table and learning rates were tuned for it; others use those of ``paper``."""
 
-
 VALUES = "values"
 """Encoding of scenes that are functions of their volume's values."""
 

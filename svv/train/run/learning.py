@@ -1,7 +1,4 @@
-"""Training in the background: a process of its own, as a script or a notebook sees it.
-
-The process has a low priority, ends with the process that started it, and gives its results in files.
-"""
+"""Training in the background, as a script or a notebook sees it: in a process of low priority that ends with theirs."""
 
 from __future__ import annotations
 

@@ -182,10 +182,9 @@ class Loop:
         self.course.clear()
 
     def last_gain(self, until: float = 1.0) -> float | None:
-        """Return how many dB the mean loss of the last part is below that of the part before; None without both.
+        """Return the dB by which the last part's mean loss is below that of the part before, None without both.
 
-        Parts count up to the fraction ``until`` of the run: as learning rates fall to nothing, the loss falls in any
-        case.
+        ``until`` leaves out parts in which learning rates fall to nothing: the loss falls there in any case.
         """
         ends = [self.course.get(round(PARTS * until) - k) for k in (2, 1)]
         if not all(ends):
@@ -197,8 +196,7 @@ class Loop:
 def falling(fraction: float, end: float, hold: float = 0.0) -> float:
     """Return the factor on a learning rate: it falls exponentially from 1 to ``end``.
 
-    If that is 0, it is 1 up to the fraction ``hold`` and then falls linearly to 0, which is the best end of a schedule
-    whose length is known (Defazio et al. 2023).
+    If that is 0, it falls linearly after the fraction ``hold``, the best end of a known schedule (Defazio et al. 2023).
     """
     if end > 0.0:
         return float(end**fraction)

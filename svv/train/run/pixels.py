@@ -22,8 +22,7 @@ STEPS = 8
 class Pixels:
     """The pixels, drawn evenly or by their contrast.
 
-    Errors are largest at silhouettes, edges and thin lines. To draw these more often and count each of them less
-    (importance sampling) gives the same mean gradient with less noise.
+    To draw silhouettes, edges and thin lines more often and count them less (importance sampling) leaves less noise.
     """
 
     def __init__(self, views: ViewSet) -> None:
@@ -52,10 +51,7 @@ class Pixels:
     def drawn(
         self, generator: np.random.Generator, count: int, by_contrast: float = 0.0
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Return flat indices of pixels among all views, a fraction of them drawn by contrast, and their weights.
-
-        With these, a mean over the drawn pixels is, on average, the mean over all. (count,) each
-        """
+        """Return flat indices of pixels, drawn by contrast in part, and weights of an unbiased mean. (count,) each"""
         share, ends, first = steps_to_draw(self.counts, by_contrast)
         where = generator.random(count) * ends[-1]
         step = np.searchsorted(ends[1:-1], where, side="right")

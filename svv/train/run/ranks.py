@@ -1,9 +1,8 @@
 """Training on several processes; with :mod:`svv.train.run.gradients`, all that knows ``torch.distributed``.
 
-``torchrun`` starts the same command N times and numbers the processes, the ranks. Each takes its part of the rays of a
-batch, and gradients are summed, so all take the same step. What is short, or decides something, is done by the first
-rank and sent to the others (:func:`once`); only the first reads and writes files. Without ``torchrun``, every function
-returns at once.
+``torchrun`` numbers the processes, the ranks. Each takes its part of the rays of a batch, and gradients are summed, so
+all take the same step. What is short, or decides something, the first rank does and sends to the others (:func:`once`),
+and only it reads and writes files. Without ``torchrun``, every function returns at once.
 """
 
 from __future__ import annotations
@@ -108,13 +107,9 @@ def part(number: int) -> slice:
 def joined(device: str = "cpu") -> Iterator[None]:
     """Work together with the other ranks in the body; alone, this does nothing.
 
-    If a rank ends early, the others end, too, and only one of them says why. Unless the ``device`` is the CPU, each
-    rank of a machine gets one of its GPUs, which is then the only one that it sees: call this before anything uses a
-    GPU.
-
-    Raises:
-        BadInput: This torch cannot do that, or the other ranks cannot be reached.
-        Elsewhere: Another rank says why the work ends.
+    If a rank ends early, the others end, too (Elsewhere), and one says why. Unless the ``device`` is the CPU, each rank
+    of a machine gets one of its GPUs, which is then the only one that it sees: call this before anything uses a GPU.
+    Raises BadInput if this torch cannot do that, or the other ranks cannot be reached.
     """
     global _group
     where = place()

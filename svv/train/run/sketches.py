@@ -1,7 +1,4 @@
-"""Sketches: scenes that are learned in seconds from few small views, to be shown until there is a better one.
-
-Live in ParaView's window, ``train_scene`` in the background, and ``svv train --sketch`` make them first.
-"""
+"""Sketches: scenes that are learned in seconds from few small views, to be shown until there is a better one."""
 
 from __future__ import annotations
 

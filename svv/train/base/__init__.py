@@ -1,1 +1,1 @@
-"""Stage 1: the base radiance field (:mod:`svv.fields.radiance`), from a first extinction to the finest level."""
+"""Stage 1: the base radiance field, from a first extinction to the lattice's finest level."""

@@ -50,8 +50,7 @@ OPACITIES = ("Points", "ScalarOpacityUnitDistance")
 """Entries of a transfer function on which opacities depend."""
 
 ELSEWHERE = 0.05
-"""Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
-views are of another scene."""
+"""Largest deviation of the cameras' centre and distance, relative to the distance, from those of the same scene."""
 
 
 def correct_palette(

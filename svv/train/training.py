@@ -42,8 +42,7 @@ from svv.train.run.config import Preset
 from svv.train.run.loop import Running
 
 INDEPENDENT = 3
-"""Number of palette colours that a pixel's colour alone can tell apart: RGB has no more dimensions. With more colours
-and no volume, :class:`svv.train.palette.unmix.Unmixing` estimates from the pixels which ones a mixture is made of."""
+"""Palette colours that a pixel's colour alone can tell apart: RGB has no more dimensions, so more are unmixed."""
 
 BEGINNING_PART = 0.2
 """Fraction of a time limit that reconstructing the extinction from views may take."""

@@ -30,10 +30,8 @@ FAINT_PRUNE_LEAST = 0.0007
 is exact enough for a skin of 1 % in boxes without empty corners, whose steps are short."""
 
 KNOWN_CELLS = 4
-"""Maximum number of cells of an extinction that the volume tells, per cell of the finest features.
-
-Each is a part of a pixel, but training only refines what is known. Twice as many as elsewhere gain 1.4 dB for a stent
-and 2 dB for an embryo."""
+"""Maximum number of cells of an extinction that the volume tells, per cell of the finest features. Twice as many as
+elsewhere gain 1.4 dB for a stent and 2 dB for an embryo."""
 
 POINTS_AT_A_TIME = 1 << 18
 """Number of points whose extinction a network computes together."""

@@ -30,8 +30,7 @@ from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_st
 from svv.train.run.sample_room import SampleRoom
 
 LEAST_GAIN = 0.1
-"""Gain in dB over the last tenth of a schedule, before learning rates fall to nothing, from which a longer schedule is
-reported as worthwhile."""
+"""Gain in dB over the last tenth at full learning rates from which a longer schedule is said to be worthwhile."""
 
 REFINE_AT = 0.5
 """Fraction of the schedule after which the step and the density lattice become twice as fine."""
@@ -47,8 +46,7 @@ TRANSLUCENT_DENSITY_RATE = 0.05
 """Learning rate of a density that was initialized by a tomography of translucent views, which is less exact."""
 
 OPAQUE_DENSITY_RATE = 0.15
-"""Learning rate of a density that was initialized by a tomography of views of which most visible pixels are opaque:
-what lies behind such a pixel, it does not tell."""
+"""The same of views whose visible pixels are mostly opaque, which do not tell what lies behind them."""
 
 ALPHA_WEIGHT = 1.0
 """Weight of the squared error of alpha, relative to that of colour."""

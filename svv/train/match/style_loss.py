@@ -37,8 +37,7 @@ class StyleLossSettings:
     """Weights and sizes of the style loss."""
 
     style_size: int = 280
-    """Long side in pixels to which the style picture is scaled: strokes scale with it. Parts of a scene are smaller
-    than its views, so their strokes are smaller than those of a picture as large as a view (400)."""
+    """Long side in pixels to which the picture and its strokes are scaled: below views (400), as regions are."""
     colours: float = 3.0
     """Weight of the loss on the mean and covariance of the region's colours against the style's."""
     variation: float = 8.0

@@ -125,8 +125,7 @@ class StyleInput:
     name: str | None = None
     """Name of a picture; an ink has its own."""
     mask: NDArray[np.bool_] | None = None
-    """Part of the picture to learn from, (h, w); None for all of it. To use several masks, give the picture several
-    times."""
+    """Part of the picture to learn from, (h, w), None for all of it. For several, give the picture several times."""
     measured: NDArray[np.bool_] | None = None
     """Of a divided picture, the part in which its hand is measured, (h, w); None for all of it."""
     divided: bool = False

@@ -44,8 +44,7 @@ STIFF = 30.0
 """Cost, in squared CIEDE2000, of a change of lightness by :data:`AWAY`, or of chroma by a factor of e."""
 
 ORDERED, EASY = 5.0, 3.0
-"""Difference in lightness between what encloses and what is enclosed whose order is kept, and the least that is kept
-of it."""
+"""Difference in lightness from which the order of what encloses and is enclosed is kept, and how much of it is."""
 
 QUANTILES, SAMPLED = 10, 250
 """Number of tones at which regions are compared, and maximum number of pixels of each."""

@@ -18,8 +18,7 @@ SHORT = 1.25
 """Elongation below which marks are stones or dots."""
 
 COMMON, EVEN = 0.9, 0.12
-"""Fraction of the commonest colours, and broken tone, from which a picture is a texture or a drawing: few colours that
-alternate everywhere."""
+"""Fraction of the commonest colours, and broken tone, from which a picture is a texture or a drawing."""
 
 DOTS = (0.12, 0.25)
 """Broken tone between which marks that are as wide as long are dots: stones of a mosaic are more even, and in noise

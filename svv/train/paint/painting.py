@@ -41,8 +41,7 @@ MOST_VERTICES = 3_000_000
 """Approximate maximum number of vertices of a painting: each takes three bytes in the scene file."""
 
 MOST_CELLS = 256
-"""Maximum number of cells of a painting along the longest side: the lattice keeps a number for every cell of the box,
-even if it stores nothing there."""
+"""Maximum number of cells of a painting along the longest side: the lattice has a number for every cell of the box."""
 
 UP = np.array([0.0, 1.0, 0.0])
 """The world's up direction, as in the cameras."""

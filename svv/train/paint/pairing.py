@@ -27,8 +27,7 @@ GLANCES, GLANCE = 6, 64
 """Number of views in which it is seen which region encloses which, and their side in pixels."""
 
 PROMINENT = 0.2
-"""Share of what is visible to which a region's is added before its vividness is divided by it: small regions choose
-first."""
+"""Added to a region's share of what is visible, by which its vividness is divided: small regions choose first."""
 
 CLEAR = 40.0
 """CIEDE2000 between two families from which more makes no difference."""

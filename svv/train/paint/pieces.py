@@ -20,14 +20,11 @@ class PieceSettings:
     """How pictures are laid in pieces."""
 
     size: int = 280
-    """Long side in pixels to which a picture is scaled: strokes scale with it. Parts of a scene are smaller than its
-    views, so their strokes are smaller than those of a picture as large as a view (400)."""
+    """Long side in pixels to which a picture and its strokes are scaled: below that of views (400), as regions are."""
     largest: float = 3.0
-    """Maximum factor by which strokes become larger in deep regions (:func:`svv.train.paint.contrast.stroke_scales`); 1
-    keeps all strokes at their size."""
+    """Maximum factor on strokes in deep regions (``contrast.stroke_scales``); 1 keeps all at their size."""
     contrast: bool = True
-    """Whether paint gets the contrast with which it appears as strong as the style
-    (:func:`svv.train.paint.contrast.match_contrast`)."""
+    """Whether paint gets the contrast with which it appears as strong as the style (``contrast.match_contrast``)."""
     guides: Guides = field(default_factory=Guides)
     """Weights by which the pieces are chosen."""
 

@@ -30,8 +30,7 @@ LARGEST = 3.0
 """Largest factor by which they do: what is deeper still is fog."""
 
 FAINT, GLAZED = 0.2, 5.0
-"""Opacity of a sheet below which strokes become larger, and by how much per opacity: of what is hardly there, only
-large ones remain strokes."""
+"""Opacity of a sheet below which strokes become larger, to remain strokes, and by how much per opacity."""
 
 GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees

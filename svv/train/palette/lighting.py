@@ -44,8 +44,7 @@ FEW_STEPS = 100
 """Most steps of a trial on so few views: in more, the lighting network learns their images by heart."""
 
 MARGIN = 1.0
-"""Largest lead in dB of the lighting network in a trial at which the explicit light is still chosen: a movable light is
-worth that much."""
+"""Lead in dB of the network in a trial up to which the explicit light, which can be moved, is chosen."""
 
 
 def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:

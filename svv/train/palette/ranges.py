@@ -24,8 +24,7 @@ from svv.kernels.types import Samples
 from svv.train.run.batches import RayPool
 
 LOOKED_AT = 16384
-"""Number of rays from which the visible light of each range is estimated. With a hash grid, all their samples pass
-through networks at once, so more rays would need gigabytes."""
+"""Rays that tell the visible light of each range; a hash grid's networks take all their samples at once."""
 
 
 class Labelled(Protocol):

@@ -63,8 +63,7 @@ LEAST_BRIGHTNESS_RATIO = 1.4
 """Ratio of the brightness of two groups in full light from which they may be two regions."""
 
 BEST_LIT = 0.995
-"""Quantile of the brightness of a region's points that counts as full light: a normal is not known well enough where a
-surface is rough, thin or cut off by the volume's side."""
+"""Quantile of the brightness of a region's points that counts as full light: some normals are not known well."""
 
 LEAST_COLOUR = 0.02
 """Brightness below which a region's colour was not found."""

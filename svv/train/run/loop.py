@@ -105,8 +105,7 @@ class Loop:
     watch: Callable[[], None] | None = None
     """Called after every step."""
     network: nn.Module | None = None
-    """The network that is trained. If its loss or a parameter is no longer finite, its last good state is kept, and the
-    run ends."""
+    """The network that is trained; if it or its loss is no longer finite, the run ends with its last good state."""
     notes: list[str] = field(default_factory=list)
     """Receives a sentence if that happens."""
     done: int = 0
@@ -119,9 +118,9 @@ class Loop:
     def run(self, step: Callable[[int, float], Tensor]) -> float:
         """Call ``step(number, fraction)`` until done, and return the seconds spent, with those before an interruption.
 
-        It returns the loss, which is read only when it is shown, because that waits for the GPU. If several processes
-        train, the first one's time limit counts, and all stop at the same step. Raises BadInput if the training
-        diverged before there was a good state.
+        The step returns the loss, which is read only when it is shown, because that waits for the GPU. If several
+        processes train, the first one's time limit counts, and all stop at the same step. Raises BadInput if the
+        training diverged before there was a good state.
         """
         begin = saved = told = time.monotonic()
         before = self.spent

@@ -15,9 +15,10 @@ from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
 from svv.fields.following.followed_scene import at_step, check_follows
 from svv.fields.radiance.networks import UnrestrictedField
-from svv.fields.radiance.of_values import SLOPE_RANGE, SLOPES, VALUES, colours_of
+from svv.fields.radiance.of_values import SLOPES, VALUES, colours_of
 from svv.fields.scene.scene import Scene
 from svv.job.volume_opacities import adapted, with_opacities_of
+from svv.train.base.extinction_table import mean_extinction
 
 KNOWN = 4097
 """Values at which functions are compared."""
@@ -175,11 +176,7 @@ def _classified(function: TransferFunction, at: NDArray[np.float64], unit: float
     sigma = -np.log1p(-np.minimum(function.opacity_at(at), 1.0 - 1e-6)) / unit
     place = np.linspace(0.0, 1.0, len(at))
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(place))])
-    value = np.linspace(0.0, 1.0, VALUES)[:, None]
-    half = 0.5 * np.geomspace(*SLOPE_RANGE, SLOPES)[None]
-    low, high = np.clip(value - half, 0.0, 1.0), np.clip(value + half, 0.0, 1.0)
-    mean = (np.interp(high, place, integral) - np.interp(low, place, integral)) / (high - low)
-    return np.log(np.maximum(mean, np.exp(EMPTY_LOG_EXTINCTION)))
+    return np.log(np.maximum(mean_extinction(integral), np.exp(EMPTY_LOG_EXTINCTION)))
 
 
 def _paintings(scene: Scene) -> list[UnrestrictedField]:

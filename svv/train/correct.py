@@ -1,8 +1,4 @@
-"""Palette correction by hand: stage 2 is trained again for the new palette, on the existing base network.
-
-This is the paper's remedy for regions of similar hue (StyleRF-VolVis, section limitations): the extracted palette joins
-them, and a user who knows better separates them.
-"""
+"""Palette correction by hand: stage 2 is trained again for a new palette, the paper's remedy for similar hues."""
 
 from __future__ import annotations
 
@@ -54,8 +50,7 @@ OPACITIES = ("Points", "ScalarOpacityUnitDistance")
 """Entries of a transfer function on which opacities depend."""
 
 ELSEWHERE = 0.05
-"""Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
-views are of another scene."""
+"""Largest deviation of the cameras' centre and distance, relative to the distance, from those of the same scene."""
 
 
 def correct_palette(
@@ -70,8 +65,8 @@ def correct_palette(
     """Correct the palette of a scene and train its palette colour network again; the base network does not change.
 
     If the scene knows which values its regions show and the views include the classified volume, regions remain unions
-    of transfer function ranges: ranges are merged and split, and those of a removed region go to their neighbours.
-    Otherwise the corrected palette is taken as given, and the views decide which colour each point has
+    of transfer function ranges: these are merged and split, and those of a removed region go to their neighbours.
+    Otherwise the views decide which colour of the corrected palette each point has
     (:func:`svv.train.palette.regions_from_views.owners_of`). Places that are pointed at change the regions of the
     connected pieces around them (:func:`svv.train.palette.pointed.pointed`).
 
@@ -91,7 +86,7 @@ def correct_palette(
 
     Raises:
         BadInput: There is no palette network, the views are of another scene, or the correction is impossible
-            (:func:`svv.core.colour.correction.corrected`).
+        (:func:`svv.core.colour.correction.corrected`).
 
     >>> corrected, report = svv.correct_palette(scene, views, svv.Correction(merge=((0, 1),)), "draft")
     >>> len(corrected.regions)
@@ -194,10 +189,7 @@ def _planned(
 def _by_places(
     scene: Scene, volume: ClassifiedVolume | None, correction: Correction
 ) -> tuple[tuple[Entry, ...], Labelled, list[str], PaletteField | None]:
-    """Return what :func:`_planned` does, for places that are pointed at.
-
-    If only the borders of regions change, training starts from the present network.
-    """
+    """Return what :func:`_planned` does, for places that are pointed at; if only borders change, training goes on."""
     if volume is not None:
         raise BadInput(
             "The regions of this scene are ranges of its volume's values, which no place changes: give --views-only to "
@@ -237,10 +229,7 @@ def _joined(count: int, groups: Sequence[tuple[int, ...]]) -> tuple[tuple[int, .
 
 
 def _values_for(scene: Scene, volume: ClassifiedVolume | None, owners: Labelled | None) -> ValueGrid | None:
-    """Return the values of which the new palette network is a function, too; None if it must learn its features.
-
-    It must where regions share values, or where the volume is not the one of the scene.
-    """
+    """Return the values of which the new palette network is a function, too; None if it must learn its features."""
     known = volume is not None and volume.values is not None and volume.box == scene.occupancy.box
     if scene.values is None or not known or owners is None or owners.shared:
         return None

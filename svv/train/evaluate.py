@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,6 @@ from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import usable_cpus
 from svv.train.lpips import load_lpips, lpips
 
-Value = TypeVar("Value")
-
 MOST_AT_A_TIME = 8
 """Maximum number of images whose metrics are computed side by side: FLIP needs memory for each."""
 
@@ -33,6 +31,19 @@ COMPARED, COMPARED_SIDE = 8, 64
 
 LEAST_SHARED = 0.5
 """Intersection over union of the outlines, in terms of alpha, below which views show something else."""
+
+FIGURES = {"psnr", "psnr_foreground", "ssim", "flip"}
+"""Scores that may be nan, which JSON does not have."""
+
+
+def _size_in(value: object, name: str) -> tuple[int, ...]:
+    return tuple(whole_in(side, name) for side in list_in(value, 2, name))
+
+
+READERS: Mapping[str, Callable[[object, str], object]] = {
+    "float": number_in, "int": whole_in, "str": text_in, "tuple[int, int]": _size_in, "tuple[float, ...]": numbers_in,
+}  # fmt: skip
+"""What reads the scores of each kind."""
 
 
 @dataclass(frozen=True)
@@ -73,45 +84,20 @@ class Scores:
 
     @classmethod
     def from_json(cls, content: object, name: str = "scores") -> Scores:
-        """Read scores: the inverse of :meth:`to_json`. JSON has no nan, so null in place of a number becomes nan.
+        """Read scores, called ``name`` in errors: the inverse of :meth:`to_json`, where null for a number becomes nan.
 
-        Args:
-            content: Content of a file.
-            name: Name of the scores in error messages.
-
-        Raises:
-            BadInput: A value is missing or of the wrong kind.
+        Raises BadInput if a value is missing or of the wrong kind.
         """
-        values = object_in(content, name)
-
-        def read(key: str, reader: Callable[[object, str], Value]) -> Value:
-            return reader(needed(values, key, name), f"{name}.{key}")
-
-        def read_or_none(key: str, reader: Callable[[object, str], Value]) -> Value | None:
-            return None if values.get(key) is None else read(key, reader)
-
-        def figure(key: str) -> float:
-            return float("nan") if needed(values, key, name) is None else read(key, number_in)
-
-        overlap = read_or_none("region_overlap", numbers_in)
-        width, height = (whole_in(v, f"{name}.size") for v in list_in(needed(values, "size", name), 2, f"{name}.size"))
-        return cls(
-            psnr=figure("psnr"),
-            psnr_foreground=figure("psnr_foreground"),
-            ssim=figure("ssim"),
-            flip=figure("flip"),
-            lpips=read_or_none("lpips", number_in),
-            views=read("views", whole_in),
-            size=(width, height),
-            seconds_per_view=read("seconds_per_view", number_in),
-            network=read("network", text_in),
-            background=read("background", text_in),
-            device=read("device", text_in),
-            gpu=read_or_none("gpu", text_in),
-            kernels=read("kernels", text_in),
-            peak_gpu_bytes=read_or_none("peak_gpu_bytes", whole_in),
-            region_overlap=overlap,
-        )
+        values, found = object_in(content, name), dict[str, Any]()
+        for field in fields(cls):
+            key, (kind, _, or_none) = field.name, str(field.type).partition(" | ")
+            if or_none and values.get(key) is None:
+                found[key] = None
+            elif key in FIGURES and needed(values, key, name) is None:
+                found[key] = float("nan")
+            else:
+                found[key] = READERS[kind](needed(values, key, name), f"{name}.{key}")
+        return cls(**found)
 
     def to_json(self) -> dict[str, object]:
         """Return plain values under the names of the fields, without ``region_overlap`` if the volume is not known."""
@@ -122,11 +108,7 @@ class Scores:
 
 
 def check_views(scene: Scene, views: ViewSet) -> list[str]:
-    """Return what may be wrong with views before a scene is scored with them, as sentences.
-
-    Raises:
-        BadInput: The pictures contradict their cameras.
-    """
+    """Return what may be wrong with views to score with; raises BadInput if pictures contradict their cameras."""
     agreement = check_agreement(views.cameras, views.images, views.names)
     chosen = np.unique(np.linspace(0, len(views) - 1, COMPARED).round().astype(int)).tolist()
     shared = either = 0.0

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from svv.errors import BadInput, Progress, part
 from svv.fields.scene.joined import members, with_members
@@ -30,19 +31,9 @@ def stylize_layers(
     checkpoint: Path | None,
     preview: Show | None,
 ) -> tuple[Scene, Report]:
-    """Paint the regions of a joined scene, whose one painting is replaced, or continued with ``go_on``.
+    """Paint the regions of a joined scene with ``paint``, member by member; raises BadInput as ``stylize_scene``.
 
-    Args:
-        scene: A joined scene.
-        inputs: Styles.
-        asked: Options; numbers of regions are those of the joined scene.
-        paint: Paints one member.
-        progress: Called several times a second.
-        checkpoint: File beside which the members' checkpoints are saved.
-        preview: Called with the joined scene while it is painted.
-
-    Raises:
-        BadInput: Any reason of :func:`svv.train.pipeline.stylize_scene`.
+    Its one painting is replaced, or continued with ``go_on``; members' checkpoints lie beside the file.
     """
     every, go_on = list(members(scene)), asked.go_on
     if go_on and all(member.styled is None for member in every):
@@ -101,23 +92,20 @@ def _as_one(
         for stage, spent in report["seconds"].items():
             seconds[stage] = seconds.get(stage, 0.0) + spent
     gpu = [report["peak_gpu_bytes"] for report in each if report["peak_gpu_bytes"] is not None]
+    told: Mapping[int, Any] = reports
+    styles, manner, hand = (
+        {str(numbers[k][int(own)]): how for k, report in told.items() for own, how in report.get(key, {}).items()}
+        for key in ("styles", "manner", "hand")
+    )
     return {
         **each[0],
         "seconds": seconds,
         "peak_rss_bytes": max(report["peak_rss_bytes"] for report in each),
         "peak_gpu_bytes": max(gpu) if gpu else None,
         "parameters": scene.info()["parameters"]["total"],
-        "styles": {
-            str(numbers[k][int(own)]): style for k, report in reports.items() for own, style in report["styles"].items()
-        },
-        "manner": {
-            str(numbers[k][int(own)]): how for k, report in reports.items() for own, how in report["manner"].items()
-        },
-        "hand": {
-            str(numbers[k][int(own)]): how
-            for k, report in reports.items()
-            for own, how in report.get("hand", {}).items()
-        },
+        "styles": styles,
+        "manner": manner,
+        "hand": hand,
         "masked": sorted({style for report in each for style in report["masked"]}),
         "continued": [numbers[k][own] for k, report in reports.items() for own in report["continued"]],
         "previews": [seconds for report in each for seconds in report["previews"]],

@@ -1,8 +1,4 @@
-"""LPIPS with AlexNet (Zhang et al. 2018, version 0.1), if its weights are on this machine.
-
-The weights are torchvision's AlexNet and the linear heads of the package ``lpips``, which :mod:`svv.styles.weights`
-finds and fetches. This module downloads nothing.
-"""
+"""LPIPS with AlexNet (Zhang et al. 2018, version 0.1), if :mod:`svv.styles.weights` finds its weights."""
 
 from __future__ import annotations
 
@@ -62,11 +58,7 @@ def _unit(x: Tensor) -> Tensor:
 
 
 def load_lpips() -> Lpips | None:
-    """Load LPIPS with its published weights; None if they are not on this machine (see ``svv features --get``).
-
-    Raises:
-        BadInput: Torch's cache holds a different file under the name of the published AlexNet.
-    """
+    """Return LPIPS with its published weights, None without them; raises BadInput if torch's cache has another file."""
     found = weights.load("alexnet")
     if found is None:
         return None

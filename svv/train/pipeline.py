@@ -111,30 +111,30 @@ def stylize_scene(
         styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.paint.ink.Ink`).
             :class:`svv.train.paint.ink.StyleInput` gives styles names and masks.
         options: How to paint. The name of a preset, or custom settings, mean the default options with these settings.
-            ``mapping`` is the style of each region to be painted; other regions do not change. None gives every region
-            that is not kept a style, in turn; ``"colour"`` gives it the style whose mean colour is nearest
+            ``mapping`` is the style of each region to be painted; None gives every region that is not kept a style, in
+            turn; ``"colour"`` the one whose mean colour is nearest
             (:func:`svv.train.paint.style_choice.pairs_by_colour`). With ``go_on``, regions that are not named keep
-            their paint, and the preset ``paper`` refines that of the others instead of painting them anew. ``variant``
-            is a name that no painting of the scene has yet; without one, the painting is called ``styled`` and replaces
-            one of that name, or with ``go_on`` the painting that is shown.
+            their paint, and the preset ``paper`` refines that of the others. ``variant`` is a name that no painting of
+            the scene has yet; without one, the painting is called ``styled`` and replaces one of that name, or with
+            ``go_on`` the painting that is shown.
         progress: Called several times a second; stops the work when it raises.
         checkpoint: File to save to regularly, and to resume from if it exists.
-        preview: Called with a copy of the painted scene in its current state: when regions have one colour each, as
-            paint is laid, and finally with the result; with the preset ``paper`` about every ten seconds.
+        preview: Called with a copy of the painted scene when regions have one colour each, as paint is laid, and
+            finally with the result; with the preset ``paper`` about every ten seconds.
         pieces: How pictures are laid in pieces.
         changes: Fields of the options to change, by name, such as ``variant="ink"``.
 
     Returns:
         The scene with one more variant, which is shown, and the same edits (a scene of several transfer functions has
-        only one painting, which is replaced), and a report as from :func:`train_scene`.
-        Its ``notes`` say which styles are unused or shared, which masks make no difference, and in which manner each
-        style is painted; ``features`` names the features that were matched, ``none`` if paint is laid.
+        only one painting, which is replaced), and a report as from :func:`train_scene`. Its ``notes`` say which styles
+        are unused or shared, which masks make no difference, and in which manner each style is painted; ``features``
+        names the features that were matched, ``none`` if paint is laid.
 
     Raises:
         BadInput: There is no palette network or no style, a region or style does not exist, no region is left to style,
-            a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
-            styled network to continue with, the variant already exists, or the preset ``paper`` is to draw in ink or
-            paint in another manner, or another preset to match features.
+        a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
+        styled network to continue with, the variant already exists, or the preset ``paper`` is to draw in ink or paint
+        in another manner, or another preset to match features.
 
     >>> picture = np.random.default_rng(0).random((64, 64, 3), np.float32)
     >>> painted, report = svv.stylize_scene(scene, [picture], "draft", mapping={0: 0}, manner="strokes")

@@ -42,8 +42,7 @@ from svv.train.run.config import Preset
 from svv.train.run.loop import Running
 
 INDEPENDENT = 3
-"""Number of palette colours that a pixel's colour alone can tell apart: RGB has no more dimensions. With more colours
-and no volume, :class:`svv.train.palette.unmix.Unmixing` estimates from the pixels which ones a mixture is made of."""
+"""Palette colours that a pixel's colour alone can tell apart: RGB has no more dimensions, so more are unmixed."""
 
 BEGINNING_PART = 0.2
 """Fraction of a time limit that reconstructing the extinction from views may take."""
@@ -58,9 +57,8 @@ REGIONS_PART = 0.25
 class Training:
     """Stages 1 and 2 of one scene.
 
-    ``seconds`` holds the duration of each part; ``notes`` says what was chosen and why; ``warnings`` are those of the
-    notes that may mean a mistake in the views, or in regions found without the volume. ``confidence`` has a number for
-    each of these (:attr:`svv.train.palette.ranges.KnownRegions.confidence`).
+    ``seconds``: duration of each part; ``notes``: what was chosen and why; ``warnings``: those of them that may mean a
+    mistake in the views or in regions found without the volume, of which ``confidence`` has a number for each.
     """
 
     def __init__(
@@ -97,11 +95,7 @@ class Training:
 
     @property
     def _values(self) -> ValueGrid | None:
-        """The volume's values, if the scene is to be a function of them.
-
-        Raises:
-            BadInput: The views do not come with them, or there are none between those of neighbours.
-        """
+        """The volume's values, if the scene is to be a function of them; raises BadInput if views come without."""
         if not self.chosen.values:
             return None
         if self._volume is None or self._volume.values is None:

@@ -1,8 +1,6 @@
 """Sketches of a known volume: its own extinction and light, and colours that are learned as functions of its values.
 
-Of few small views, a network learns colours and normals from point to point, and so blotches and dents. The volume
-tells all of that but the colour of each value, which is alike everywhere: it takes two seconds of the processor, and
-the result is as smooth as the volume's own rendering (:mod:`svv.train.base.from_values`).
+They take two seconds and are as smooth as the volume's rendering; of few views, a network learns blotches and dents.
 """
 
 from __future__ import annotations
@@ -42,15 +40,9 @@ MOST_VERTICES = 2_000_000
 def sketch_from_values(
     views: ViewSet, longest: int, options: TrainOptions, progress: Progress = silent
 ) -> Scene | None:
-    """Return a sketch with the extinction and the normals of the views' volume; None if the volume is not to be used.
+    """Return a sketch with the extinction and normals of the views' volume; None if the volume is not to be used.
 
-    Args:
-        views: Few small views.
-        longest: Longer side of the views of which the scene itself is learned, pixels: they tell how fine its shape is.
-        options: How the scene itself is trained.
-        progress: Called several times a second.
-
-    The sketch has the networks that the trained scene has, `base` and `pcn`.
+    ``longest`` is the longer side, in pixels, of the views of which the scene itself is learned, not these small ones.
     """
     chosen, draft = settings_of(options), preset("draft")
     volume = known_volume(views, chosen.reconstruct, draft.field)
@@ -86,16 +78,7 @@ def sketch_from_values(
 
 
 def sketches_of(views: ViewSet, options: TrainOptions, progress: Progress) -> Iterator[Scene]:
-    """Yield sketches of a scene, each better than the one before.
-
-    Args:
-        views: The views of which the scene itself is learned.
-        options: How it is trained.
-        progress: Called several times a second.
-
-    Raises:
-        BadInput: One cannot be trained.
-    """
+    """Yield sketches of the scene of these views, each better than the one before; raises BadInput if one fails."""
     every = sketches_for(options.preset)
     for number, sketch in enumerate(every):
         told = part(progress, number / len(every), (number + 1) / len(every))

@@ -1,4 +1,1 @@
-"""Stage 1: the base radiance field, from a first extinction to the lattice's finest level.
-
-The field itself is in :mod:`svv.fields.radiance`.
-"""
+"""Stage 1: the base radiance field, from a first extinction to the lattice's finest level."""

@@ -24,18 +24,9 @@ LEAST_GAIN = 0.05
 def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = False) -> tuple[Scene, str]:
     """Return the scene without the finer levels of features that add next to nothing, and the reason.
 
-    Random pixels of all views (training has used a few in a hundred of them) are compared with the base network's
-    colours, with all features and without the finer levels. A dropped level is not replaced by zero, because the
-    network relies even on features without new information: it is predicted from the coarser levels, by an affine
-    least-squares map over what is visible, which is merged into the network's first layer. The coarsest level always
-    stays. Paint may be finer than the colours that it covers: a stylization uses all levels.
-
-    Args:
-        scene: A scene with a trained base field and no other network.
-        views: The training views.
-        seed: Seed of the pixels.
-        borders: Whether there are several regions, known point by point: their borders may not show in the colours, so
-            the palette network needs all levels to tell the regions apart.
+    Random pixels of the views decide. The network relies even on features without new information, so a dropped level
+    is predicted from the coarser ones, by an affine map that is merged into its first layer. With ``borders`` between
+    regions that are known point by point, all levels stay: the palette network needs them. Paint always uses all.
     """
     encoding = scene.base.encoding
     if not isinstance(encoding, SparseLattice):

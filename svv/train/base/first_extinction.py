@@ -30,10 +30,8 @@ FAINT_PRUNE_LEAST = 0.0007
 is exact enough for a skin of 1 % in boxes without empty corners, whose steps are short."""
 
 KNOWN_CELLS = 4
-"""Maximum number of cells of an extinction that the volume tells, per cell of the finest features.
-
-Each is a part of a pixel, but training only refines what is known. Twice as many as elsewhere gain 1.4 dB for a stent
-and 2 dB for an embryo."""
+"""Maximum number of cells of an extinction that the volume tells, per cell of the finest features. Twice as many as
+elsewhere gain 1.4 dB for a stent and 2 dB for an embryo."""
 
 POINTS_AT_A_TIME = 1 << 18
 """Number of points whose extinction a network computes together."""
@@ -54,13 +52,7 @@ class Beginning:
 
     @classmethod
     def from_arrays(cls, occupancy: Occupancy, cells: int, arrays: Arrays) -> Beginning:
-        """Return a beginning that was reconstructed from the views, from the result of :meth:`to_arrays`.
-
-        Args:
-            occupancy: The occupancy.
-            cells: Cells per box unit of the density.
-            arrays: The arrays of a checkpoint.
-        """
+        """Return a beginning that the views told, from the result of :meth:`to_arrays`; ``cells`` per box unit."""
         density = SparseLattice(occupancy.occupied, occupancy.cells, (cells,), 1).requires_grad_(False)
         density.table.copy_(torch.from_numpy(arrays["table"].copy()))
         return cls(occupancy, density, measured=True)
@@ -76,10 +68,7 @@ def first_occupancy(
 ) -> tuple[Occupancy, str]:
     """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
 
-    A ``device`` that holds the views carves it.
-
-    Raises:
-        BadInput: No point is visible in all views, or the views show nothing.
+    Raises BadInput if no point is visible in all views, or they show nothing.
     """
     progress(0.0, "where to look")
     known = known_volume(views, settings, field)
@@ -117,15 +106,7 @@ def begin(
 ) -> tuple[Beginning, str | None]:
     """Return where training starts, and how the extinction was found if the views had to tell.
 
-    Args:
-        views: Training views.
-        occupancy: Initial occupancy (:func:`first_occupancy`).
-        field: Shape of the networks.
-        settings: Settings of stage 1.
-        seed: Seed of the reconstruction from views.
-        progress: Called several times a second during that.
-        limit: Seconds after which it ends.
-        device: Device that computes it.
+    That ends after about ``limit`` seconds; ``seed`` is its seed, and ``progress`` is called several times a second.
     """
     known, finest = known_volume(views, settings, field), 2 * field.resolutions[-1]
     if known is not None:
@@ -168,12 +149,8 @@ def largest_extinction(
 ) -> Tensor:
     """Return the largest extinction at 27 points of each occupied cell, in raster order.
 
-    Args:
-        exponent: Log extinction (S,) at points (S, 3) of the box.
-        occupancy: Occupied cells.
-        device: Device of the points.
-        shared: Whether all ranks call this together: each looks at a part of the cells.
-        corners: Whether the 8 corners of a cell are enough, because the exponent is interpolated between them.
+    ``exponent`` is its logarithm (S,) at points (S, 3). Ranks that call this together (``shared``) each look at a part.
+    The 8 ``corners`` are enough where the exponent is interpolated between them.
     """
     corner = occupancy.occupied_on(device).nonzero()
     if shared and ranks.many():

@@ -1,10 +1,6 @@
-"""Stages 1 and 2 of a scene that knows its volume's values: features are given, and only functions of them are learned.
+"""Stages 1 and 2 of a scene that is a function of its volume's values: a table of extinctions, and given features.
 
-What a transfer function shows depends on the value alone, and its light on the gradient. A lattice of values and
-normals therefore replaces the learned features, :class:`svv.train.base.extinction_table.ExtinctionTable` the learned
-extinction of every vertex, and an explicit light the lighting network. The result is an ordinary scene.
-
-Letters: V vertices.
+A lattice of values and normals replaces the learned features, and an explicit light the lighting network.
 """
 
 from __future__ import annotations
@@ -43,14 +39,9 @@ class ValueReconstruction(Reconstruction):
     """Stage 1: learns the extinction as a function of value and slope, and the base colours of values and normals."""
 
     def __init__(
-        self,
-        views: ViewSet,
-        beginning: Beginning,
-        field: FieldSettings,
-        settings: ReconstructSettings,
-        seed: int = 0,
+        self, views: ViewSet, beginning: Beginning, field: FieldSettings, settings: ReconstructSettings, seed: int = 0,
         device: torch.device = CPU,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(views, beginning, field, settings, seed, device)
         assert beginning.values is not None and self.field.density is not None
         self.grid = beginning.values
@@ -128,10 +119,7 @@ class ValueReconstruction(Reconstruction):
 
 
 def palette_given(network: PaletteField, base: BaseField) -> None:
-    """Give an untrained palette network the values of its base field, and its light their normals; both stay so.
-
-    Each unit of the MLP's first layer begins at another value.
-    """
+    """Give an untrained palette network its base field's values, and its light their normals; both stay so."""
     fill_palette(network, base)
     first = network.palette_mlp[0]
     assert isinstance(first, nn.Linear)
@@ -151,10 +139,7 @@ def _thresholds(count: int, device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def sample_transfer_function(grid: ValueGrid, device: torch.device) -> tuple[Tensor, Tensor] | None:
-    """Return visible values, which count from 0 to 1 over these, and the transfer function's colours there.
-
-    (K,), (K, 3); None if the grid does not tell the colours.
-    """
+    """Return visible values in [0, 1] (K,) and the transfer function's colours there (K, 3), or None if unknown."""
     if grid.colours is None or grid.integral is None:
         return None
     value = np.linspace(0.0, 1.0, len(grid.colours))

@@ -17,7 +17,6 @@ from svv.fields.radiance.networks import BaseField, FieldSettings, encode_direct
 from svv.fields.radiance.occupancy import Occupancy, least_extinction
 from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.views.viewset import ViewSet
-from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Room, Samples, TrainingKernels
@@ -31,8 +30,7 @@ from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_st
 from svv.train.run.sample_room import SampleRoom
 
 LEAST_GAIN = 0.1
-"""Gain in dB over the last tenth of a schedule, before learning rates fall to nothing, from which a longer schedule is
-reported as worthwhile."""
+"""Gain in dB over the last tenth at full learning rates from which a longer schedule is said to be worthwhile."""
 
 REFINE_AT = 0.5
 """Fraction of the schedule after which the step and the density lattice become twice as fine."""
@@ -48,8 +46,7 @@ TRANSLUCENT_DENSITY_RATE = 0.05
 """Learning rate of a density that was initialized by a tomography of translucent views, which is less exact."""
 
 OPAQUE_DENSITY_RATE = 0.15
-"""Learning rate of a density that was initialized by a tomography of views of which most visible pixels are opaque:
-what lies behind such a pixel, it does not tell."""
+"""The same of views whose visible pixels are mostly opaque, which do not tell what lies behind them."""
 
 ALPHA_WEIGHT = 1.0
 """Weight of the squared error of alpha, relative to that of colour."""
@@ -172,24 +169,15 @@ class Reconstruction:
         """Compute all gradients; returns the mean squared error of colour, and the cost of the samples in colours."""
         samples, sigma, colour, cost = self._look(samples, batch)
         out, transmittance, _ = composite(samples, sigma, colour)
-        each, fused = (
-            numbers_on([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA_WEIGHT], out.device),
-            kernels_for(out).TRAINING,
-        )
-        if fused is not None:
-            loss, error = fused.loss(out, transmittance, batch.shown, batch.weight, each, True)
-        else:
-            missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
-            errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
-            loss, error = (errors * each).sum(), errors[:3].detach().mean()
+        each = [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA_WEIGHT]
+        loss, error = batch.loss(out, transmittance, each, alpha=True)
         loss.backward()
         return error, cost
 
     def _look(self, samples: Samples, batch: Batch) -> tuple[Samples, Tensor, Tensor, float]:
         """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
 
-        If the density has its own lattice, it learns from all samples, but colours are only computed for representative
-        samples and shared with those around them: a ray through fog has dozens of samples but needs few colours.
+        A density with a lattice learns from all samples, colours from representative ones: fog has dozens along a ray.
         """
         rays = batch.rays
         if self.field.density is None or not len(samples):
@@ -221,10 +209,9 @@ class Reconstruction:
             self.tables.step([density, features], [pull, 0.0])
 
     def refine(self) -> None:
-        """Halve the step and add a density level twice as fine, in the cells that pruning left.
+        """Halve the step and add a density level twice as fine, of zeros, in the cells that pruning left.
 
-        The new level starts with zeros, so the field does not change. A density that starts from a known extinction
-        has its finest level from the beginning, unless ``refine_known``.
+        A density that starts from a known extinction has its finest level from the beginning, unless ``refine_known``.
         """
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
@@ -288,19 +275,9 @@ def reconstruct(
     device: torch.device = CPU,
     kind: type[Reconstruction] = Reconstruction,
 ) -> tuple[BaseField, Occupancy, Marching, float, str]:
-    """Train the base field.
+    """Train the base field, frozen in the end; ``kind`` is what takes the steps.
 
-    Args:
-        views: Training views.
-        field: Shape of the networks.
-        settings: Settings of stage 1.
-        beginning: Initial occupancy and extinction (:func:`svv.train.base.first_extinction.begin`).
-        running: Seed, time, progress and checkpoint.
-        device: Device that trains.
-        kind: What takes the steps.
-
-    Returns:
-        The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
+    Returns the field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
     begin = time.monotonic()
     work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
@@ -327,11 +304,7 @@ def reconstruct(
 
 
 def _why_there(loop: Loop, limit: float | None, settings: ReconstructSettings) -> str:
-    """Return why the training stopped, and whether a longer one would help.
-
-    Each step draws its pixels at random from all views, a few in a thousand of them, so its error is measured on pixels
-    that were hardly used before.
-    """
+    """Return why the training stopped, and whether a longer one would help: few pixels of a step were used before."""
     whole = loop.done >= loop.iterations
     where = "as in the preset" if whole else f"at its limit of {limit:.0f} s"
     text = f"stage 1 stopped after {loop.done} steps, {where}"

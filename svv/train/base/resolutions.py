@@ -24,12 +24,9 @@ def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
 
 
 def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tuple[int, ...]:
-    """Return the levels of a lattice for paint: all in the scene's settings, and finer ones that its views resolve.
+    """Return the levels of a lattice for paint: the scene's, and finer ones up to a side of cells (None adds none).
 
-    Args:
-        field: The scene's field settings.
-        cell: Largest side of the finest cells, in box units; None adds no level.
-        most: Maximum number of cells along the longest side of an added level: that of the scene's occupancy.
+    ``cell`` is that side in box units; ``most`` is the most cells along the longest side of an added level.
     """
     levels = field.resolutions + field.finer
     if field.encoding == "lattice" and cell is not None:
@@ -68,8 +65,7 @@ def affordable_field(
 ) -> tuple[FieldSettings, str | None]:
     """Return the lattice without the levels that need too much memory, and the reason if there are such levels.
 
-    A level has about as many vertices as cells in the occupied part of the box. Those of a surface are few even where
-    cells are smaller than a pixel; those of a fog that fills its box are hundreds of millions.
+    A level has about as many vertices as occupied cells: few on a surface, hundreds of millions in a fog.
     """
     levels, cells = field.resolutions, int(occupancy.occupied.sum())
     kept = [n for n in levels[1:] if cells * (n / occupancy.cells) ** 3 <= settings.most_vertices]

@@ -33,13 +33,9 @@ SIZE = 128
 
 
 def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene, str]:
-    """Return the scene with the first of ``CHOICES`` that is good enough, if there is one, and the reason.
+    """Return the scene with the first of ``CHOICES`` that is good enough in three small images, and the reason.
 
-    This halves the rendering time: a smooth scene needs fewer steps, and a surface needs every step but fewer colours.
-
-    Args:
-        scene: A trained, unedited scene.
-        cameras: Cameras of the training views; small images from three of them decide.
+    It halves the rendering time: a smooth scene needs fewer steps, and a surface every step but fewer colours.
     """
     finest = replace(scene, stride=1.0, joined=JOINED_WEIGHT)
     if scene.base.density is None:

@@ -1,18 +1,11 @@
 """Extinction from the alpha of views, by transmission tomography: the start of training without a volume.
 
-The optical depth of a pixel, -ln(1 - alpha), is the integral of the extinction along its ray (Max 1995). Alpha thus
-determines the extinction by a linear system, as in computed tomography, whatever the colours are. With the dozens of
-views that a radiance field needs anyway, this is far more accurate than descending along the gradients of random rays,
-and takes a tenth of the time, because every step uses several whole views.
-
-A step multiplies the extinction at each vertex by (A^T W y) / (A^T W A sigma): the image space reconstruction algorithm
-(Daube-Witherspoon and Muehllehner 1986) for weighted least squares, which keeps the extinction positive, with ordered
-subsets of the views (Hudson and Larkin 1994), with half of their pixels a step. A integrates along rays, y are
-the optical depths of the pixels, and the weights W = (1 - alpha)^2 turn errors of optical depth into errors of alpha.
-A^T is replaced by interpolating the images where they show the vertex, as usual in tomography. It goes from coarse to
-fine, with images whose pixels are about as large as the cells.
-
-Letters: N views, R rays, V vertices.
+The optical depth of a pixel, -ln(1 - alpha), is the integral of the extinction along its ray (Max 1995): a linear
+system, whatever the colours are. A step multiplies the extinction at each vertex by (A^T W y) / (A^T W A sigma): the
+image space reconstruction algorithm (Daube-Witherspoon & Muehllehner 1986), which keeps it positive, with ordered
+subsets of the views (Hudson & Larkin 1994). A integrates along rays, y are optical depths, W = (1 - alpha)^2 turns
+their errors into those of alpha, and A^T interpolates the images where they show the vertex. It goes from coarse to
+fine, with pixels about as large as the cells. Letters: N views, R rays, V vertices.
 """
 
 from __future__ import annotations
@@ -92,13 +85,7 @@ class Tomography:
     """Where the lattice and the rays lie."""
 
     def __init__(self, views: ViewSet, occupancy: Occupancy, seed: int) -> None:
-        """Start from a fog in the occupied cells.
-
-        Args:
-            views: Training views; only their alpha is used.
-            occupancy: Cells that may hold something visible.
-            seed: Seed of the subsets and of the samples' shifts.
-        """
+        """Start from a fog in the occupied cells; ``seed`` is that of the subsets and of the samples' shifts."""
         self.occupancy = occupancy
         self._views, self._random = views, np.random.default_rng(seed)
         self._half = not mostly_opaque(views)  # an opaque pixel tells little, so that those that tell more are needed
@@ -117,12 +104,7 @@ class Tomography:
         self.lattice.table.copy_(coarse(torch.from_numpy(places).to(self.device)))
 
     def rounds(self, count: int, step_done: Callable[[], bool]) -> None:
-        """Use all views ``count`` times.
-
-        Args:
-            count: Number of rounds.
-            step_done: Called after each step; False ends the rounds.
-        """
+        """Use all views ``count`` times; ``step_done`` is called after each step, and False ends the rounds."""
         views, occupancy = self._views, self.occupancy
         factor = pixels_a_cell(views.cameras, occupancy, self.lattice.resolutions[0])
         alpha, vertices = self._reduced(np.arange(len(views)), factor), self._vertices()
@@ -234,21 +216,12 @@ def extinction_from(
     limit: float | None = None,
     work: Tomography | None = None,
 ) -> tuple[SparseLattice, Occupancy, str]:
-    """Reconstruct the extinction from the alpha of views.
+    """Return the log extinction that has the views' alpha, its occupied cells, and how well they agree with the views.
 
-    Args:
-        views: Training views.
-        occupancy: Cells that may hold something visible, such as the views' visual hull.
-        finest: Cells per box unit of the result, a power of two.
-        pruned: Returns the occupancy without the cells in which a log extinction is nowhere visible; the last argument
-            says whether to keep their neighbours.
-        seed: Seed of the order of the views.
-        progress: Called several times a second.
-        limit: Seconds after which no more steps are taken; after twice as many, cells are not refined any further.
-        work: What takes the steps, at its start; by default on the CPU.
-
-    Returns:
-        The log extinction on the occupied cells' vertices, the occupied cells, and how well they agree with the views.
+    ``finest`` is its cells per box unit, a power of two. ``pruned`` returns the occupancy without the cells in which a
+    log extinction is nowhere visible; its last argument says whether to keep their neighbours. After ``limit`` seconds
+    no more steps are taken, and after twice as many, cells are not refined any further. ``work`` takes the steps, by
+    default on the CPU.
     """
     levels = [COARSEST]
     while levels[-1] < finest:
@@ -289,10 +262,7 @@ def pixels_a_cell(cameras: Sequence[Camera], occupancy: Occupancy, resolution: i
 
 
 def reduced(alpha: NDArray[np.uint8], factor: int) -> Array:
-    """Return alpha in [0, 1], averaged over squares of ``factor`` pixels; an incomplete row or column is left out.
-
-    (N, H, W) -> (N, H // factor, W // factor)
-    """
+    """Return alpha in [0, 1], averaged over squares of pixels: (N, H, W) -> (N, H // factor, W // factor)."""
     n, height, width = len(alpha), alpha.shape[1] // factor, alpha.shape[2] // factor
     out = np.empty((n, height, width), np.float32)
     mean_of_squares(alpha, factor, out)

@@ -1,7 +1,6 @@
 """Projection and back-projection of an extinction, compiled with numba, for :mod:`svv.train.base.tomography`.
 
-Each ray and each vertex is computed by one thread without any shared sum, so results do not depend on the number of
-threads.
+One thread computes each ray and vertex, without shared sums: results do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -70,12 +69,10 @@ def mean_of_squares(alpha, factor, out):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def beside_visible(alpha, odd, out):  # type: ignore[no-untyped-def]
-    """Mark the pixels that are visible or one of whose 8 neighbours is.
+    """Mark in ``out``, uint8, the pixels that are visible or one of whose 8 neighbours is. (N, H, W)
 
-    Args:
-        alpha: float32, > 0 where something is visible. (N, H, W)
-        odd: Only pixels of a chessboard's even (0) or odd squares (1); all (-1).
-        out: Result, uint8. (N, H, W)
+    Alpha is float32, > 0 where something is visible; ``odd``: only a chessboard's even (0) or odd squares (1); all
+    (-1).
     """
     _, height, width = alpha.shape
     for n in prange(alpha.shape[0]):
@@ -95,24 +92,13 @@ def optical_depths(  # type: ignore[no-untyped-def]
     origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, stop, out,
     bricks=NO_BRICKS,
 ):  # fmt: skip
-    """Write each ray's optical depth through an extinction of which a lattice holds the logarithm.
+    """Write to ``out`` (R,) each ray's optical depth through an extinction of which a lattice holds the logarithm.
 
-    Args:
-        origins: Box coordinates, float32. (R, 3)
-        directions: Unit vectors, float32. (R, 3)
-        distance: How far a ray may leap, uint8 (8, X, Y, Z); see :func:`svv.core.rays.cells.leaps`.
-        cells: Cells per box unit of ``distance``.
-        extent: Sides of the box. (3,)
-        step: Sample distance in box units.
-        shift: Place of each sample within its step, in [0, 1).
-        shapes: Layout of the lattice, like the next three; see :class:`svv.kernels.types.Lattice`.
-        scales: Cells per box unit of each level.
-        bases: First entry of each level in ``index``.
-        index: Row of each vertex.
-        table: Log extinction, float32. (V,)
-        stop: Optical depth at which a ray ends.
-        out: Result, float32. (R,)
-        bricks: The same values in bricks (:func:`svv.kernels.numba.bricks.made`), from which they are read faster.
+    Rays have ``origins`` and unit ``directions`` (R, 3), and end at the depth ``stop``. They may leap by ``distance``,
+    uint8 (8, X, Y, Z) (:func:`svv.core.rays.cells.leaps`), of ``cells`` per box unit; ``extent`` (3,) are the box's
+    sides. Samples lie at ``shift``, in [0, 1), of each ``step``. ``shapes`` to ``index`` are the layout of the lattice
+    (:class:`svv.kernels.types.Lattice`), ``table`` (V,) its values, and ``bricks`` the same, from which they are read
+    faster.
     """
     _optical_depths(
         origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, *bricks, stop,
@@ -187,16 +173,11 @@ def _optical_depths(  # type: ignore[no-untyped-def]  # long: one loop, whose st
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def back_project(vertices, scale, rotations, positions, lenses, images, sums):  # type: ignore[no-untyped-def]
-    """Write, for each vertex, the sum over views of what their images hold where the vertex is seen.
+    """Write to ``sums``, for each vertex, the sum over views of what their images hold where the vertex is seen.
 
-    Args:
-        vertices: Integer coordinates, int32, contiguous. (V, 3)
-        scale: Vertices per box unit.
-        rotations: Camera-to-box rotations, float32. (N, 3, 3)
-        positions: Camera positions in box coordinates, float32. (N, 3)
-        lenses: See :func:`svv.kernels.numba.rays.pixel_rays`, float32. (N, 4)
-        images: Interpolated bilinearly; pixels beyond the frame are 0. float32 (N, H, W, 2)
-        sums: Result, float32. (V, 2)
+    ``vertices`` (V, 3), int32 and contiguous, are ``scale`` per box unit. Cameras have ``rotations`` to the box (N, 3,
+    3), ``positions`` there (N, 3) and ``lenses`` (N, 4) (:func:`svv.kernels.numba.rays.pixel_rays`). ``images`` (N, H,
+    W, 2) are interpolated bilinearly, and 0 beyond their frames. All but vertices are float32; ``sums`` (V, 2).
     """
     count, height, width = images.shape[:3]
     final, bottom, edge = np.int32(len(vertices) - 1), np.int32(height - 1), np.int32(width - 1)

@@ -1,8 +1,4 @@
-"""Stage 3 as in the paper, first half: the unrestricted network learns the palette network's diffuse colours.
-
-Source: StyleRF-VolVis, section UCN. In the teacher's palette, each style's mean colour replaces its region's own (the
-colour transfer), so stylization starts near its goal. The preset ``paper`` and the modes compared with ours use this.
-"""
+"""Stage 3 as in the paper, first half: the unrestricted network (UCN) learns the palette network's colours."""
 
 from __future__ import annotations
 
@@ -42,14 +38,9 @@ class Distillation:
         seed: int,
         before: UnrestrictedField | None = None,
     ) -> None:
-        """Prepare the distillation.
+        """Prepare to learn the regions' colours after the transfer of styles' mean colours, RGB (regions, 3).
 
-        Args:
-            scene: A scene with a palette colour network.
-            transferred: The regions' colours after colour transfer, RGB. (regions, 3)
-            settings: Settings of stage 3.
-            seed: Seed of networks and rays.
-            before: Colours to start from, which regions that the scene marks as styled keep: a UCN, or laid paint.
+        ``before`` is a UCN or laid paint, whose colours regions keep that the scene marks as styled.
         """
         assert scene.palette_network is not None
         torch.manual_seed(seed)

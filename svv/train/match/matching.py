@@ -1,7 +1,4 @@
-"""Stage 3 as in the paper: a network is distilled from the palette network, and its colours match the styles' features.
-
-Source: StyleRF-VolVis, sections UCN and NPSE. Only the preset ``paper`` paints in this way.
-"""
+"""Stage 3 as in the paper (StyleRF-VolVis, UCN and NPSE): a network is distilled, and its colours match features."""
 
 from __future__ import annotations
 
@@ -18,57 +15,32 @@ from svv.styles.features import FeatureNetwork
 from svv.train.match.distil import Distillation
 from svv.train.match.style_loss import StyleLossSettings, StyleTarget
 from svv.train.match.stylize import Stylization
-from svv.train.paint.painting import Remarks
+from svv.train.paint.painting import Painting
 from svv.train.paint.plan import Order
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.config import MatchSettings
 from svv.train.run.loop import Loop
-from svv.train.run.previews import Previews, Show
+from svv.train.run.previews import Show
 
 PREFIX = "table_and_network."
 
 
-class Matching:
-    """Paints one scene by distillation and matching; ``seconds`` holds the duration of each."""
+class Matching(Painting):
+    """Paints one scene by distillation and matching."""
+
+    settings: MatchSettings
 
     def __init__(
-        self,
-        scene: Scene,
-        order: Order,
-        settings: MatchSettings,
-        loss: StyleLossSettings,
-        network: FeatureNetwork,
-        seed: int,
-        saved: Checkpoint | None,
-        preview: Show | None,
-    ) -> None:
-        """Prepare the painting.
-
-        Args:
-            scene: A scene with a palette colour network.
-            order: Styles of the regions, none of them an ink.
-            settings: Settings of stage 3.
-            loss: Weights and sizes of the style loss.
-            network: Network whose features are matched.
-            seed: Seed of all random choices.
-            saved: Checkpoint to resume from and to save to.
-            preview: Called with the painting from time to time.
-        """
-        self.scene, self.order, self.settings, self.loss = scene, order, settings, loss
-        self.network, self.seed, self.saved = network, seed, saved
-        self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
-        self.seconds: dict[str, float] = {}
-        self.remarks = Remarks(doubtful=True)
-        """What there is to say about how it went."""
+        self, scene: Scene, order: Order, settings: MatchSettings, loss: StyleLossSettings, network: FeatureNetwork,
+        seed: int, saved: Checkpoint | None, preview: Show | None,
+    ) -> None:  # fmt: skip
+        """Prepare the painting of regions by an order without inks; ``preview`` is called from time to time."""
+        super().__init__(scene, order, settings, seed, saved, preview)
+        self.loss, self.network, self.remarks.doubtful = loss, network, True
         self.refined = [k for k in order.pairs if order.go_on and scene.regions[k].style is not None]
-        """Regions that start from their present paint."""
 
     def run(self, progress: Progress) -> UnrestrictedField:
-        """Paint the scene and return its colours.
-
-        Raises:
-            BadInput: None of the regions is visible.
-        """
+        """Paint the scene and return its colours; raises BadInput if none of the regions is visible."""
         targets = self._targets()
         field = self._distilled(targets, part(progress, 0.0, 0.3))
         work = Stylization(self.scene, field, targets, self.settings, part(progress, 0.3, 0.36))

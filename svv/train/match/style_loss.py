@@ -1,8 +1,6 @@
 """Style target of a region's render: the features and colours of one style picture, and the loss against them.
 
-The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.styles.features`, which is all of it in the paper
-(:data:`PAPER_LOSS`). Two additions remedy problems of NNFM alone: a loss on mean and covariance keeps colours from
-drifting, and total variation keeps detail about which views disagree from becoming noise.
+The core is NNFM (StyleRF-VolVis, eq. 8). Losses on mean and covariance and on total variation are additions.
 """
 
 from __future__ import annotations
@@ -39,8 +37,7 @@ class StyleLossSettings:
     """Weights and sizes of the style loss."""
 
     style_size: int = 280
-    """Long side in pixels to which the style picture is scaled: strokes scale with it. Parts of a scene are smaller
-    than its views, so their strokes are smaller than those of a picture as large as a view (400)."""
+    """Long side in pixels to which the picture and its strokes are scaled: below views (400), as regions are."""
     colours: float = 3.0
     """Weight of the loss on the mean and covariance of the region's colours against the style's."""
     variation: float = 8.0
@@ -54,15 +51,10 @@ PAPER_LOSS = StyleLossSettings(style_size=400, colours=0.0, variation=0.0)
 
 
 class StyleTarget:
-    """A style picture prepared for matching.
+    """A style picture (3, h, w), sRGB in [0, 1], prepared for matching by a frozen feature network.
 
-    Args:
-        network: Frozen feature network: (n, 3, h, w) -> (n, c, h // 4, w // 4).
-        style: Picture (3, h, w), sRGB in [0, 1], on the network's device.
-        settings: Weights and sizes.
-        seed: Seed of the random style vectors and of the shifts of renders.
-        mask: True for the part to learn from, (h, w); by default all of it. Only patches whose centre lies in it are
-            matched, and mean and covariance are those of its pixels.
+    The network takes (n, 3, h, w) to (n, c, h // 4, w // 4); ``mask`` (h, w) is the part whose patches and colours
+    count.
     """
 
     def __init__(
@@ -92,12 +84,7 @@ class StyleTarget:
         return mean, vectors[pick] - mean
 
     def loss(self, colours: Tensor, mask: Tensor) -> Tensor:
-        """Return the style loss of a render, a scalar.
-
-        Args:
-            colours: Colours of the region, composited over ``background``. (3, h, w)
-            mask: Opacity of the region, in [0, 1]. (h, w)
-        """
+        """Return the style loss of a region's colours over ``background`` (3, h, w) and opacity (h, w), a scalar."""
         settings = self.settings
         colours, mask = solid(colours, mask, self.background)
         loss = self._matching(colours, mask) if min(mask.shape) >= 5 * STRIDE else colours.new_zeros(())
@@ -118,17 +105,10 @@ class StyleTarget:
 
 
 def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Tensor]:
-    """Make a translucent region opaque, so that its strokes do not drown in the background when features are computed.
+    """Return a translucent region made opaque, so that its strokes do not drown in the background of features.
 
-    Its colour c is kept, and its opacity m is divided by that of its more opaque parts: m' = min(1, m / m_90%).
-
-    Args:
-        colours: m c + (1 - m) background. (3, h, w)
-        mask: Opacity m in [0, 1]. (h, w)
-        background: Grey level in [0, 1].
-
-    Returns:
-        m' c + (1 - m') background and m'. Opaque parts do not change.
+    Of its image m c + (1 - m) background (3, h, w) and opacity m (h, w), the colour c is kept, and m is divided by that
+    of its more opaque parts: m' = min(1, m / m_90%).
     """
     there = mask.detach()[mask > FAINTEST]
     if len(there) == 0:
@@ -138,15 +118,7 @@ def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Ten
 
 
 def cropped(picture: Tensor, cover: Tensor) -> tuple[Tensor, Tensor]:
-    """Crop a render to what is matched and what features see around it: a small region costs less than a large one.
-
-    Args:
-        picture: The render. (3, h, w)
-        cover: Share of the region in its pixels, in [0, 1]. (h, w)
-
-    Returns:
-        Both, cropped to the pixels whose share exceeds ``LEAST_SHARE``, and :data:`SEEN_AROUND` more on each side.
-    """
+    """Crop a region's render (3, h, w) and share of pixels (h, w) to what is matched and what features see around."""
     there = cover.detach() > LEAST_SHARE
     for axis in (0, 1):
         lines = there.any(dim=1 - axis).nonzero()[:, 0]

@@ -1,12 +1,8 @@
 """Stage 3 as in the paper, second half: every region takes on the look of its style (StyleRF-VolVis, section NPSE).
 
-From each of 42 views around the scene, one image per region is rendered from the UCN's diffuse colours and pulled
-towards its style by nearest-neighbour feature matching. The images are cropped to what is visible. Back-propagation is
-deferred (Zhang et al. 2022, ARF): the image is rendered without a graph, the loss gives a gradient per pixel, and only
-then are the samples evaluated again, piece by piece, with a graph.
-
-Density and regions do not change here, so the samples of the views, their weights in the pixels and their regions are
-computed once.
+From 42 views around the scene, an image per region of the UCN's diffuse colours is pulled towards its style. Density
+and regions stay, so samples and weights are computed once. Back-propagation is deferred (Zhang et al. 2022, ARF): the
+loss gives a gradient per pixel, and only then are samples evaluated again, piece by piece, with a graph.
 """
 
 from __future__ import annotations
@@ -43,19 +39,7 @@ class Stylization:
         progress: Progress,
         whole: bool = False,
     ) -> None:
-        """Prepare the views.
-
-        Args:
-            scene: A scene with a palette colour network.
-            field: Distilled colours.
-            targets: Style of each region that gets one.
-            settings: Settings of stage 3.
-            progress: Called after every view.
-            whole: Whether the scene counts as one region, number 0, regardless of its palette.
-
-        Raises:
-            BadInput: The regions to be styled are barely visible from all sides.
-        """
+        """Prepare the views; raises BadInput if the regions are barely visible. ``whole``: all is one region, 0."""
         self.field, self.targets, self.settings = field, targets, settings
         self.piece = kernels_of(scene.device.type).SAMPLES
         self.views = visible_from(scene, stylization_cameras(scene, settings), progress, whole)

@@ -1,8 +1,7 @@
 """The strokes of a painting on a region's surface, layer by layer, as a painter works: ground, main strokes, accents.
 
-Seeds are Poisson-disc samples with ellipses along the strokes, traced both ways along the directions on the surface
-(Hertzmann 1998, in the plane; Meier 1996, on surfaces). Every stroke has one broken colour of the picture: that of the
-wanted tone which is nearest to its place in the picture. Letters: S points of the surface, N strokes.
+Seeds are Poisson-disc samples, traced both ways along the surface (Hertzmann 1998; Meier 1996). Every stroke has one
+broken colour of the picture, of the wanted tone and near its place there. Letters: S points of the surface, N strokes.
 """
 
 from __future__ import annotations
@@ -88,7 +87,6 @@ BROKEN, MOST_SCATTER = 1.4, 0.18
 """Broken tone of strokes relative to that of the picture, whose neighbouring samples may lie on one stroke; and its
 largest value: with more, the form is lost."""
 
-
 SAG = 0.5
 """How deep the paint of washes reaches at least, in half widths."""
 
@@ -107,16 +105,10 @@ class Brushwork:
 
 
 class Painter:
-    """Lays strokes on one surface.
+    """Lays strokes on the visible surface of a region.
 
-    Args:
-        hand: The picture's hand.
-        surface: The visible surface of the region.
-        opacity: Opacity of the scene's cells along a side of theirs. (X, Y, Z)
-        cells: Cells of ``opacity`` per box unit.
-        width: Width of main strokes in box units.
-        cell: Side of a cell of the paint in box units.
-        seed: Seed of all random choices.
+    ``opacity`` (X, Y, Z) is that of the scene's cells along a side of theirs, ``cells`` per box unit; ``width`` of main
+    strokes and ``cell`` of the paint are in box units.
     """
 
     def __init__(
@@ -149,10 +141,7 @@ class Painter:
         """How much each point calls for an accent. (S,)"""
 
     def _of_both_sides(self, tone: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the tone, of what is translucent that of all sides together. (S,)
-
-        One sees through to the other side, and light strokes over dark ones of another hue would only be grey.
-        """
+        """Return the tone, where one sees through that of both sides: light over dark of another hue is grey. (S,)"""
         surface = self.surface
         clear = self.clear
         if not clear.any():

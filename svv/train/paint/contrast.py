@@ -1,8 +1,7 @@
 """Adjustment of paint so that it appears with the contrast of its style.
 
-A pixel of a region shows the mean of the paint along its ray, and from another side a different mean. The strokes of a
-translucent region therefore lose contrast, the finest most of all, and so do those of a surface, a little, between
-vertices. Images depend linearly on the paint: paint with more contrast than its style can look like its style.
+A pixel shows the mean of the paint along its ray, so strokes lose contrast, most of all those of translucent regions.
+Images depend linearly on the paint: with more contrast than its style, it can look like its style.
 """
 
 from __future__ import annotations
@@ -85,20 +84,10 @@ def match_contrast(
     settings: StylizeSettings,
     progress: Progress = silent,
 ) -> dict[int, Contrast]:
-    """Change the contrast of paint, within bounds, such that it appears as strong as in its style.
+    """Change the contrast of laid paint in place such that it appears as strong as in its style; returns a, b.
 
     Colours c with the mean m and the mean l of their surroundings become m + a (l - m) + b (c - l): a matches the
-    deviation of visible colours to the style's, b the deviation within patches of :data:`PATCH` pixels.
-
-    Args:
-        scene: A scene with a palette colour network.
-        field: Laid paint, changed in place.
-        targets: Picture of each region that is to change.
-        settings: Settings of stage 3.
-        progress: Called for each round; may raise.
-
-    Returns:
-        a and b of each region whose contrast can be adjusted.
+    deviation of visible colours to the style's, b that within patches of :data:`PATCH` pixels.
     """
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
@@ -128,20 +117,9 @@ def match_contrast(
 
 
 def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest: float) -> dict[int, float]:
-    """Return how much larger than usual the strokes of regions must be to be visible.
+    """Return how much larger than usual strokes must be to be visible, from 1 to ``largest`` for each region.
 
-    A ray through fog mixes paint from its whole depth, and every view mixes it differently, so strokes narrower than
-    the fog is deep blur into one another. The depth is the weighted deviation of positions along a ray; the median over
-    the pixels counts.
-
-    Args:
-        scene: A scene with a palette colour network.
-        regions: Numbers of the regions.
-        pixel: Side of a pixel of the stylization views, in box units.
-        largest: Largest factor.
-
-    Returns:
-        A factor from 1 to ``largest`` for each region.
+    Strokes narrower than a fog is deep blur into one another: the median over pixels, whose side is ``pixel``, counts.
     """
     depths: dict[int, list[Tensor]] = {k: [] for k in regions}
     for view in visible_from(scene, scene.rig.sphere(6, 128), silent):
@@ -160,13 +138,9 @@ def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest:
 
 
 def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> Contrast | None:
-    """Return the standard deviation of colours, and that within patches, as root mean squares over pictures.
+    """Return the deviation of colours (3, h, w), and that within patches, where masks (h, w) are 1.
 
-    Args:
-        pictures: Colours (3, h, w) and masks (h, w) of 0 or 1, where 1 marks the pixels that count.
-
-    Returns:
-        Both deviations, or None if too little is visible.
+    Both are root mean squares over pictures; None if too little is visible.
     """
     total, count = 0.0, 0
     whole: list[Tensor] = []

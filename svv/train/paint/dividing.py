@@ -1,11 +1,8 @@
-"""One picture for several regions: its strokes are divided into families, and each region is painted by one.
-
-A style that several regions share becomes several styles: the same picture and hand, each with the area of its family.
-"""
+"""One picture for several regions: its strokes are divided into families, as styles of their own for the regions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -47,22 +44,11 @@ class Division:
 
 
 def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Division:
-    """Divide the pictures that several regions share, unless the options say no.
+    """Divide the pictures that several regions share, unless the options say no; raises BadInput as ``stylize_scene``.
 
-    Hidden regions have the whole picture, so that they take no part away from visible ones, unless ``mapping`` names
-    one for them. With ``go_on``, regions that keep their paint keep their parts of a picture of the same name.
-
-    Args:
-        scene: A scene with a palette network.
-        inputs: The styles; those that are parts of a picture already are not divided again.
-        options: How to paint; ``mapping`` may name parts of pictures.
-
-    Returns:
-        Styles and options in which no region shares a divided picture with another, and in which ``mapping`` names
-        styles only.
-
-    Raises:
-        BadInput: As :func:`svv.train.pipeline.stylize_scene` does.
+    No region then shares a divided picture with another, and ``mapping`` names styles only. Hidden regions have the
+    whole picture, unless ``mapping`` names a part for them. With ``go_on``, regions that keep their paint keep their
+    parts of a picture of the same name.
     """
     asked, words = _without_words(len(scene.regions), inputs, options)
     order = ordered(scene, inputs, replace(asked, go_on=False))  # of a joined scene, only some may have paint
@@ -105,7 +91,7 @@ def divided(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
 def _without_words(
     regions: int, inputs: Sequence[StyleInput], options: PaintOptions
 ) -> tuple[PaintOptions, dict[int, str]]:
-    """Return the options with the number of a style in place of each part of a picture, and the parts by region.
+    """Return the options with styles' numbers in place of parts' names, and these names by region.
 
     Where only parts are named, the other regions get styles in turn, as without a mapping.
     """
@@ -162,7 +148,10 @@ def _shared(
     every = [_distinct(families) for families in divisions(picture, hand_of(picture, mask), counts, ways)]
     extra = [SCATTERED * (way == "colours" and len(ways) > 1) for way in ways for _ in counts]
     # What is named is looked for in every division, so that a name does not depend on which of them fits best.
-    fit = [n for n, families in enumerate(every) if _has_all(families, named.values())] or range(len(every))
+    fit = [
+        number for number, families in enumerate(every)
+        if all(len(_fitting(word, names_of(families))) == 1 for word in named.values())
+    ] or range(len(every))  # fmt: skip
     every, extra = [every[n] for n in fit], [extra[n] for n in fit]
     if all(len(families) == 1 for families in every):
         for word in named.values():
@@ -216,12 +205,6 @@ def _filled(areas: Sequence[Mask], families: Sequence[Family], mask: Mask | None
         own &= True if mask is None else mask
         found = [own if n == number else area & ~own for n, area in enumerate(found)]
     return found
-
-
-def _has_all(families: Sequence[Family], words: Iterable[str]) -> bool:
-    """Return whether each word names one of the families."""
-    names = names_of(families)
-    return all(len(_fitting(word, names)) == 1 for word in words)
 
 
 def _fitting(word: str, names: Sequence[Sequence[str]]) -> list[int]:

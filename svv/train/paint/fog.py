@@ -1,7 +1,6 @@
 """Fog as a wash: broad wet strokes all through its volume flow into each other, darker where it is denser.
 
-Fog has no surface for strokes to lie on. Strokes of one wash have no edges: where they overlap, their colours are
-averaged, so tones change as smoothly as the density. Letters: N strokes.
+Where they overlap, their colours are averaged, so tones change as smoothly as the density. Letters: N strokes.
 """
 
 from __future__ import annotations
@@ -62,15 +61,8 @@ def washed(
 ) -> Brushwork | None:  # fmt: skip
     """Return the strokes of a wash through a region that is fog; None if there is no room for two.
 
-    Args:
-        hand: What its colours are taken from; see :func:`sky_of`.
-        views: Views from all around.
-        region: Number of the region.
-        form: Form of the scene, whose level surfaces strokes follow.
-        opacity: Opacity of the scene's cells along a side of theirs. (X, Y, Z)
-        cells: Cells of ``opacity`` per box unit.
-        width: Width of the strokes in box units.
-        seed: Seed of all random choices.
+    Colours are taken from a hand (:func:`sky_of`). Strokes follow the level surfaces of a form, and have a ``width`` in
+    box units; ``opacity`` (X, Y, Z) is that of the scene's cells along a side of theirs, ``cells`` per box unit.
     """
     side = APART * width
     count = int(np.ceil(1.0 / side)) + 1

@@ -1,10 +1,9 @@
 """Ink drawings without a style picture: stippling, hatching and cross-hatching on the surfaces.
 
-Every place has a tone: how far the form turns away from a light at the upper left, and how hollow it is
-(:class:`svv.train.paint.surface_form.Form`), equalized from light to dark. Dots are spaced like Poisson discs, closer
-where it is darker (Deussen et al. 2000). Lines are evenly spaced streamlines of the direction in which the surface
-bends least (Jobard & Lefer 1997); they swell where it is darker and end in the light (Winkenbach & Salesin 1994), and
-dark places have further lines between or across them. Strokes lie on the surface, so they are the same from every side.
+Every place has a tone: how far the form turns away from a light at the upper left, and how hollow it is, equalized.
+Dots are spaced like Poisson discs, closer where it is darker (Deussen et al. 2000). Lines are evenly spaced streamlines
+of the direction in which the surface bends least (Jobard & Lefer 1997); they swell where it is darker and end in the
+light (Winkenbach & Salesin 1994), and dark places have further lines between or across them.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from svv.styles.gallery import open_style
 from svv.styles.gallery.offered import INKS, Layer
 from svv.train.paint import ink_kernels as numba_inking
 from svv.train.paint.quilt import LIGHT
-from svv.train.paint.surface_form import Floats, Form
+from svv.train.paint.surface_form import Floats, Form, in_cubes, slots_of
 
 PAPER = (0.97, 0.955, 0.92)
 """Colour of paper, which is not inked: warm white, RGB."""
@@ -126,8 +125,7 @@ class StyleInput:
     name: str | None = None
     """Name of a picture; an ink has its own."""
     mask: NDArray[np.bool_] | None = None
-    """Part of the picture to learn from, (h, w); None for all of it. To use several masks, give the picture several
-    times."""
+    """Part of the picture to learn from, (h, w), None for all of it. For several, give the picture several times."""
     measured: NDArray[np.bool_] | None = None
     """Of a divided picture, the part in which its hand is measured, (h, w); None for all of it."""
     divided: bool = False
@@ -156,11 +154,7 @@ def _validate_style(picture: object) -> Floats:
 
 
 def ink_named(source: object) -> Ink | None:
-    """Return the ink that ``ink:NAME`` means; None if the source does not name an ink.
-
-    Raises:
-        BadInput: There is no such ink.
-    """
+    """Return the ink that ``ink:NAME`` means, None if the source names none; raises BadInput if it does not exist."""
     text = str(source)
     if not text.startswith(DRAWN):
         return None
@@ -168,11 +162,7 @@ def ink_named(source: object) -> Ink | None:
 
 
 def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:
-    """Return the name of a style and its picture or ink, from ``ink:NAME``, ``gallery:NAME`` or a file.
-
-    Raises:
-        BadInput: See :func:`ink_named` and :func:`svv.styles.gallery.open_style`.
-    """
+    """Return the name and picture or ink of ``ink:NAME``, ``gallery:NAME`` or a file; raises BadInput without one."""
     ink = ink_named(source)
     return open_style(source, progress) if ink is None else (ink.name, ink)
 
@@ -216,31 +206,20 @@ class Sheet:
     @classmethod
     def of(cls, form: Form, surface: Floats, side: float) -> Sheet:
         """Return the surface through visible points (S, 3); points at several depths are moved to their mean depth."""
-        points, _, slot = _in_cubes(surface, side)
+        points = np.ascontiguousarray(surface[in_cubes(surface, side)[0]])
         normals, tangents, _ = form.frames(points)
         tone = tones(form, points, normals)
         out = np.empty((len(points), 10))
-        numba_inking.settle(side, slot, points, normals, tangents, tone, out)
-        _, kept, slot = _in_cubes(out[:, :3].astype(np.float32), side)
-        out = out[kept]
+        numba_inking.settle(side, slots_of(points, side), points, normals, tangents, tone, out)
+        out = out[in_cubes(out[:, :3].astype(np.float32), side)[0]]
         rank = np.argsort(np.argsort(out[:, 9])) / max(len(out) - 1, 1)
         points, normals, tangents = (np.ascontiguousarray(out[:, k : k + 3], np.float32) for k in (0, 3, 6))
-        return cls(side, slot, points, normals, tangents, rank.astype(np.float32))
+        return cls(side, slots_of(points, side), points, normals, tangents, rank.astype(np.float32))
 
     @property
     def looked_up(self) -> tuple[float, NDArray[np.int32], Floats, Floats, Floats, Floats]:
         """Arguments of the kernels."""
         return self.side, self.slot, self.points, self.normals, self.tangents, self.tones
-
-
-def _in_cubes(points: Floats, side: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int32]]:
-    """Return the first point of each cube, the indices of these points, and the grid of their numbers."""
-    cells = int(np.ceil(1.0 / side)) + 1
-    cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
-    flat, first = np.unique(np.ravel_multi_index(tuple(cube.T), (cells,) * 3), return_index=True)
-    slot = np.full(cells**3, -1, np.int32)
-    slot[flat] = np.arange(len(flat))
-    return np.ascontiguousarray(points[first]), first, slot.reshape(cells, cells, cells)
 
 
 @dataclass(frozen=True)
@@ -260,14 +239,7 @@ class Strokes:
 
 
 def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
-    """Draw the dots of stippling.
-
-    Args:
-        sheet: Surface to draw on.
-        unit: Unit of radii and distances, in box units.
-        cell: Side of a cell of the paint, in box units.
-        seed: Seed of the layout.
-    """
+    """Draw the dots of stippling; ``unit``, of radii and distances, and ``cell``, of the paint, are in box units."""
     generator = np.random.default_rng(seed)
     near = generator.permutation(np.repeat(np.arange(len(sheet.points)), TRIES))
     aside = generator.uniform(-0.75, 0.75, (len(near), 2)).astype(np.float32) * sheet.side
@@ -287,10 +259,7 @@ def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
 
 
 class Family:
-    """Lines of one direction, filled in by the kernels.
-
-    For ``start`` see :func:`svv.train.paint.ink_kernels.draw`.
-    """
+    """Lines of one direction, filled in by the kernels; for ``start`` see :func:`svv.train.paint.ink_kernels.draw`."""
 
     def __init__(self, sheet: Sheet, angle: float, side: float, most: int) -> None:
         """Allocate ``most`` line points in bins of side ``side``, on a sheet with its tangents turned by ``angle``."""
@@ -352,18 +321,7 @@ class Drawing:
         self, ink: Ink, colour: Sequence[float], form: Form, surface: Floats, pixel: float, cell: float,
         seed: int, progress: Progress,
     ) -> None:  # fmt: skip
-        """Draw the region.
-
-        Args:
-            ink: Technique and scale.
-            colour: Colour of the region, RGB; its ink is dark, with the same hue.
-            form: Form of the scene.
-            surface: Box coordinates of visible points of the region. (S, 3)
-            pixel: Side of a pixel of the stylization views on the surface, in box units.
-            cell: Side of a cell of the paint, in box units; strokes are as fine as the coarser of the two.
-            seed: Seed of the layout.
-            progress: Called several times a second.
-        """
+        """Draw a region at visible points (S, 3), in ink of its colour's hue, as fine as pixels or cells allow."""
         self.form, self.cell, self.colour = form, cell, ink_colour(colour)
         fine = max(pixel, cell)
         self.depth, self.thin = DEPTH * fine, THIN * fine

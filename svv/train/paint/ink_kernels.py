@@ -1,9 +1,8 @@
-"""Pen strokes on a surface: placement of lines and dots, and how much of each place they cover.
+"""Pen strokes on a surface: placement of lines and dots, and how much of each place they cover. Numba, for the CPU.
 
-A surface is a set of points with normals, tangents and tones, at most one point in each cube of a grid. Letters: S
-points of the surface, K points of strokes, C candidates for dots, V places to evaluate. Distances between strokes are
-measured along the surface, without their component along the normal, so that a stroke is the same throughout a shell's
-thickness. Compiled with numba for the CPU.
+A surface is a set of points with normals, tangents and tones, at most one in each cube of a grid. Distances between
+strokes are measured along it, without the normal's component, so a stroke is the same throughout a shell. Letters: S
+points of the surface, K points of strokes, C candidates for dots, V places to evaluate.
 """
 
 from __future__ import annotations

@@ -15,58 +15,32 @@ from svv.fields.scene.scene import Scene
 from svv.train.base.resolutions import paint_pixel
 from svv.train.paint.contrast import match_contrast, stroke_scales
 from svv.train.paint.ink import PAPER
-from svv.train.paint.painting import Remarks, Start, painted_field, painted_start
-from svv.train.paint.pieces import PieceSettings, PieceStyle, piece_styles
+from svv.train.paint.painting import Painting, Start, painted_field, painted_start
+from svv.train.paint.pieces import PieceSettings, PieceStyle, piece_style
 from svv.train.paint.pieces_apart import keep_pieces_apart
 from svv.train.paint.plan import Order
 from svv.train.paint.style_choice import mean_colour
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.config import StylizeSettings
-from svv.train.run.previews import Previews, Show
+from svv.train.run.previews import Show
 
 PIECES_LAID = 0.9
 """Fraction of the work after which pieces are laid; the contrast of their paint is the rest."""
 
 
-class Laying:
-    """Lays the paint of one scene; ``seconds`` holds the duration."""
+class Laying(Painting):
+    """Lays the paint of one scene."""
 
     def __init__(
-        self,
-        scene: Scene,
-        order: Order,
-        settings: StylizeSettings,
-        pieces: PieceSettings,
-        seed: int,
-        saved: Checkpoint | None,
-        preview: Show | None,
-    ) -> None:
-        """Prepare the painting.
-
-        Args:
-            scene: A scene with a palette colour network.
-            order: Styles of the regions.
-            settings: Settings of stage 3.
-            pieces: How pictures are laid in pieces.
-            seed: Seed of all random choices.
-            saved: Checkpoint that keeps laid pieces.
-            preview: Called with the painting after each region.
-        """
-        self.scene, self.order, self.settings, self.pieces = scene, order, settings, pieces
-        self.seed, self.saved = seed, saved
-        self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
-        self.seconds: dict[str, float] = {}
-        self.remarks = Remarks()
-        """What there is to say about how it went."""
-        self.refined: list[int] = []
-        """Regions that start from their present paint: none, because all are painted anew."""
+        self, scene: Scene, order: Order, settings: StylizeSettings, pieces: PieceSettings, seed: int,
+        saved: Checkpoint | None, preview: Show | None,
+    ) -> None:  # fmt: skip
+        """Prepare the painting; ``saved`` keeps laid pieces, and ``preview`` is called after each region."""
+        super().__init__(scene, order, settings, seed, saved, preview)
+        self.pieces = pieces
 
     def run(self, progress: Progress) -> UnrestrictedField:
-        """Paint the scene and return its colours.
-
-        Raises:
-            BadInput: None of the regions is visible.
-        """
+        """Paint the scene and return its colours; raises BadInput if none of the regions is visible."""
         styles = self._styles()
         solved = bool(styles) and self.pieces.contrast
         end = PIECES_LAID if solved else 1.0
@@ -108,8 +82,10 @@ class Laying:
         if not pictures:
             return {}
         larger = stroke_scales(scene, list(pictures), paint_pixel(scene, self.settings), self.pieces.largest)
-        masks = {k: order.masks[order.pairs[k]] for k in pictures}
-        return piece_styles(pictures, masks, self.pieces, larger, self.seed, scene.device)
+        return {
+            k: piece_style(p, order.masks[order.pairs[k]], self.pieces, larger.get(k, 1.0), self.seed, scene.device)
+            for k, p in pictures.items()
+        }
 
     def _transferred(self, styles: dict[int, PieceStyle]) -> Tensor:
         """Return the regions' colours where no paint reaches: their pictures' means, or paper. (regions, 3)"""

@@ -1,9 +1,7 @@
 """What keeps the regions of a painting apart, as they are rendered over white.
 
-Regions that could be confused move apart in lightness and chroma, within the range of their pictures; what encloses
-stays lighter or darker than what it encloses, as in the volume rendering. Changes are tried on pixels of views.
-
-Letters: P pixels, R regions, N pixels of one region.
+What could be confused moves apart in lightness and chroma, within the range of its picture, and what encloses stays
+lighter or darker than what it encloses. Letters: P pixels, R regions, N pixels of one region.
 """
 
 from __future__ import annotations
@@ -46,8 +44,7 @@ STIFF = 30.0
 """Cost, in squared CIEDE2000, of a change of lightness by :data:`AWAY`, or of chroma by a factor of e."""
 
 ORDERED, EASY = 5.0, 3.0
-"""Difference in lightness between what encloses and what is enclosed whose order is kept, and the least that is kept
-of it."""
+"""Difference in lightness from which the order of what encloses and is enclosed is kept, and how much of it is."""
 
 QUANTILES, SAMPLED = 10, 250
 """Number of tones at which regions are compared, and maximum number of pixels of each."""
@@ -84,16 +81,11 @@ class Move:
 
 
 class Legibility:
-    """How far regions are apart in some pixels, and what they should be.
+    """How far regions are apart in some pixels, seen in some ways over a background, and what they should be.
 
-    Args:
-        pixels: Pixels of views.
-        colours: Colours of all regions in the volume rendering, RGB. (R, 3)
-        flats: Colours of the regions of which no others are given, RGB. (R, 3)
-        visions: Ways of seeing them.
-        least: CIEDE2000 that all regions are to differ by; by default :data:`LEAST_DIFFERENCE`, more for vessels, and
-            no more than in the volume rendering.
-        background: What is behind them, RGB.
+    ``colours`` (R, 3), RGB, are those of all regions in the volume rendering, and ``flats`` (R, 3) those of regions of
+    which no others are given. ``least`` is the CIEDE2000 that all are to differ by: by default
+    :data:`LEAST_DIFFERENCE`, more for vessels, and no more than in the volume rendering.
     """
 
     def __init__(
@@ -150,11 +142,7 @@ class Legibility:
         return {k: lab[part] for k, part in self.parts.items()}
 
     def shown(self, lab: Mapping[int, Floats]) -> dict[int, Floats]:
-        """Return what pixels that each region dominates show over the background, CIELAB (N, 3), by region.
-
-        Args:
-            lab: Colours of regions in all pixels, CIELAB. (P, 3)
-        """
+        """Return what each region's pixels show over the background (N, 3), from colours (P, 3) of regions, CIELAB."""
         return self._moved({k: own[self.rows] for k, own in lab.items()}, {})
 
     def _moved(self, lab: Mapping[int, Floats], moves: Mapping[int, Move]) -> dict[int, Floats]:
@@ -186,11 +174,7 @@ class Legibility:
         return any(away < MOST_DIMMED * MARGIN * self.asked[pair] for pair, away in apart.items())
 
     def dim(self, seen: Mapping[int, Seen]) -> None:
-        """Ask more of those regions of which images show less than pixels without light do.
-
-        Args:
-            seen: Colours of the regions in images of the volume rendering.
-        """
+        """Ask more of regions of which images of the volume rendering show less than pixels without light do."""
         lights = {k: float(one.weights @ rgb_to_lab(one.colours)[:, 0]) for k, one in seen.items()}
         for pair, away in self.flat.items():
             if not seen.keys() >= set(pair):
@@ -212,13 +196,10 @@ class Legibility:
         self, lab: Mapping[int, Floats], means: Mapping[int, Floats], gamuts: Mapping[int, tuple[float, float, float]],
         before: Mapping[int, Move],
     ) -> dict[int, Move]:  # fmt: skip
-        """Return changes of regions that keep all apart; none if they are.
+        """Return changes of regions that keep all apart, from their colours (P, 3) and means (3,); none if they are.
 
-        Args:
-            lab: Colours of regions in all pixels, CIELAB, that can change. (P, 3)
-            means: Their mean colours, CIELAB, by region. (3,)
-            gamuts: Least and largest lightness, and largest chroma, of their pictures.
-            before: Earlier changes, which count towards the bounds.
+        ``gamuts``: least and largest lightness, and largest chroma, of their pictures; ``before`` counts towards the
+        bounds.
         """
         own = {k: lab[k][self.rows] for k in lab}
         shown = self._moved(own, {})

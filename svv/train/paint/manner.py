@@ -1,8 +1,6 @@
-"""In which manner a style is painted: by brush strokes, or by pieces of its picture.
+"""In which manner a style is painted: by brush strokes, or by pieces of its picture (:mod:`svv.train.paint.quilt`).
 
-Strokes show the hand of a painter, and prints are printed block by block. What has no such hand is better shown by
-pieces (:mod:`svv.train.paint.quilt`): the smooth parts of photographs would become strokes that nobody painted, and
-stones, halftone dots and textures would lose their shapes.
+Strokes show a painter's hand or a printer's blocks; photographs, stones, dots and textures are better in pieces.
 """
 
 from __future__ import annotations
@@ -20,9 +18,7 @@ SHORT = 1.25
 """Elongation below which marks are stones or dots."""
 
 COMMON, EVEN = 0.9, 0.12
-"""Fraction of the commonest colours, and broken tone, from which a picture is a texture or a drawing: few colours that
-alternate everywhere."""
-
+"""Fraction of the commonest colours, and broken tone, from which a picture is a texture or a drawing."""
 
 DOTS = (0.12, 0.25)
 """Broken tone between which marks that are as wide as long are dots: stones of a mosaic are more even, and in noise

@@ -1,9 +1,6 @@
 """Stage 3: paint that is laid on a scene's regions, as strokes, pieces of pictures or ink.
 
-The paper's unrestricted colour network learns its colours by matching features view by view
-(:mod:`svv.train.match.matching`), and each view puts its strokes elsewhere. Here, strokes and pieces
-(:class:`svv.train.paint.quilt.Quilt`) are laid once, the same from every side, on a lattice that stores the colours
-themselves.
+It is laid once, the same from every side, on a lattice that stores the colours themselves.
 """
 
 from __future__ import annotations
@@ -31,17 +28,20 @@ from svv.fields.strokes.stored_strokes import NOBODY, Brushed
 from svv.styles.hand import Hand
 from svv.train.paint.ink import SURFACE, Drawing, Ink
 from svv.train.paint.pieces import PieceStyle, resized
+from svv.train.paint.plan import Order
 from svv.train.paint.quilt import RADIUS, Manner, Quilt
 from svv.train.paint.stroke_painting import Brushing, PaintedRegion, stroke_width
 from svv.train.paint.styled_views import UNSEEN, StyledView, visible_from
 from svv.train.paint.surface_form import Form, form_of
+from svv.train.run.checkpoint import Checkpoint
+from svv.train.run.config import StylizeSettings
+from svv.train.run.previews import Previews, Show
 
 MOST_VERTICES = 3_000_000
 """Approximate maximum number of vertices of a painting: each takes three bytes in the scene file."""
 
 MOST_CELLS = 256
-"""Maximum number of cells of a painting along the longest side: the lattice keeps a number for every cell of the box,
-even if it stores nothing there."""
+"""Maximum number of cells of a painting along the longest side: the lattice has a number for every cell of the box."""
 
 UP = np.array([0.0, 1.0, 0.0])
 """The world's up direction, as in the cameras."""
@@ -58,17 +58,15 @@ CELLS_A_STROKE = 6.0
 POINTS_A_VIEW = 20_000
 """Maximum number of points used of each view."""
 
+AT_A_TIME = 1 << 17
+"""Places whose paint is computed together."""
+
 POINTS_A_RADIUS = 8.0
 """Number of surface points along a piece's radius; pieces are chosen by these points."""
 
 
 def paint_cells(occupancy: Occupancy, pixel: float) -> int:
-    """Return the resolution of a painting's lattice: as fine as the pixels that see it, within the limits.
-
-    Args:
-        occupancy: Occupancy of the scene; its cells are the coarsest that a painting has.
-        pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
-    """
+    """Return the resolution of a painting's lattice: as fine as a pixel (its side in box units), within the limits."""
     cells, count = occupancy.cells, int((occupancy.occupied > 0).sum())
     while 1.0 / cells > pixel and 2 * cells <= MOST_CELLS and 9 * count <= MOST_VERTICES:
         cells, count = 2 * cells, 8 * count
@@ -115,9 +113,21 @@ class Remarks:
         self.doubtful |= brushing.doubtful
 
 
-def finest(scene: Scene, start: Start, pixel: float) -> float:
-    """Return the side of a pixel that the paint resolves: ``pixel``, or finer where strokes need it."""
-    return min(pixel, stroke_width(scene, start.size) / CELLS_A_STROKE) if start.hands else pixel
+class Painting:
+    """One painting of a scene; ``seconds`` holds the duration of each of its parts."""
+
+    def __init__(
+        self, scene: Scene, order: Order, settings: StylizeSettings, seed: int, saved: Checkpoint | None,
+        preview: Show | None,
+    ) -> None:  # fmt: skip
+        """Prepare to resume from and save to a checkpoint, and to show the painting from time to time."""
+        self.scene, self.order, self.settings, self.seed, self.saved = scene, order, settings, seed, saved
+        self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
+        self.seconds: dict[str, float] = {}
+        self.remarks = Remarks()
+        """What there is to say about how it went."""
+        self.refined: list[int] = []
+        """Regions that start from their present paint."""
 
 
 @torch.no_grad()
@@ -130,26 +140,14 @@ def painted_start(
     show: Callable[[UnrestrictedField], None],
     remarks: Remarks,
 ) -> UnrestrictedField:
-    """Paint the regions.
+    """Paint the regions; returns a direct colour field, or raises BadInput if none of them is visible.
 
-    Args:
-        scene: A scene with a palette colour network.
-        start: What to paint on which regions.
-        pixel: Side of a pixel of the styles on the surface, in box units.
-        seed: Seed of the layout.
-        progress: Called several times a second.
-        show: Called with the field when every region has one colour, and again after each painted region.
-        remarks: Receives what there is to say about regions painted by strokes.
-
-    Returns:
-        A direct colour field.
-
-    Raises:
-        BadInput: None of the regions to be painted is visible.
+    ``pixel`` is a style's on the surface, in box units; ``show`` is called with flat colours, and after each region.
     """
     assert scene.palette_network is not None
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
-    paint = painted_field(scene, finest(scene, start, pixel))
+    narrow = stroke_width(scene, start.size) / CELLS_A_STROKE if start.hands else pixel
+    paint = painted_field(scene, min(pixel, narrow))
     lattice = paint.encoding
     assert isinstance(lattice, SparseLattice)
     styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
@@ -164,7 +162,8 @@ def painted_start(
     show(paint)
     views = _views_of(scene, start.views, painted, part(progress, 0.0, 0.1))
     progress = part(progress, 0.15, 1.0)
-    left = _select_strokes(before, kept)
+    strokes = {} if before is None or before.brushed is None else before.brushed.regions
+    left = {k: own for k, own in strokes.items() if k in kept}
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
         paint.brushed = _brush(brushing, start, region, place, colours, left, part(progress, 0.0, 0.9))
@@ -193,7 +192,10 @@ def painted_start(
         else:
             laid = _quilt(targets[k], form, points, pixel, seed + k, part(told, 0.0, 0.6))
         own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
-        _fill(colours, own, place, laid, part(told, 0.6, 1.0))
+        for first in range(0, len(own), AT_A_TIME):
+            part(told, 0.6, 1.0)(first / len(own), "painting")
+            piece = own[first : first + AT_A_TIME]
+            colours[piece] = laid(place[piece]).clip(0.0, 1.0)
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
     progress(1.0, "painting")
@@ -242,8 +244,7 @@ def _worked(
 def owners_of(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.uint8]:
     """Return the painted region with the largest weight at each vertex of a lattice with ``cells`` cells. (V,)
 
-    Features are trilinear in the cells of the scene. A vertex whose cell has one owner at all corners has it as well;
-    only the others are evaluated.
+    A vertex whose cell of the scene has one owner at all corners has it, too, because features are trilinear there.
     """
     occupied, coarse = scene.occupancy.occupied, scene.occupancy.cells
     vertices = vertices_of(occupied, coarse, cells)
@@ -273,8 +274,8 @@ def _owners_at(scene: Scene, place: NDArray[np.float32], painted: Sequence[int])
     assert scene.palette_network is not None
     own = torch.tensor([k in painted for k in range(len(scene.regions))], device=scene.device)
     found = np.empty(len(place), np.uint8)
-    for first in range(0, len(place), 1 << 17):
-        piece = slice(first, first + (1 << 17))
+    for first in range(0, len(place), AT_A_TIME):
+        piece = slice(first, first + AT_A_TIME)
         position = torch.from_numpy(place[piece]).to(scene.device)
         weights, here = scene.palette_network.material(position)[1], scene.regions_at(position)
         best = _best(weights, own, here).cpu().numpy()
@@ -302,10 +303,7 @@ def _brush(
     brushing: Brushing, start: Start, region: NDArray[np.int64], place: NDArray[np.float32],
     colours: NDArray[np.float32], left: Mapping[int, tuple[Strokes, Brush]], progress: Progress,
 ) -> Brushed:  # fmt: skip
-    """Paint the regions that have a hand by strokes, and write their paint into the colours of all places (V, 3).
-
-    ``left``: strokes of regions that keep their paint, beside which the lattice has other paint.
-    """
+    """Paint regions by strokes into the colours of all places (V, 3); others keep the strokes that are ``left``."""
     found = brushing.painted(start.hands, part(progress, 0.0, 0.65))
     works, flats, glazes = _worked(found, start.transferred.cpu().numpy().astype(np.float32))
     owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
@@ -313,24 +311,6 @@ def _brush(
     theirs = np.isin(region, list(start.hands))
     colours[theirs] = brushed.baked(place, brushing.cell, part(progress, 0.65, 1.0))[theirs]
     return Brushed({**works, **left}, None, flats, glazes)
-
-
-def _select_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:
-    """Return the strokes of regions that keep their paint."""
-    if before is None or before.brushed is None:
-        return {}
-    return {k: strokes for k, strokes in before.brushed.regions.items() if k in kept}
-
-
-def _fill(
-    colours: NDArray[np.float32], own: NDArray[np.int64], place: NDArray[np.float32],
-    paint: Callable[[NDArray[np.float32]], NDArray[np.float32]], progress: Progress,
-) -> None:  # fmt: skip
-    """Write paint at the places ``own`` into the colours of all places (V, 3)."""
-    for first in range(0, len(own), 1 << 17):
-        progress(first / len(own), "painting")
-        piece = own[first : first + (1 << 17)]
-        colours[piece] = paint(place[piece]).clip(0.0, 1.0)
 
 
 def _quilt(
@@ -352,16 +332,13 @@ def _flat(
     scene: Scene, transferred: Tensor, place: NDArray[np.float32], painted: list[int], kept: list[int],
     before: UnrestrictedField | None,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:  # fmt: skip
-    """Return the painted region with the largest weight at each vertex, -1 for none (V,), and flat colours (V, 3).
-
-    Strokes continue across the border to an unpainted region, so that colours interpolated there are paint.
-    """
+    """Return the painted region of each vertex, -1 for none (V,), and flat colours (V, 3), also across the border."""
     assert scene.palette_network is not None
     region = np.empty(len(place), np.int64)
     colours = np.empty((len(place), 3), np.float32)
     own = torch.tensor([k in painted for k in range(len(transferred))], device=transferred.device)
-    for first in range(0, len(place), 1 << 17):
-        piece = slice(first, first + (1 << 17))
+    for first in range(0, len(place), AT_A_TIME):
+        piece = slice(first, first + AT_A_TIME)
         position = torch.from_numpy(place[piece]).to(transferred.device)
         intensity, weights, offsets = scene.palette_network.material(position)
         here = scene.regions_at(position)

@@ -1,7 +1,7 @@
 """Which family of a picture's strokes paints which region, so that the painting says what the volume rendering says.
 
-Regions and families are paired at once, by hue, lightness and vividness, by the order of lightness of what encloses and
-what is enclosed, and by how far the families of regions that are seen together differ. Letters: R regions, F families.
+All are paired at once, by hue, lightness and vividness, by the order of lightness of what encloses and is enclosed, and
+by how unlike those seen together are. Letters: R regions, F families.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ GLANCES, GLANCE = 6, 64
 """Number of views in which it is seen which region encloses which, and their side in pixels."""
 
 PROMINENT = 0.2
-"""Share of what is visible to which a region's is added before its vividness is divided by it: small regions choose
-first."""
+"""Added to a region's share of what is visible, by which its vividness is divided: small regions choose first."""
 
 CLEAR = 40.0
 """CIEDE2000 between two families from which more makes no difference."""
@@ -73,10 +72,7 @@ class Glimpse:
 
 
 def glimpse_of(scene: Scene) -> Glimpse:
-    """Return what small views show of a scene with a palette network, as edited.
-
-    Of a joined scene, each member is looked at alone: regions of two members count as seen together.
-    """
+    """Return what small views show of a scene as edited; regions of two members of a joined one are seen together."""
     cameras, count = scene.rig.sphere(GLANCES, GLANCE), len(scene.regions)
     seen, together, encloses = np.zeros(count), np.ones((count, count)), np.zeros((count, count), bool)
     for layer, member in enumerate(members(scene)):
@@ -105,13 +101,7 @@ def differences_of(families: Sequence[Family]) -> Floats:
 
 
 def paired(glimpse: Glimpse, families: Sequence[Family], fixed: Mapping[int, int] | None = None) -> dict[int, int]:
-    """Return the family of each region; if there are fewer families than regions, some are shared.
-
-    Args:
-        glimpse: What is seen of the regions.
-        families: The picture's families.
-        fixed: Region -> family where the user has chosen.
-    """
+    """Return the family of each region, some shared if there are too few; ``fixed`` ones (region -> family) stay."""
     costs = _Costs(glimpse, families)
     fixed = dict(fixed or {})
     free = [k for k in range(len(glimpse.seen)) if k not in fixed]
@@ -186,10 +176,7 @@ class _Costs:
 
 
 def completed(families: Sequence[Family], pairs: Mapping[int, int]) -> list[Family]:
-    """Return the families of paired regions, which take in those left over where they stay unlike the others.
-
-    What no family can take in without resembling another is not painted with.
-    """
+    """Return the families of paired regions, which take in those left over that leave them unlike the others."""
     used = sorted(set(pairs.values()))
     found = {f: families[f] for f in used}
     for number in [f for f in range(len(families)) if f not in used]:
@@ -207,13 +194,7 @@ def completed(families: Sequence[Family], pairs: Mapping[int, int]) -> list[Fami
 def best_division(
     divisions: Sequence[Sequence[Family]], glimpse: Glimpse, extra: Sequence[float]
 ) -> tuple[Sequence[Family], dict[int, int]]:
-    """Return the division whose families fit the regions best, and the family of each region.
-
-    Args:
-        divisions: Ways to divide a picture.
-        glimpse: What is seen of the regions.
-        extra: What each way costs beside how its families fit.
-    """
+    """Return the division, of those with ``extra`` costs, that fits the regions best, and each region's family."""
     found = []
     for number, families in enumerate(divisions):
         pairs = paired(glimpse, families)

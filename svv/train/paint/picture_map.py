@@ -1,8 +1,7 @@
 """A picture mapped onto a surface, loosely: which part of it a place resembles, and in which direction it flows there.
 
-Patches of the surface have places in the picture of the same tone. Around a patch's centre, distances on the surface
-are distances in the picture, in widths of strokes, so hues change over the surface as they do in the picture, and where
-the form gives no direction, strokes run as the picture's do (an eddy stays an eddy). Letters: S points of the surface.
+Patches of the surface have places of the same tone; around these, distances are the picture's, so hues change as there,
+and where the form gives no direction, strokes run as there. Letters: S points of the surface.
 """
 
 from __future__ import annotations
@@ -43,15 +42,7 @@ in radians, at which it no longer is."""
 
 
 class PictureMap:
-    """The picture's place and flow on one surface.
-
-    Args:
-        hand: The picture's hand.
-        surface: The surface.
-        tone: Tone of each of its points, in [0, 1]. (S,)
-        width: Width of a stroke in box units.
-        generator: Source of random choices.
-    """
+    """The picture's place and flow on one surface, whose points have a tone in [0, 1] (S,)."""
 
     def __init__(
         self, hand: Hand, surface: VisibleSurface, tone: NDArray[np.float64], width: float,
@@ -94,11 +85,7 @@ class PictureMap:
         return np.asarray(np.where(folded > self.span, 2.0 * self.span - folded, folded))
 
     def flow(self, bends: Bends) -> NDArray[np.float32]:
-        """Return the direction of strokes at each point, unit tangents of either sign. (S, 3)
-
-        Along the weakest curvature where the form is distinct, along the picture's strokes elsewhere; smoothed over the
-        surface as a field of lines (their outer products are averaged, which have no sign).
-        """
+        """Return strokes' directions, unit tangents of either sign: the form's if distinct, or the picture's. (S, 3)"""
         surface, width = self.surface, self.width
         one_way = (bends.strongest - bends.weakest) / np.maximum(bends.strongest + bends.weakest, 1e-9)
         low, high = ONE_WAY

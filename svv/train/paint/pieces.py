@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,14 +20,11 @@ class PieceSettings:
     """How pictures are laid in pieces."""
 
     size: int = 280
-    """Long side in pixels to which a picture is scaled: strokes scale with it. Parts of a scene are smaller than its
-    views, so their strokes are smaller than those of a picture as large as a view (400)."""
+    """Long side in pixels to which a picture and its strokes are scaled: below that of views (400), as regions are."""
     largest: float = 3.0
-    """Maximum factor by which strokes become larger in deep regions (:func:`svv.train.paint.contrast.stroke_scales`); 1
-    keeps all strokes at their size."""
+    """Maximum factor on strokes in deep regions (``contrast.stroke_scales``); 1 keeps all at their size."""
     contrast: bool = True
-    """Whether paint gets the contrast with which it appears as strong as the style
-    (:func:`svv.train.paint.contrast.match_contrast`)."""
+    """Whether paint gets the contrast with which it appears as strong as the style (``contrast.match_contrast``)."""
     guides: Guides = field(default_factory=Guides)
     """Weights by which the pieces are chosen."""
 
@@ -53,16 +49,7 @@ def piece_style(
     picture: Style, mask: NDArray[np.bool_] | None, settings: PieceSettings, larger: float = 1.0, seed: int = 0,
     device: torch.device | None = None,
 ) -> PieceStyle:  # fmt: skip
-    """Prepare a picture.
-
-    Args:
-        picture: The picture, sRGB in [0, 1]. (H, W, 3)
-        mask: True for the part to learn from, (H, W); None for all of it.
-        settings: Size and guides.
-        larger: Factor on the size.
-        seed: Seed of the texture outside the mask.
-        device: Where the picture is kept.
-    """
+    """Prepare a picture (H, W, 3), sRGB in [0, 1], larger by a factor; its mask (H, W) is the part to learn from."""
     values = np.ascontiguousarray(picture, np.float32)  # torch does not accept mirrored views of arrays
     size = round(settings.size * larger)
     scaled = resized(torch.from_numpy(values).permute(2, 0, 1), size)
@@ -74,14 +61,6 @@ def piece_style(
     inside = (share >= min(0.5, float(share.max()))).numpy()
     whole = torch.from_numpy(filled(scaled.permute(1, 2, 0).numpy(), inside, seed)).permute(2, 0, 1)
     return PieceStyle(whole.to(device), inside, mean.to(device), larger, settings.guides)
-
-
-def piece_styles(
-    pictures: Mapping[int, Style], masks: Mapping[int, NDArray[np.bool_] | None], settings: PieceSettings,
-    larger: Mapping[int, float], seed: int, device: torch.device,
-) -> dict[int, PieceStyle]:  # fmt: skip
-    """Return the prepared picture of each region, for its mask and its factor on the size."""
-    return {k: piece_style(p, masks[k], settings, larger.get(k, 1.0), seed, device) for k, p in pictures.items()}
 
 
 def resized(picture: Tensor, long_side: int) -> Tensor:

@@ -37,18 +37,10 @@ def keep_pieces_apart(
     scene: Scene, field: UnrestrictedField, pictures: Mapping[int, Style], styled: Collection[int], flats: Tensor,
     progress: Progress,
 ) -> bool:  # fmt: skip
-    """Move the lightness and chroma of regions' paint where they could be confused.
+    """Move the lightness and chroma of regions' paint where they could be confused; returns whether they may still be.
 
-    Args:
-        scene: The scene that is painted.
-        field: Its paint, which is changed.
-        pictures: Picture of each region that is painted by pieces.
-        styled: These and all others that have paint, which does not change.
-        flats: Mean colours of all regions, RGB. (R, 3)
-        progress: Called several times a second.
-
-    Returns:
-        Whether regions may remain alike.
+    ``pictures`` are those of the regions painted by pieces, ``styled`` these and all others that have paint, which does
+    not change, and ``flats`` the mean colours of all regions, RGB. (R, 3)
     """
     opacity = np.array([region.seen_opacity for region in scene.regions])
     views = visible_from(scene, scene.rig.sphere(VIEWS, SIDE), progress)

@@ -102,16 +102,9 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
 
 
 def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") -> Order:
-    """Return the order with the hand of each region that is to be painted by strokes, and notes about the choice.
+    """Return the order with the hand of each region that is painted by strokes, and notes about the choice.
 
-    Args:
-        order: Styles of the regions.
-        manner: How to paint; ``auto`` decides by :func:`svv.train.paint.manner.manner_of`.
-        named: Technique of the strokes; ``auto`` decides by :func:`svv.train.paint.manner.technique_of`, and any other
-            asks for strokes.
-
-    Raises:
-        BadInput: A technique of strokes is asked for together with pieces.
+    ``auto`` decides by the picture; another technique asks for strokes. Raises BadInput for one together with pieces.
     """
     if named != "auto":
         if manner == "pieces":

@@ -1,9 +1,7 @@
 """A style picture as paint on surfaces: pieces of it, laid such that strokes follow the form and continue one another.
 
-Image quilting (Efros & Freeman 2001) with the pieces of lapped textures (Praun, Finkelstein & Hoppe 2000): seeds are
-spread over what is visible, and each gets a piece of the picture, turned such that its strokes run along the surface's
-direction (:class:`svv.train.paint.surface_form.Form`). Its place in the picture is the one that best continues the
-paint already laid there. Nothing is learned and nothing is averaged: the result shows the picture's own strokes.
+Image quilting (Efros & Freeman 2001) with the pieces of lapped textures (Praun, Finkelstein & Hoppe 2000): a seed gets
+a piece whose strokes run along the surface, from the place that best continues the paint already laid.
 """
 
 from __future__ import annotations
@@ -49,10 +47,7 @@ LIGHT = np.array([-0.45, 0.75, 0.5])
 
 @dataclass(frozen=True)
 class Guides:
-    """Weights of the criteria for a piece, besides how well it continues the paint already laid.
-
-    The latter has weight 1: it is the mean squared difference, relative to the picture's own variance.
-    """
+    """Weights of the criteria for a piece; its misfit to the paint already laid, in the picture's variance, has 1."""
 
     tone: float = 1.0
     """Weight of the squared difference in brightness rank: light parts of the picture suit lit places of the form."""
@@ -65,11 +60,9 @@ class Guides:
 
 
 class Manner:
-    """A prepared style picture: where it has strokes, in which direction they run, and how bright it is.
+    """A prepared style picture (H, W, 3): where it has strokes, in which direction they run, and how bright it is.
 
-    Args:
-        picture: Picture (H, W, 3), sRGB in [0, 1], at its painted size.
-        mask: True for the part to learn from, (H, W); by default all of it.
+    The picture is at its painted size; ``mask`` (H, W) is the part to learn from, by default all of it.
     """
 
     def __init__(self, picture: Floats, mask: NDArray[np.bool_] | None = None) -> None:
@@ -109,17 +102,9 @@ class Quilt:
         self, manner: Manner, form: Form, surface: Floats, pixel: float, seed: int, progress: Progress,
         guides: Guides | None = None, through: bool = False,
     ) -> None:  # fmt: skip
-        """Lay the pieces.
+        """Lay pieces of a picture on a region's visible points (S, 3); a pixel's side is in box units.
 
-        Args:
-            manner: The style picture.
-            form: Form of the scene.
-            surface: Box coordinates of visible points of the region, roughly evenly spread. (S, 3)
-            pixel: Side of a pixel of the picture on the surface, in box units.
-            seed: Seed of the layout.
-            progress: Called after every few pieces.
-            guides: Weights by which pieces are chosen.
-            through: Whether a piece extends through a shell whose two sides are visible at the same time.
+        A piece may extend ``through`` a shell whose two sides are visible at the same time.
         """
         self.manner, self.form, self.radius, self.through = manner, form, RADIUS * pixel, through
         self.guides = guides or Guides()

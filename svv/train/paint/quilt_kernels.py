@@ -1,8 +1,6 @@
 """Pieces of a picture on a surface: how well a piece would fit, and which of the pieces over a point is visible.
 
-Letters: P points, K pieces or candidates for one, N points of the overlap. Pictures are (H, W, 3) float32 and are
-mirrored at the border where a piece extends beyond it. Compiled with numba for the CPU only, because a scene is laid
-out just once.
+Pictures (H, W, 3) are mirrored at the border. Letters: P points, K pieces or candidates, N points of the overlap.
 """
 
 from __future__ import annotations

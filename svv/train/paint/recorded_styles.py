@@ -17,15 +17,7 @@ from svv.train.run.report import Report
 def keep_styles(
     before: Scene, painted: Scene, inputs: Sequence[StyleInput], asked: PaintOptions, report: Report
 ) -> Scene:
-    """Return a painted scene that keeps the pictures of its styles.
-
-    Args:
-        before: The scene before it was painted.
-        painted: The scene as it was painted.
-        inputs: The styles.
-        asked: How it was painted.
-        report: The report of the painting.
-    """
+    """Return a ``painted`` scene that keeps the pictures of its styles, painted as ``report`` tells."""
     order = ordered(before, inputs, replace(asked, go_on=False))
     told = before.made.get("stylized", {}).get(KEPT, {}) if asked.go_on else {}
     laid = {k: how for k, how in told.get("laid", {}).items() if int(k) not in order.pairs}

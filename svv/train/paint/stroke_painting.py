@@ -30,8 +30,7 @@ LARGEST = 3.0
 """Largest factor by which they do: what is deeper still is fog."""
 
 FAINT, GLAZED = 0.2, 5.0
-"""Opacity of a sheet below which strokes become larger, and by how much per opacity: of what is hardly there, only
-large ones remain strokes."""
+"""Opacity of a sheet below which strokes become larger, to remain strokes, and by how much per opacity."""
 
 GLAZE, WASH = 1.5, 0.15
 """How much the opacity of what is hardly opaque follows its strokes, up to 1: they show, and between them one sees
@@ -62,15 +61,7 @@ def stroke_width(scene: Scene, size: float) -> float:
 
 
 class Brushing:
-    """Paints regions of one scene by strokes.
-
-    Args:
-        scene: A scene with a palette colour network.
-        views: Views from all around.
-        size: Scale of the strokes.
-        cell: Side of a cell of the paint in box units.
-        seed: Seed of all random choices.
-    """
+    """Paints regions of one scene by strokes of a ``size``, on paint whose cells have a side in box units."""
 
     def __init__(self, scene: Scene, views: Sequence[StyledView], size: float, cell: float, seed: int) -> None:
         self.scene, self.views, self.cell, self.seed = scene, views, cell, seed
@@ -83,10 +74,7 @@ class Brushing:
         """Whether regions may look alike."""
 
     def painted(self, hands: Mapping[int, Hand], progress: Progress) -> dict[int, PaintedRegion]:
-        """Return the paint of regions by the hands of their pictures; regions that nobody sees are left out.
-
-        Notes say which regions are washed because they are fog.
-        """
+        """Return the paint of regions that are seen, by the hands of their pictures; notes say which are washed."""
         found: dict[int, PaintedRegion] = {}
         laid: dict[int, Laid] = {}
         for number, (region, hand) in enumerate(hands.items()):
@@ -171,11 +159,8 @@ class Brushing:
 def glaze_of(dry: bool, clear: float, deep: float, crumpled: float) -> float:
     """Return how much a region's opacity is to follow its strokes, from 0 for what is opaque to 1.
 
-    Args:
-        dry: Whether it is painted by dry strokes and not by washes.
-        clear: How translucent its sheets are, from 0 to 1.
-        deep: Depth of its visible sheets relative to :data:`DEEPEST`.
-        crumpled: How crumpled it is at the scale of a stroke, from 0 to 1.
+    It follows ``dry`` strokes more than washes, the more the clearer its sheets are, and less where these are ``deep``,
+    relative to :data:`DEEPEST`, or ``crumpled`` at the scale of a stroke (0 to 1).
 
     >>> glaze_of(True, 0.8, 0.5, 0.0), glaze_of(True, 0.8, 0.5, 0.7)
     (1.0, 0.3)

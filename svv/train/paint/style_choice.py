@@ -17,13 +17,7 @@ Mask = NDArray[np.bool_]
 
 
 def validate_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list[str]]:
-    """Return one mask or None for each style, and notes about them.
-
-    A mask that covers the whole picture has no effect and counts as None.
-
-    Raises:
-        BadInput: A mask differs in shape from its picture, is empty, or is given for an ink.
-    """
+    """Return a mask or None (the whole picture) for each style, and notes; raises BadInput for one that cannot be."""
     found: list[Mask | None] = []
     notes = []
     for number, given in enumerate(styles):
@@ -85,14 +79,10 @@ def pairs_by_colour(
     masks: Sequence[Mask | None] | None = None,
     keep: Collection[int] = (),
 ) -> dict[int, int]:
-    """Return a style for each region that is not kept, by the mean colours of the styles (within their masks).
+    """Return a style for each region that is not kept, by mean colours within masks; none without either of them.
 
-    Regions and styles are paired one to one, as many as possible, with the least sum of CIEDE2000 differences. Regions
-    left over take the nearest style; styles left over are not used (:func:`leftovers` names them). A region's colour is
-    the one shown: the edited colour if there is one.
-
-    Returns:
-        Pairs of region and style; empty if there is no style, or no region that is not kept.
+    Regions as shown and styles are paired one to one, as many as possible, with the least sum of CIEDE2000 differences.
+    Regions left over take the nearest style; styles left over are not used (:func:`leftovers`).
     """
     free = [k for k in range(len(regions)) if k not in set(keep)]
     if not free or not styles:

@@ -18,10 +18,8 @@ from svv.train.run.config import StylizeSettings
 LEAST_WEIGHT = 4e-3
 """Weight in a pixel below which samples are omitted from the images: about one 8-bit level."""
 
-
 RIM = 16
 """Margin in pixels of the crop around what is visible: features see that far beyond the outline."""
-
 
 UNSEEN = "None of the regions to be styled is visible; choose other regions with --map."
 

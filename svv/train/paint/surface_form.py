@@ -1,8 +1,7 @@
 """The form of what is visible: smooth normals, and the direction of strokes.
 
-Finite differences of a lattice flip from point to point. Here, the opacity of cells is blurred first, and everything is
-derived from the blurred field: its gradient gives normals, its second derivatives the principal curvatures. Strokes run
-along the weaker one, as a painter's do along a limb; where a surface is flat or equally round, they run horizontally.
+The gradient of the blurred opacity gives normals, its second derivatives the principal curvatures. Strokes run along
+the weaker one, as a painter's do along a limb; where a surface is flat or equally round, horizontally.
 """
 
 from __future__ import annotations
@@ -66,9 +65,8 @@ class Form:
     def frames(self, position: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames that strokes follow at box coordinates (S, 3).
 
-        Returns:
-            Outward unit normals (S, 3); unit tangents along the strokes, of either sign (S, 3); and how distinct these
-            are: 0 where the surface is flat or equally round in all directions, 1 on a straight tube (S,).
+        Outward unit normals (S, 3); unit tangents along the strokes, of either sign (S, 3); and how distinct these are:
+        0 where the surface is flat or equally round in all directions, 1 on a straight tube (S,).
         """
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         look = [map_coordinates(f, at, order=1, mode="nearest") for f in (*self.gradient, *self.axes)]
@@ -87,11 +85,7 @@ class Form:
         return normal.astype(np.float32), tangent.astype(np.float32), np.minimum(decided, 1.0).astype(np.float32)
 
     def hollowness(self, position: Floats) -> Floats:
-        """Return how much of the surroundings of box coordinates (S, 3) is filled, in [0, 1]. (S,)
-
-        It is 1/2 on the surface of a half space and less on a ridge: an integral invariant of the mean curvature
-        (Pottmann et al. 2007), without derivatives.
-        """
+        """Return how much around box coordinates (S, 3) is filled, 1/2 on a plane (Pottmann et al. 2007). (S,)"""
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
 
@@ -112,6 +106,23 @@ def tangents(normal: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDAr
     upward = upward + np.clip(0.2 - flat, 0.0, None) * 5.0 * other
     upward /= np.maximum(np.linalg.norm(upward, axis=1, keepdims=True), 1e-12)
     return np.cross(upward, normal), upward
+
+
+def in_cubes(points: NDArray[np.floating], side: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first of points (S, 3) in each cube of side ``side``, and the number of each point's cube. (S,)"""
+    cells = int(np.ceil(1.0 / side)) + 1
+    cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
+    flat = np.ravel_multi_index(tuple(cube.T), (cells,) * 3)
+    _, first, number = np.unique(flat, return_index=True, return_inverse=True)
+    return first, number.reshape(-1)
+
+
+def slots_of(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
+    """Return the number of the point (S, 3) in each cube of side ``side``, -1 for none. (X, Y, Z)"""
+    cells = int(np.ceil(1.0 / side)) + 1
+    slot = np.full((cells, cells, cells), -1, np.int32)
+    slot[tuple(np.clip((points / side).astype(np.int64), 0, cells - 1).T)] = np.arange(len(points))
+    return slot
 
 
 @torch.no_grad()
@@ -166,8 +177,7 @@ def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple
 def stroke_axes(gradient: Floats, spread: float) -> Floats:
     """Return weakest-curvature directions of level surfaces as averaged outer products: (3, X, Y, Z) -> (6, X, Y, Z).
 
-    The shape operator of a level surface is P H P / |g|, with g the gradient, H the second derivatives and P the
-    projection to the tangent plane (Kindlmann et al. 2003, Curvature-based transfer functions, eq. 5).
+    The shape operator is P H P / |g|: gradient g, second derivatives H, tangent plane P (Kindlmann et al. 2003, eq. 5).
     """
     length = np.sqrt(np.square(gradient).sum(0))
     where = length > 0.02 * float(length.max() or 1.0)

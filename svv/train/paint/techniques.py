@@ -1,7 +1,6 @@
 """Painting techniques, the named hands: which layers a painter lays in each, and how the paint behaves.
 
-A technique is nothing but numbers: the same strokes, seeds and colours serve all of them. Oil is measured in the
-picture where its fields are None (:class:`svv.styles.hand.Hand`).
+They are only numbers. Oil is measured in the picture where its fields are None (:class:`svv.styles.hand.Hand`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,7 @@
 """Tone of painted regions in closed loop: what views show has the tone of the picture, and regions stay apart.
 
-A pixel mixes the strokes along its ray, so a painting looks flatter and greyer than its strokes. Here the strokes'
-colours are changed, in CIELAB, until the visible colours of each region have their picture's mean lightness, its
-deviation and its mean chroma; positions, tones' order and hues stay, and regions stay apart
-(:mod:`svv.train.paint.legibility`).
-
-Letters: P pixels, R regions.
+A pixel mixes the strokes along its ray, so paintings look flatter and greyer than strokes. Their colours change until
+each region shows its picture's mean lightness, deviation and mean chroma. Letters: P pixels, R regions.
 """
 
 from __future__ import annotations
@@ -102,14 +98,9 @@ def toned(
 ) -> Toned:  # fmt: skip
     """Give the strokes of regions the tone of their pictures, as views show them, and keep the regions apart.
 
-    Args:
-        laid: Strokes of the regions.
-        views: Views from all around.
-        colours: Colours of all regions in the volume rendering, RGB. (R, 3)
-        flats: Colours of the regions without strokes, RGB. (R, 3)
-        opacity: Factor of the edits on the extinction of each region. (R,)
-        soft: Width of soft edges in box units.
-        look: Returns the colours of the regions in images of the volume rendering; by default none are known.
+    ``colours`` (R, 3), RGB, are those of all regions in the volume rendering, ``flats`` (R, 3) those of regions without
+    strokes, and ``opacity`` (R,) the factor of edits on their extinction. Edges are ``soft`` over box units. ``look``
+    returns the regions' colours in images of the volume rendering; by default none are known.
     """
     pixels = ViewPixels(views[:: max(len(views) // VIEWS, 1)], opacity, list(laid), MOST)
     loop, legibility = _Loop(pixels, laid, soft), Legibility(pixels, colours, flats)

@@ -1,7 +1,6 @@
 """Brush strokes on a surface: its bends, the directions on it, where strokes begin, and streamlines along them.
 
-A surface is a set of points with normals, at most one in each cube of a grid (:mod:`svv.train.paint.ink_kernels`).
-Letters: S points of the surface, N strokes, M places along a stroke. Compiled with numba for the CPU.
+A surface is as in :mod:`svv.train.paint.ink_kernels`. Letters: S points, N strokes, M places along one. Numba, CPU.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Pixels of several views, and how much of each region every one shows, behind and before which others.
-
-Letters: S samples, P pixels, R regions.
-"""
+"""Pixels of views, and what each shows of regions, before and behind others. S samples, P pixels, R regions."""
 
 from __future__ import annotations
 
@@ -20,14 +17,7 @@ Floats = NDArray[np.float64]
 
 
 class ViewPixels:
-    """Pixels of views, with all samples of each.
-
-    Args:
-        views: The views.
-        opacity: Factor of the edits on the extinction of each region. (R,)
-        regions: Regions of which pixels are chosen; by default all pixels are taken.
-        most: Maximum number of pixels chosen of each region in a view.
-    """
+    """Pixels of views, all or at most ``most`` of each of some regions, after edits' factors on extinction (R,)."""
 
     def __init__(
         self, views: Sequence[StyledView], opacity: Floats, regions: Sequence[int] | None = None, most: int = 0
@@ -92,10 +82,7 @@ class ViewPixels:
         return np.asarray((before > 0.5) & (before > 1.5 * before.T))
 
     def mixed(self, region: int, colours: NDArray[np.floating]) -> Floats:
-        """Return the colours that pixels show of a region without what hides it (P, 3), from its samples' (s, 3).
-
-        Where nothing of it is seen, it is 0.
-        """
+        """Return the colours that pixels show of a region alone (P, 3), 0 without it, from its samples' (s, 3)."""
         own = self.region == region
         pixel, weight = self.pixel[own], self.whole[own]
         total = np.bincount(pixel, weight, self.pixels)

@@ -1,8 +1,6 @@
 """The visible surface of a region: where strokes lie, how deep one sees into it, how it bends, and how it is lit.
 
-Along every ray of views from all around, the samples of a region that follow one another without a gap are one sheet.
-Their mean position, weighted by how visible they are, is where a viewer sees it, and their deviation is how deep: a
-stroke spans it. Letters: S points of the surface.
+A region's samples along a ray without a gap are one sheet, which is seen at its mean position. S points.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from svv.train.paint import ink_kernels as numba_inking
 from svv.train.paint import tracing_kernels as numba_tracing
 from svv.train.paint.quilt import LIGHT
 from svv.train.paint.styled_views import StyledView
-from svv.train.paint.surface_form import Floats, Form, tangents
+from svv.train.paint.surface_form import Floats, Form, in_cubes, slots_of, tangents
 
 SIDE = 0.4
 """Side of the cubes with at most one point each, in widths of a stroke."""
@@ -112,12 +110,7 @@ class VisibleSurface:
         return found.reshape(values.shape)
 
     def spread(self, values: NDArray[np.floating], reach: float) -> NDArray[np.float64]:
-        """Average values (S,) over all that is visible around each point, whichever way it faces. (S,)
-
-        Args:
-            values: Values of the points.
-            reach: Standard deviation of the distance in box units.
-        """
+        """Average values (S,) over all that is visible within about ``reach`` box units, whichever way it faces."""
         cells = min(max(int(2.0 / reach), 1), MOST_CELLS)  # cells of half a standard deviation
         at = np.minimum((self.points * cells).astype(np.int64), cells - 1)
         cell = np.ravel_multi_index(tuple(at.T), (cells, cells, cells))
@@ -152,14 +145,8 @@ class VisibleSurface:
     def tones(self, opacity: Floats, cells: int, width: float, mean: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how light each point is, ranked among all that is visible, from 0 (darkest) to 1. (S,)
 
-        Light from the upper left and a weaker one from the other side, with their shadows, openness to the
-        surroundings, and signed curvature (ridges are lighter than hollows) in standard deviations.
-
-        Args:
-            opacity: Opacity of the scene's cells along a side of theirs. (X, Y, Z)
-            cells: Cells per box unit.
-            width: Width of a stroke.
-            mean: Mean curvature, positive where the surface is convex. (S,)
+        Two opposite lights with their shadows, openness to the surroundings and signed curvature, the ``mean`` (S,),
+        count in standard deviations. ``opacity`` (X, Y, Z) is that of the scene's cells along a side of theirs.
         """
         sun = LIGHT / np.linalg.norm(LIGHT)
         sky = _directions(SKY)
@@ -209,15 +196,7 @@ class Bends:
 def visible_surface(
     views: Sequence[StyledView], region: int, form: Form, width: float, most: int = 60_000
 ) -> VisibleSurface | None:
-    """Return the visible surface of a region, or None if nothing of it is visible.
-
-    Args:
-        views: Views from all around.
-        region: Number of the region.
-        form: Form of the scene, whose normals the surface has.
-        width: Width of a stroke in box units, which sets the distance of points.
-        most: Maximum number of sheets taken from each view.
-    """
+    """Return the visible surface of a region with a form's normals, for a width of strokes, or None if it is unseen."""
     found = [s for s in (_sheets(view, region, GAP * width, most) for view in views) if s is not None]
     if not found:
         return None
@@ -225,7 +204,7 @@ def visible_surface(
     # In the middle of a thin sheet the opacity has no gradient: its side towards the viewer has.
     normals = form.normals(front.astype(np.float32))
     side = max(SIDE * width, 1.0 / 400.0)
-    kept, cube = _in_cubes(middle, side)
+    kept, cube = in_cubes(middle, side)
     count = np.bincount(cube, weight).astype(np.float64)
     depth, alpha = (np.bincount(cube, weight * a) / np.maximum(count, 1e-12) for a in (depth, weight))
     points, normals = middle[kept].astype(np.float32), normals[kept]
@@ -236,7 +215,7 @@ def visible_surface(
     numba_inking.settle(side, surface.slot, surface.points, surface.normals, tangent, none, out)
     fine = np.isfinite(out).all(1) & (np.abs(out[:, 3:6]).sum(1) > 0.5)
     place, facing = out[:, :3].clip(0.0, 1.0).astype(np.float32), out[:, 3:6].astype(np.float32)
-    again, cube = _in_cubes(place[fine], side)
+    again, cube = in_cubes(place[fine], side)
     own = np.flatnonzero(fine)[again]
     total = np.bincount(cube, surface.seen[fine]).astype(np.float64)
     surface = surface_of(place[own], facing[own], surface.depth[own], surface.alpha[own], total, side, form.up)
@@ -272,13 +251,10 @@ def surface_of(
     >>> len(surface_of(flat, np.tile([0.0, 0.0, 1.0], (2, 1)), np.zeros(2), np.ones(2), np.ones(2), 0.05, up))
     2
     """
-    cells = int(np.ceil(1.0 / side)) + 1
-    slot = np.full((cells, cells, cells), -1, np.int32)
-    slot[tuple(np.clip((points / side).astype(np.int64), 0, cells - 1).T)] = np.arange(len(points))
     place, facing, deep, opaque, count = (
         np.ascontiguousarray(a, np.float32) for a in (points, normals, depth, alpha, seen)
     )
-    return VisibleSurface(side, slot, place, facing, deep, opaque, count, up)
+    return VisibleSurface(side, slots_of(points, side), place, facing, deep, opaque, count, up)
 
 
 def _sheets(
@@ -306,15 +282,6 @@ def _sheets(
     if len(seen) > most:
         seen = seen[:: -(-len(seen) // most)]
     return (middle[seen], front[seen], depth[seen], total[seen]) if len(seen) else None
-
-
-def _in_cubes(points: NDArray[np.floating], side: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first point of each cube, and the number of each point's cube."""
-    cells = int(np.ceil(1.0 / side)) + 1
-    cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
-    flat = np.ravel_multi_index(tuple(cube.T), (cells,) * 3)
-    _, first, number = np.unique(flat, return_index=True, return_inverse=True)
-    return first, number.reshape(-1)
 
 
 def _standard(values: NDArray[np.float64]) -> NDArray[np.float64]:

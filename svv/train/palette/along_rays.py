@@ -1,18 +1,10 @@
 """Regions unmixed along rays: which region each point of a scene has, solved over many rays at once.
 
-The colour that a base field gives to a point behind a translucent shell is tinted by the shell, because light may lie
-anywhere along a ray. How much of each point a pixel shows is known, though, and a region has one colour. A pixel is
-then a sum over its points, of their weights in it times their regions' colours, and rays from many sides disagree with
-a point that has the wrong one. With a soft membership x in [0, 1] of each vertex in each region, this is a sparse
-convex problem: least squares over rays, plus differences of neighbours, each weighted by the light of both, so that
-borders lie where little is seen. It is solved in turn with the regions' colours. The brightness of a pixel depends on
-normals, which noise turns, so an error along a pixel's own colour counts less than one across it.
-
-How much neighbours must agree depends on the scene, and rays that are held out decide: the smoothness with the smallest
-error across their colours is chosen, or none if no solution explains them better than the regions did before. They also
-decide how many regions there are: one is divided if its halves explain them much better.
-
-Letters: S samples, R rays, V vertices, E edges between neighbours, P regions.
+Behind a translucent shell, the base field's colours are tinted. A pixel is a sum over points, of their weights in it
+times their regions' colours, and rays from many sides disagree with a wrong region. With soft memberships of vertices,
+this is a sparse convex problem: least squares over rays, plus differences of neighbours, weighted by the light of both,
+solved in turn with the colours. Rays that are held out choose the smoothness, or no solution, and divide regions whose
+halves explain them much better. Letters: S samples, R rays, V vertices, P regions.
 """
 
 from __future__ import annotations
@@ -103,13 +95,9 @@ class Seen:
         )  # fmt: skip
 
     def light(self, region: Tensor, count: int) -> tuple[Array, Array]:
-        """Return what regions reflect of light from everywhere and of a headlight, (P, 3) each.
+        """Return what regions (V,) reflect of light from everywhere and of a headlight, (P, 3) each.
 
         Non-negative least squares over all pixels: colour over black = sum of weight (ambient + diffuse cosine).
-
-        Args:
-            region: Region of each vertex, int64. (V,)
-            count: Number of regions P.
         """
         total = self.kernels.normal_equations(self.samples, region, count).cpu().numpy()
         lower, right = np.tril(total[:, : 2 * count]), total[:, 2 * count :]
@@ -122,12 +110,9 @@ class Seen:
         return found[:count], found[count:]
 
     def errors(self, region: Tensor, light: tuple[Array, Array], along: float) -> Tensor:
-        """Return what is shown of regions (V,) and their light less the pixels. (R, 3)
+        """Return what is shown of regions (V,) less the pixels. (R, 3)
 
-        Args:
-            region: Region of each vertex, int64. (V,)
-            light: What regions reflect, as of :meth:`light`.
-            along: The part that is left of errors along the pixels' own colours.
+        ``along`` is the part that is left of errors along the pixels' own colours.
         """
         return self.kernels.errors(self.samples, along, self.both(light), members(region, len(light[0])))
 
@@ -161,14 +146,9 @@ class Unmixed:
 
 
 def unmixed(seen: Seen, region: Regions, count: int, places: Tensor, until: float = math.inf) -> Unmixed:
-    """Return the regions of vertices that explain held-out rays best, starting from regions found otherwise.
+    """Return the regions (V,) of vertices at places (V, 3) on a grid that explain held-out rays best.
 
-    Args:
-        seen: What rays see of the vertices.
-        region: Region of each vertex. (V,)
-        count: Number of regions P; one region is returned as it is.
-        places: Integer coordinates of the vertices on their grid, int64. (V, 3)
-        until: When to stop with the best regions so far, on the clock of :func:`time.monotonic`.
+    It starts from ``region`` and stops at the time ``until`` of :func:`time.monotonic` with the best so far.
     """
     if count < 2 or time.monotonic() >= until:
         return Unmixed(region, 0.0)
@@ -194,18 +174,10 @@ def unmixed(seen: Seen, region: Regions, count: int, places: Tensor, until: floa
 def divided(
     seen: Seen, region: Regions, count: int, light: Array, most: int, until: float = math.inf
 ) -> tuple[Regions, list[tuple[int, float]], list[tuple[int, NDArray[np.bool_]]]]:
-    """Return regions of which those are divided whose halves explain held-out rays much better.
+    """Return regions (V,) of which those are divided whose halves explain held-out rays much better, up to ``most``.
 
-    Two materials of similar hues may be one region, because the pixels' palette mixes one of them from others. Each
-    half of a region, along the direction in which its colours differ most, then has a colour of its own.
-
-    Args:
-        seen: What rays see of the vertices.
-        region: Region of each vertex. (V,)
-        count: Number of regions P.
-        light: Light of each vertex, RGB. (V, 3)
-        most: Number of regions at which no more are divided.
-        until: When to stop, on the clock of :func:`time.monotonic`.
+    The pixels' palette may mix one of two materials of similar hues from others. Each half of a region, along the
+    direction in which its colours in ``light`` (V, 3) differ most, then has a colour of its own.
 
     Returns:
         Regions, of which new ones have the numbers after the last; the number of each that was divided, with the part
@@ -236,10 +208,7 @@ def divided(
 
 
 def _half(light: Array, mine: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return one half of a region's vertices ``mine`` (V,) by their colours, ``light`` (V, 3); None if all are alike.
-
-    Otsu's method (1979) divides them along the direction in which they differ most.
-    """
+    """Return one half of the vertices ``mine`` (V,) by their colours (V, 3) (Otsu 1979); None if all are alike."""
     colour = light[mine].clip(min=0.0)
     length = np.linalg.norm(colour, axis=1)
     mean = colour.sum(axis=0)
@@ -289,12 +258,7 @@ class Solver:
     def solve(self, region: Tensor, count: int, smoothness: float) -> Tensor:
         """Return the memberships of vertices in regions, starting with one region each: (V,) -> (V, P).
 
-        Accelerated projected gradients (Beck and Teboulle 2009).
-
-        Args:
-            region: Region of each vertex, int64. (V,)
-            count: Number of regions P.
-            smoothness: Weight of neighbours' differences.
+        Accelerated projected gradients (Beck & Teboulle 2009); ``smoothness`` is the weight of neighbours' differences.
         """
         seen, kernels, member = self._seen, self._seen.kernels, members(region, count)
         for turn in range(TURNS):
@@ -324,14 +288,7 @@ def _neighbours(places: Tensor) -> Tensor:
 
 
 def joined(ray: Tensor, vertex: Tensor, weight: Tensor, colour: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return samples of which those of a ray that stand for the same vertex, one after the other, are one.
-
-    Args:
-        ray: Ray of each sample, in ascending order. (S,)
-        vertex: Vertex of each sample, int64. (S,)
-        weight: Weight of each sample, > 0. (S,)
-        colour: Colour of each sample; the result is the mean by weight. (S, 3)
-    """
+    """Return samples (S,) of which consecutive ones of a ray with one vertex are one; colours (S, 3) are means."""
     begins = torch.ones(len(ray), dtype=torch.bool, device=ray.device)
     begins[1:] = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
     first, run = begins.nonzero()[:, 0], begins.cumsum(0) - 1
@@ -345,9 +302,8 @@ def joined(ray: Tensor, vertex: Tensor, weight: Tensor, colour: Tensor) -> tuple
 def agreement(light: Array, alike: NDArray[np.bool_]) -> Array:
     """Return how far two ways to tell regions agree: intersection over union of each, in terms of light. (P,)
 
-    Args:
-        light: Light of the region in each row, of which the other way tells the one in each column. (P, P)
-        alike: Regions that the other way cannot tell apart, of which it is taken to mean the right one. (P, P)
+    ``light`` (P, P): of the region in each row, what the other way tells the one in each column; ``alike`` (P, P):
+    regions that it cannot tell apart, of which it is taken to mean the right one.
     """
     alike = alike | np.eye(len(light), dtype=np.bool_)  # a black region's colour is not even like itself
     right = np.where(alike, light, 0.0).sum(axis=1)

@@ -44,21 +44,13 @@ FEW_STEPS = 100
 """Most steps of a trial on so few views: in more, the lighting network learns their images by heart."""
 
 MARGIN = 1.0
-"""Largest lead in dB of the lighting network in a trial at which the explicit light is still chosen: a movable light is
-worth that much."""
+"""Lead in dB of the network in a trial up to which the explicit light, which can be moved, is chosen."""
 
 
 def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
-    """Return whether colours depend on the viewing direction, and the reason for the decision.
+    """Return whether colours depend on the viewing direction, and the reason: views of a volume record it.
 
-    Views rendered from a volume record how they were shaded. For others, the base field decides: its network is asked
-    for the colours of the same points from a slightly different direction. Views rendered without shading, ParaView's
-    default, have the same colours from all sides.
-
-    Args:
-        scene: A scene with a trained base field.
-        views: The training views.
-        seed: Seed of rays and turns.
+    For others, the base network is asked for the colours of the same points from slightly different directions.
     """
     shading = views.meta.shading
     if shading is not None:
@@ -73,19 +65,14 @@ def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
 
 
 def headlight_of(views: ViewSet) -> str:
-    """Return the direction of the views' headlight; see :attr:`svv.fields.radiance.networks.FieldSettings.headlight`.
-
-    VTK's CPU ray caster and ours treat a headlight as parallel to the camera's axis, which is why views record the ray
-    caster. VTK's GPU ray caster, and other renderers, treat it as a point at the camera.
-    """
+    """Return a headlight's direction: ``axis`` of the camera for VTK's CPU ray caster and ours, else ``point``."""
     return "axis" if views.meta.mapper in ("cpu", "bricks") else "point"
 
 
 def light_for(views: ViewSet, settings: FieldSettings) -> str:
     """Return the light to train by default: ``network``, or ``auto`` for few views that were drawn from a volume.
 
-    A network has to see a surface from all directions to know its light. If few views show it, an explicit light,
-    which knows the cosine, is often better: by 8 dB for smooth shapes in 16 views.
+    A network must see a surface from all directions; an explicit light is 8 dB better for smooth shapes in 16 views.
     """
     few = len(views.cameras) < FEW_VIEWS and views.meta.shading is not None
     return "auto" if few and settings.encoding == "lattice" else "network"
@@ -102,21 +89,12 @@ def light_by_trial(
 ) -> tuple[Scene, str]:
     """Return the scene with an explicit light if that renders held-out views as well as the network, and the reason.
 
-    Both are trained for a fraction :data:`TRIAL` of the steps, without one of every :data:`HELD_OUT` views, and tested
-    on those views. The explicit light is chosen unless the network is better by more than :data:`MARGIN`.
+    Both are trained for :data:`TRIAL` of the steps, without one of every :data:`HELD_OUT` views, and tested on those:
+    the network must be better by more than :data:`MARGIN`. Of fewer than :data:`FEW_VIEWS`, none is held out: they tell
+    nothing. Of two lights that explain all views within :data:`FEW_STEPS` steps, the one of a dozen numbers is the more
+    likely.
 
-    With fewer than :data:`FEW_VIEWS` views, none is held out: so few tell nothing, and the base field has learned from
-    all of them. Of two lights that explain all views within :data:`FEW_STEPS` steps, the one of a dozen numbers is the
-    more likely.
-
-    Args:
-        scene: A scene without a palette network; its settings have the explicit light.
-        views: Training views.
-        palette: Colours of the regions. (P, 3)
-        settings: Settings of stage 2.
-        running: Seed of both trials, seconds for both together, and progress.
-        owners: Region of each point, if it is known.
-        given: Palette shares in the pixels, if they are needed.
+    ``running`` has the seconds of both trials together; ``owners`` and ``given`` are as for :func:`recolour`.
     """
     count = len(views.cameras)
     steps = max(1, round(settings.iterations * TRIAL))

@@ -1,10 +1,7 @@
 """Regions corrected by pointing: "this is region 1" and "these are one".
 
-A point stands for the connected piece of its region around it. If all points in a piece say the same, the whole piece
-becomes that region; where they differ, a random walker divides the piece (Grady 2006): each cell goes to the point that
-a walker from there reaches first, which rarely steps where colour or opacity changes. The other pieces stay.
-
-Letters: S samples, P palette colours.
+A point stands for the connected piece of its region around it. If points in a piece differ, a random walker divides it
+(Grady 2006): each cell goes to the point reached first by steps that avoid changes of colour or opacity.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ from svv.fields.radiance.networks import PaletteField
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.splitting import REACH, format_point, regions_in_cells
 from svv.options.editing import SPLIT_LEVEL
-from svv.train.palette.ranges import Unshared
+from svv.train.palette.ranges import Labelled
 
 MOST_CELLS = 200_000
 """Number of cells in which a piece is divided; larger ones are divided on a coarser grid."""
@@ -43,13 +40,13 @@ Seeds = list[tuple[Cell, int]]
 """Cells, each with the region that it is said to be."""
 
 
-class InCells(Unshared):
+class InCells(Labelled):
     """Regions of the cells of a box, which are those of the points in them."""
 
     def __init__(
         self, region: NDArray[np.integer], cells: int, device: torch.device, moved: NDArray[np.floating] | None = None
     ) -> None:
-        """Keep the region of each cell (X, Y, Z); ``cells`` per box unit. Cells with -1 have that of the nearest.
+        """Keep the region of each cell (X, Y, Z), ``cells`` per box unit; cells with -1 have that of the nearest.
 
         ``moved`` (X, Y, Z): opacity of cells whose region has changed, 0 of others.
         """
@@ -59,7 +56,7 @@ class InCells(Unshared):
         self._cells = cells
 
     def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the region of each point. (S,)"""
         cell = (position * self._cells).long()
         x, y, z = (v.clamp(0, size - 1) for v, size in zip(cell.unbind(1), self._region.shape, strict=True))
         return self._region[x, y, z]
@@ -94,16 +91,10 @@ class Pointed:
 
 
 def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]) -> Pointed:
-    """Return the regions that points ask for, in cells; nothing is trained.
+    """Return the regions, in cells, that places in world units ask for; nothing is trained.
 
-    Args:
-        scene: A scene with a palette network, without parts.
-        points: Places in world units, each with the region that is there; the number after the last region is a new
-            one.
-        same: Pairs of places that are one region.
-
-    Raises:
-        BadInput: The reasons of :func:`check_places`, nothing would change, or nothing would be left of a region.
+    Each of the ``points`` has the region that is there, or the number after the last one for a new one; each pair of
+    ``same`` is one region. Raises BadInput as :func:`check_places`, or if nothing would change or be left of a region.
     """
     count = len(scene.palette_regions)
     (cells, region, opacity), seeds, pairs = _placed(scene, points, same)
@@ -123,16 +114,10 @@ def pointed(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tu
 
 
 def check_places(scene: Scene, points: Sequence[tuple[Point, int]], same: Sequence[tuple[Point, Point]]) -> None:
-    """Check what can be told of each place by itself, and of pairs of them; more places may mend everything else.
+    """Check what can be told of each place of :func:`pointed` by itself, and of pairs; more places may mend the rest.
 
-    Args:
-        scene: A scene with a palette network.
-        points: As for :func:`pointed`.
-        same: As for :func:`pointed`.
-
-    Raises:
-        BadInput: Nothing is at a place, a region does not exist, places contradict each other, both places of a pair
-            have the same region already, or the scene has parts.
+    Raises BadInput if nothing is at a place, a region does not exist, places contradict each other, both of a pair have
+    the same region already, or the scene has parts.
     """
     _placed(scene, points, same)
 
@@ -199,10 +184,7 @@ def _cell_of(scene: Scene, place: Point, region: Grid, cells: int) -> Cell:
 def _by_piece(
     seeds: Seeds, region: Grid, opacity: NDArray[np.float32]
 ) -> Iterator[tuple[int, NDArray[np.bool_], Seeds]]:
-    """Yield the pieces in which points lie: their regions, their cells (X, Y, Z), and the points.
-
-    A piece is what :func:`svv.fields.scene.splitting.piece_at` would split off; faint cells belong to the nearest.
-    """
+    """Yield the pieces in which points lie, as ``splitting.piece_at`` finds them: region, cells (X, Y, Z), points."""
     for own in sorted({int(region[cell]) for cell, _ in seeds}):
         mine = [seed for seed in seeds if region[seed[0]] == own]
         inside = region == own

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -25,14 +24,13 @@ from svv.kernels.types import Samples
 from svv.train.run.batches import RayPool
 
 LOOKED_AT = 16384
-"""Number of rays from which the visible light of each range is estimated. With a hash grid, all their samples pass
-through networks at once, so more rays would need gigabytes."""
+"""Rays that tell the visible light of each range; a hash grid's networks take all their samples at once."""
 
 
 class Labelled(Protocol):
     """Regions to which points belong; what is no point, such as NaN, belongs to any."""
 
-    shared: bool
+    shared: bool = False
     """Whether a point may belong to several regions; the views then decide which part belongs to which."""
 
     def of(self, position: Tensor) -> Tensor:
@@ -40,38 +38,17 @@ class Labelled(Protocol):
 
     def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
-
-
-class Unshared(ABC):
-    """Regions none of which share a point."""
-
-    shared = False
-
-    @abstractmethod
-    def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
-
-    def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the region of each point (S,), and its palette weight among ``weights`` (S, P). (S,)"""
         owner = self.of(position)
         return owner, weights.gather(1, owner[:, None])[:, 0]
 
 
-class Owners:
+class Owners(Labelled):
     """The regions to which points may belong, according to a classified volume."""
 
     def __init__(self, volume: ClassifiedVolume, regions: NDArray[np.integer], device: torch.device) -> None:
-        """Assign a volume's ranges to regions.
-
-        Args:
-            volume: A volume with R ranges.
-            regions: Number of the region of each range (R,); or, if regions share ranges, whether a range may be part
-                of each region (R, P).
-            device: Device of the points.
-        """
+        """Assign a volume's R ranges to regions: the region of each (R,), or whether it may be part of each (R, P)."""
         member = np.eye(int(regions.max()) + 1)[regions] if regions.ndim == 1 else regions > 0
         self.shared = bool((member.sum(axis=1) > 1).any())
-        """Whether several regions share a range; the views then decide which part belongs to which region."""
         self._member = torch.from_numpy(member.astype(np.float32)).to(device)
         self._range = torch.from_numpy(volume.owner).to(device)
         self._first = self._member.argmax(dim=1)
@@ -84,16 +61,15 @@ class Owners:
         return self._range[x, y, z].long()
 
     def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the region of each point. (S,)"""
         return self._first[self.range_of(position)]
 
     def assign(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
-        number = self.range_of(position)
-        owner = self._first[number]
+        """Return the region of each point, and the sum of its weights over the regions sharing it. (S,) each"""
         if not self.shared:
-            return owner, weights.gather(1, owner[:, None])[:, 0]
-        return owner, (weights * self._member[number]).sum(dim=1)
+            return super().assign(weights, position)
+        number = self.range_of(position)
+        return self._first[number], (weights * self._member[number]).sum(dim=1)
 
 
 @dataclass(frozen=True)
@@ -114,15 +90,9 @@ class KnownRegions:
 
 @torch.no_grad()
 def regions_of(volume: ClassifiedVolume, views: ViewSet, scene: Scene, seed: int) -> KnownRegions:
-    """Return a region for each range of the transfer function that the views show.
+    """Return a region for each range of the transfer function that the views show, by rays through the base field.
 
     A range whose fraction of the light is below the palette's ``min_share`` joins its neighbour in value.
-
-    Args:
-        volume: The classified volume.
-        views: Training views.
-        scene: A scene with a base field; its device does the work.
-        seed: Seed of the rays.
     """
     batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, LOOKED_AT)
     samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
@@ -166,11 +136,7 @@ def hull_of(ranges: Sequence[tuple[float, float]]) -> tuple[float, float] | None
 
 
 def membership(regions: Sequence[Region], volume: ClassifiedVolume) -> NDArray[np.bool_]:
-    """Return whether each range of a volume is part of each region; all regions know their values. (R, P)
-
-    A range belongs to every region whose values contain its middle; if there is none, to the region with the nearest
-    values.
-    """
+    """Return whether each range of a volume is part of each region: those around its middle, or the nearest. (R, P)"""
     middles = np.array([0.5 * (r.low + r.high) for r in volume.ranges])
     away = np.full((len(middles), len(regions)), np.inf)
     for number, region in enumerate(regions):
@@ -189,18 +155,11 @@ def shares_of(samples: Samples, sigma: Tensor, region: Tensor, count: int) -> ND
 
 @torch.no_grad()
 def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> list[float]:
-    """Return the intersection over union of regions and ranges, over everything that the views show.
+    """Return the intersection over union of regions and ranges, in [0, 1], over random pixels of the views.
 
-    Args:
-        scene: A scene with a palette colour network.
-        views: Views of which ``LOOKED_AT`` random pixels are used.
-        volume: The classified volume, which gives the transfer function range of each point.
-
-    Returns:
-        Numbers in [0, 1]: one per region of the palette if the scene knows the values of its regions; an empty list if
-        such regions share a range, because the volume then does not tell which part belongs to which. For regions
-        found in views alone, one per range that has at least the palette's ``min_share`` of the visible light, in
-        ascending order of values, each with a region of its own so that the sum is largest; 0 for a range without one.
+    One number per region of the palette if the scene knows their values, and none if such regions share a range. For
+    regions found in views alone, one per range with at least the palette's ``min_share`` of the visible light, in
+    ascending order of values, each with a region of its own so that the sum is largest; 0 for a range without one.
     """
     assert scene.palette_network is not None
     regions = scene.palette_regions

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +20,6 @@ from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Marching, Rays, composite, march, not_hidden
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
-from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Owned, Room, Samples, TrainingKernels
@@ -55,7 +53,6 @@ OWNER_WEIGHT = 0.1
 """Weight of -ln w of a sample's own range, averaged over the samples of each range and over the ranges. Without
 a volume, for a palette made by hand or of more than three colours: weight of the cross entropy of their shares in
 a pixel, averaged over the colours."""
-
 
 PENALTIES = 3
 """Weights among a step's numbers: of offsets, of the shade's deviation from 1, and of mixed palette weights."""
@@ -193,7 +190,8 @@ class Recolouring:
         values, weights = self._values(samples, geometry, batch.rays)
         out, transmittance, _ = composite(samples, sigma, values)
         out, mixtures = out[:, :6], out[:, 6:]
-        loss, error = _error(out, transmittance, batch, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *self._penalties()])
+        penalties = [float(weight) for weight in self.numbers.others[:PENALTIES]]
+        loss, error = batch.loss(out, transmittance, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties], alpha=False)
         drift = (self.field.colours - self.start).square().sum()
         loss = loss + PALETTE_WEIGHT * batch.share * drift
         if self.owners is not None:
@@ -204,9 +202,6 @@ class Recolouring:
             loss = loss + batch.share * self._transfer_function_penalty(*self.function_colours)
         loss.backward()
         return error
-
-    def _penalties(self) -> list[float]:
-        return [float(weight) for weight in self.numbers.others[:PENALTIES]]
 
     def settle(self, number: int) -> None:
         """Take one step towards the regions of random points, without rays: where a trained network is told others."""
@@ -245,10 +240,9 @@ class Recolouring:
         return values, parts.weights
 
     def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
-        """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
+        """Return the penalty of palette weights (S, P) at positions (S, 3) in other regions than their own, a scalar.
 
-        A thin shell counts as much as the fog in which it lies: it is a mean over the regions, and over the samples of
-        each, counted on all ranks.
+        It is a mean over regions, and over the samples of each on all ranks: a thin shell counts as much as thick fog.
         """
         count = weights.shape[1]
         if not len(position):
@@ -259,10 +253,7 @@ class Recolouring:
         return -OWNER_WEIGHT * (each * own.log()).sum() / count
 
     def _transfer_function_penalty(self, values: Tensor, colours: Tensor) -> Tensor:
-        """Return the penalty of other colours than the transfer function's, a scalar.
-
-        The views show nothing of values that others hide, until these are made more transparent.
-        """
+        """Return the penalty of other colours than the transfer function's: views do not show hidden values."""
         return FUNCTION_WEIGHT * (colours_of(self.field, values)[0] - colours).square().mean()
 
     def _unmixing_penalty(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
@@ -284,24 +275,10 @@ class Recolouring:
         return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
 
 
-def _error(out: Tensor, transmittance: Tensor, batch: Batch, each: Sequence[float]) -> tuple[Tensor, Tensor]:
-    """Return the loss and the mean squared error of colour of composited values (R, 6), whose weights are ``each``."""
-    factors, fused = numbers_on(each, out.device), kernels_for(out).TRAINING
-    if fused is not None:
-        return fused.loss(out, transmittance, batch.shown, batch.weight, factors, False)
-    missing = torch.cat([(out[:, :3] - batch.premultiplied).square(), out[:, 3:]], dim=1)
-    errors = (batch.weight[:, None] * missing).sum(dim=0)
-    return (errors * factors).sum(), errors[:3].detach().mean()
-
-
 def palette_of(
     views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None, device: torch.device = CPU
 ) -> Palette:
-    """Extract the palette of the views' visible pixels, which the ``device`` may hold.
-
-    Raises:
-        BadInput: No pixel is visible.
-    """
+    """Return the palette of the views' visible pixels, which the ``device`` may hold; raises BadInput without any."""
     pool = RayPool(views, occupancy.box, seed, device)
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
 
@@ -317,21 +294,14 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     values: ValueGrid | None = None,
     start: PaletteField | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
-    """Train the palette colour network for a palette (P, 3).
+    """Train the palette colour network for a palette (P, 3), RGB in [0, 1], on a scene's frozen base field.
 
-    Args:
-        views: Training views.
-        scene: A scene with a frozen base field; its settings shape the network, and its device trains it.
-        palette: Initial palette colours, RGB in [0, 1]. (P, 3)
-        settings: Settings of stage 2.
-        running: Seed, time, progress and checkpoint.
-        owners: Region of each point, if it is known.
-        given: Palette shares in the pixels, for a palette made by hand or of more than three colours.
-        values: Values of the volume, if the network is to be a function of them (:mod:`svv.train.base.from_values`).
-        start: A trained network of as many colours to start from, which first learns its points' regions without rays.
+    ``owners`` are the regions of points, if they are known, and ``given`` palette shares in the pixels, for a palette
+    made by hand or of more than three colours. With ``values``, the network is a function of the volume's
+    (:mod:`svv.train.base.from_values`). It may ``start`` from a trained one of as many colours, which first learns its
+    points' regions without rays.
 
-    Returns:
-        The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
+    Returns the frozen network, each region's fraction of the visible light (P,), and the seconds spent.
     """
     begin = time.monotonic()
     base, occupancy, seed, checkpoint = scene.base, scene.occupancy, running.seed, running.saved

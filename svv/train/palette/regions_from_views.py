@@ -1,13 +1,9 @@
 """Regions of a scene without its volume: which points are of one material, and its colour in full light.
 
-A palette of pixels fails where no pixel shows a material alone: behind a translucent shell, everything is tinted. Nor
-do pixels tell grey from white, as white in the shade is grey. Points tell both. The base field says which points a
-pixel shows and how much of each, and what a pixel shows beyond the field's colours is given back to its points, so
-that their mean over all views is true to the views. Points of one hue are one region, unless their hues, or their
-brightness in full light, fall into two groups with a gap between them; a surface's normal tells how much of a headlight
-it reflects. Rays from many sides then correct the regions of points (:mod:`svv.train.palette.along_rays`). A pixel is
-a sum over regions, of their weights in it times their colours, and least squares over many pixels finds the colours,
-even those of regions that are never seen alone, or whose normals noise turns anywhere.
+Pixels may show no material alone, nor tell grey from white in the shade. The base field says how much of each point a
+pixel shows; what it shows beyond the field's colours is given back to its points. Points of one hue are one region,
+unless hues or brightness in full light fall into two groups. Rays then correct the points' regions
+(:mod:`svv.train.palette.along_rays`), and least squares over many pixels find the regions' colours.
 
 Letters: S samples, R rays, V vertices of the grid of regions, P regions.
 """
@@ -37,7 +33,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import moved
 from svv.kernels.dispatch import kernels_for
 from svv.train.palette.along_rays import Seen, agreement, divided, joined, summed, unmixed
-from svv.train.palette.ranges import KnownRegions, Unshared
+from svv.train.palette.ranges import KnownRegions, Labelled
 from svv.train.run.batches import RayPool
 
 Array = NDArray[np.float64]
@@ -67,8 +63,7 @@ LEAST_BRIGHTNESS_RATIO = 1.4
 """Ratio of the brightness of two groups in full light from which they may be two regions."""
 
 BEST_LIT = 0.995
-"""Quantile of the brightness of a region's points that counts as full light: a normal is not known well enough where a
-surface is rough, thin or cut off by the volume's side."""
+"""Quantile of the brightness of a region's points that counts as full light: some normals are not known well."""
 
 LEAST_COLOUR = 0.02
 """Brightness below which a region's colour was not found."""
@@ -86,7 +81,7 @@ SAME_HUE = 0.06
 """Angle in radians between two colours' directions up to which only their brightness tells them apart."""
 
 
-class Labels(Unshared):
+class Labels(Labelled):
     """Regions of the vertices of a grid, which are those of the points around them."""
 
     def __init__(self, lattice: SparseLattice, region: NDArray[np.integer], device: torch.device) -> None:
@@ -101,16 +96,16 @@ class Labels(Unshared):
         return stored_rows(torch.minimum(vertex.clamp(min=0), shape - 1), shape, 0, self._lattice.index)
 
     def of(self, position: Tensor) -> Tensor:
-        """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the region of each point. (S,)"""
         return self._region[self.rows_of(position).clamp(max=len(self._region) - 1)]
 
 
 class _Points:
-    """Points of a scene as training rays show them, on its device.
+    """Points of a scene as training rays show them, on its device; what methods take and return lies on the CPU.
 
     Each is a vertex and stands for a ray's samples around it. ``vertex`` (S,), ``ray`` (S,), ``weight`` (S,): weight in
-    the pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel;
-    ``pixel`` (R, 3): colour over black, ``alpha`` (R,). What methods take and return lies on the CPU.
+    the pixel, ``cosine`` (S,): between the normal and the headlight, ``colour`` (S, 3): true to the pixel; ``pixel``
+    (R, 3): colour over black, ``alpha`` (R,).
     """
 
     def __init__(self, scene: Scene, views: ViewSet, seed: int, until: float = math.inf) -> None:
@@ -155,10 +150,7 @@ class _Points:
         return np.asarray(share / max(share.sum(), 1e-9), np.float64)
 
     def nearest_in_hue(self, palette: Array) -> NDArray[np.int64]:
-        """Return the region of each vertex (V,): the palette colour (P, 3) nearest in hue and saturation.
-
-        Points vote with their visible light, and vertices that no ray shows join the nearest that one does.
-        """
+        """Return the region of each vertex (V,) by votes: the palette colour (P, 3) nearest in hue and saturation."""
         weight = summed(self.vertex, self.weight, len(self._places))
         light = self._light / weight.clamp(min=1e-6).sqrt()[:, None]  # what is seen less is less certain
         length = light.square().sum(dim=1, keepdim=True).sqrt()
@@ -223,8 +215,8 @@ class _Points:
     def confidence(self, region: NDArray[np.int64], colours: Array) -> Array:
         """Return how far single rays agree with the regions (V,) of their points, in [0, 1]; ``colours`` (P, 3). (P,)
 
-        Each ray shows a point in a colour of its own, whose hue tells a region as well. The confidence is the
-        intersection over union of both, in terms of light. Regions of nearly one hue are not told apart by single rays.
+        The hue of a point in a ray tells a region as well: the intersection over union of both, by light. Regions of
+        nearly one hue are not told apart.
         """
         unit, own, count = _unit(colours), self._own(region), len(colours)
         light = [summed(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
@@ -264,12 +256,7 @@ class _Points:
         return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
 
     def _ambient_part(self, ambient: Array, diffuse: Array) -> float:
-        """Return the part A of full light that comes from everywhere: the views' own, or else that of the best lit.
-
-        Args:
-            ambient: What regions seem to reflect of light from everywhere. (P, 3)
-            diffuse: The same of a headlight. (P, 3)
-        """
+        """Return the part of full light that comes from everywhere: the views' own, or that of the best lit region."""
         shading = self._shading
         if shading is not None:
             return shading.ambient / (shading.ambient + shading.diffuse) if shading.on and shading.diffuse else 1.0
@@ -339,14 +326,9 @@ def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_
 
 @torch.no_grad()
 def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, seconds: float | None = None) -> KnownRegions:
-    """Return the regions of a scene that was learned from views alone.
+    """Return the regions of a scene that was learned from views alone; a palette's hues divide its points.
 
-    Args:
-        scene: A scene with a base field on a lattice; its device does the work.
-        views: Training views.
-        palette: Palette of the pixels: its hues divide the points.
-        seed: Seed of the rays.
-        seconds: About how long it may take: fewer rays are then followed, and less is unmixed along them.
+    It takes about so many seconds: fewer rays are then followed, and less is unmixed along them.
     """
     until = math.inf if seconds is None else time.monotonic() + seconds
     points, hues = _Points(scene, views, seed, until), palette.colours
@@ -379,14 +361,7 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, second
 
 @torch.no_grad()
 def owners_of(scene: Scene, views: ViewSet, colours: NDArray[np.floating], seed: int) -> Labels:
-    """Return to which of the given colours each point belongs, for a palette made by hand.
-
-    Args:
-        scene: A scene with a base field on a lattice; its device does the work.
-        views: Training views.
-        colours: Palette, RGB in [0, 1]. (P, 3)
-        seed: Seed of the rays.
-    """
+    """Return to which of the colours (P, 3) of a palette made by hand, RGB in [0, 1], each point of a scene belongs."""
     points, palette = _Points(scene, views, seed), np.asarray(colours, np.float64)
     region = points.nearest_in_brightness(points.nearest_in_hue(palette), palette)
     return points.labels(points.unmixed(region, len(palette))[0])

@@ -1,10 +1,7 @@
 """Palette shares of pixels, used when no volume determines the regions: how much of the light each colour contributes.
 
-If a palette made by hand has two similar hues, the weights of eq. 4 (StyleRF-VolVis) can choose either and leave the
-rest to the offsets; among more than three colours, each is a mixture of some others. Chance then decides early in the
-training which colour the weights choose. Pixels resolve this: a pure one is a shade of a single colour.
-
-Letters: R rays, P palette colours, G of them in one mixture, N mixtures.
+Of similar hues, and of more than three colours, the weights of eq. 4 (StyleRF-VolVis) choose by chance. Pixels resolve
+this: a pure one is a shade of a single colour. Letters: R rays, P colours, G of them in one mixture, N mixtures.
 """
 
 from __future__ import annotations

@@ -1,4 +1,1 @@
-"""What every stage of training runs on: settings, the loop, checkpoints, batches of rays, ranks, reports.
-
-What a stage learns is beside it: ``base``, ``palette``, ``paint``, ``match``.
-"""
+"""What every stage of training runs on: settings, the loop, checkpoints, batches of rays, ranks, reports."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,11 @@ from torch import Tensor
 from svv.core.geometry.box import Box
 from svv.fields.radiance.rendering import RayCaster, Rays
 from svv.io.views.viewset import ViewSet
-from svv.kernels.constants import moved, moved_at_once, on_device
+from svv.kernels.constants import moved, moved_at_once, numbers_on, on_device
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import PixelSource, Target
 from svv.train.run import ranks
-from svv.train.run.pixels import pixels_of
+from svv.train.run.pixels import pixels_of, steps_to_draw
 from svv.train.run.views_there import views_on
 
 
@@ -53,6 +54,20 @@ class Batch:
         """Alpha in [0, 1]. (R,)"""
         return self.shown[:, 3]
 
+    def loss(self, out: Tensor, transmittance: Tensor, each: Sequence[float], alpha: bool) -> tuple[Tensor, Tensor]:
+        """Return the loss of what is composited, and the mean squared error of colour.
+
+        Of ``each``, the first three weigh the squared errors of RGB, the first of ``out`` (R, C); the others its other
+        values as they are, or with ``alpha`` the squared error of alpha.
+        """
+        factors, fused = numbers_on(each, out.device), kernels_for(out).TRAINING
+        if fused is not None:
+            return fused.loss(out, transmittance, self.shown, self.weight, factors, alpha)
+        last = (1.0 - transmittance - self.alpha).square()[:, None] if alpha else out[:, 3:]
+        missing = torch.cat([(out[:, :3] - self.premultiplied).square(), last], dim=1)
+        errors = (self.weight[:, None] * missing).sum(dim=0)
+        return (errors * factors).sum(), errors[:3].detach().mean()
+
 
 SAME = 1.0 / 16.0
 """Relative difference of numbers of rays that counts as none."""
@@ -66,10 +81,7 @@ class RayBudget:
         self.rays, self._most, self._samples = most, most, samples
 
     def adjust(self, number: int, samples: float) -> None:
-        """Adapt to the samples that this rank's part of the rays gave in step ``number``; every 16th step counts.
-
-        Small differences change nothing: steps of as many rays as before need not be recorded anew on a GPU.
-        """
+        """Adapt to the samples of this rank's rays in every 16th step; small differences record no steps anew."""
         if number % 16 == 0:
             ideal = self._samples * self.rays / max(int(ranks.total(samples)), 1)
             rays = int(np.clip(ideal, self._most // 4, self._most))
@@ -101,9 +113,8 @@ class RayPool:
     ) -> Batch:  # fmt: skip
         """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it.
 
-        ``by_contrast`` is the fraction of the rays whose pixels are drawn by contrast
-        (:meth:`svv.train.run.pixels.Pixels.drawn`); the others are drawn evenly. A GPU that draws them reads the
-        ``seed``, by default :meth:`seed_of` the number.
+        A fraction ``by_contrast`` is drawn by contrast (:meth:`svv.train.run.pixels.Pixels.drawn`), the others evenly.
+        A GPU that draws them reads the ``seed``, by default :meth:`seed_of` the number.
         """
         part, device = part or slice(0, rays), self._caster.device
         if self._there is not None:
@@ -125,17 +136,13 @@ class RayPool:
         assert self._there is not None
         if by_contrast not in self._sources:
             there, device = self._there, self._caster.device
-            share, ends, first = there.steps(by_contrast)
+            share, ends, first = steps_to_draw(there.counts, by_contrast)
             steps = on_device(first.astype(np.int64), device), on_device(ends, device), on_device(share, device)
             self._sources[by_contrast] = PixelSource(there.index, there.levels.view(-1, 4), *steps)
         return self._sources[by_contrast]
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly.
-
-        Of more pixels, one is drawn from each of ``most`` equal parts of their list (stratified sampling): each pixel
-        is as likely as any other, and nothing has to be shuffled or remembered.
-        """
+        """Return RGB (N, 3) and alpha (N,) in [0, 1] of visible pixels, of too many a stratified sample."""
         there, generator = self._there, np.random.default_rng(self._seed)
         pool = pixels_of(self._views).index if there is None else there.index
         chosen = np.arange(min(len(pool), most))

@@ -1,7 +1,6 @@
-"""Checkpoints of a training run: a killed run resumes from its last one.
+"""Checkpoints of a training run, in the scene container's format, so that they are data and never code.
 
-A checkpoint is a file in the scene container's format, so it is data and never code. It holds the finished stages and
-the state of the one in progress, and belongs to one set of views, settings and seed: any other run starts afresh.
+A file belongs to one set of views, settings and seed, and holds finished stages and the state of one in progress.
 """
 
 from __future__ import annotations
@@ -29,13 +28,7 @@ class Checkpoint:
     """The checkpoint file of one run."""
 
     def __init__(self, path: Path, key: Mapping[str, object]) -> None:
-        """Open the file.
-
-        Args:
-            path: The file; it need not exist.
-            key: Everything that the run depends on (:func:`svv.io.files.keyed_results.key_of`). A file with another key
-                is ignored.
-        """
+        """Read the file, if it exists and its ``key`` is the same: everything that the run depends on (``key_of``)."""
         self.path = path
         self.key = key_of(key)
         self.finished: dict[str, dict[str, Any]] = {}

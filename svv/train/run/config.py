@@ -202,7 +202,6 @@ PRESETS = {
 HOMES = {"lattice": "balanced"}
 """Encoding -> the preset whose table and learning rates were tuned for it; others use those of ``paper``."""
 
-
 VALUES = "values"
 """Encoding of scenes that are functions of their volume's values."""
 
@@ -214,16 +213,11 @@ VALUE_RATE = 0.05
 
 
 def preset(name: str | Preset, encoding: str | None = None) -> Preset:
-    """Look up a preset by name.
+    """Return the preset ``draft``, ``fast``, ``balanced``, ``best`` or ``paper``; custom settings as they are.
 
-    Args:
-        name: ``draft``, ``fast``, ``balanced``, ``best`` or ``paper``; custom settings are returned unchanged.
-        encoding: ``lattice`` or ``hash`` to override the preset's: the table and the learning rates then come from the
-            encoding's home preset (:data:`HOMES`); schedule, widths and losses stay the preset's. ``values``: the
-            lattice's, with a shorter schedule, because little is left to learn.
-
-    Raises:
-        BadInput: The preset or the encoding does not exist.
+    ``lattice`` or ``hash`` override its encoding: table and learning rates are then those of the encoding's home preset
+    (:data:`HOMES`), schedule, widths and losses stay. ``values``: the lattice's, with a shorter schedule, because
+    little is left to learn. Raises BadInput if the preset or the encoding does not exist.
     """
     if isinstance(name, Preset):
         return name
@@ -256,11 +250,7 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
 
 
 def lit_by(chosen: Preset, lighting: str | None) -> Preset:
-    """Return a preset with another kind of light; None keeps the preset's own.
-
-    Raises:
-        BadInput: The kind of light does not exist, or needs another encoding.
-    """
+    """Return a preset with another kind of light (None: its own); raises BadInput if it cannot have that."""
     if lighting is None:
         return chosen
     if lighting not in LIGHTINGS:
@@ -277,11 +267,7 @@ STAGES = ("field", "reconstruct", "recolour", "stylize")
 
 
 def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
-    """Return a preset with individual settings changed, each written as ``stage.name=value``.
-
-    Raises:
-        BadInput: A text has another form, the stage or setting does not exist, or the value has the wrong type.
-    """
+    """Return a preset with settings changed, each written as ``stage.name=value``; raises BadInput if one cannot be."""
     for text in changes:
         key, sign, value = (word.strip() for word in text.partition("="))
         stage, _, name = key.partition(".")
@@ -322,9 +308,7 @@ def _value(setting: Described, key: str, text: str) -> object:
 def settings_of(options: TrainOptions | PaletteOptions | PaintOptions, own: Preset | None = None) -> Preset:
     """Return the settings of all stages for some options, based on the user's ``own`` settings or on their preset.
 
-    Raises:
-        BadInput: An option or a setting does not exist, the light needs another encoding, or an option has no effect
-            with this preset.
+    Raises BadInput if an option or a setting does not exist, or an option has no effect with this preset.
     """
     training = options if isinstance(options, TrainOptions) else TrainOptions(preset=options.preset)
     chosen = lit_by(preset(own or options.preset, training.encoding), training.lighting)
@@ -357,16 +341,10 @@ Options = TypeVar("Options", TrainOptions, PaletteOptions, PaintOptions)
 def given(
     kind: type[Options], options: Options | Preset | str, changes: Mapping[str, object]
 ) -> tuple[Options, Preset]:
-    """Return the options passed to a function of the Python interface, and the settings of its stages.
+    """Return the options of a class passed to a function of the Python interface, and the settings of its stages.
 
-    Args:
-        kind: The class of the options.
-        options: Options, the name of a preset, or custom settings.
-        changes: Fields of the options to change, by name.
-
-    Raises:
-        BadInput: See :func:`settings_of`.
-        TypeError: A field does not exist.
+    They are options, the name of a preset or custom settings, of which ``changes`` changes fields by name. Raises
+    BadInput as :func:`settings_of`, and TypeError if a field does not exist.
     """
     own = options if isinstance(options, Preset) else None
     base: Any = options if isinstance(options, kind) else kind() if own else kind(preset=options)  # type: ignore[arg-type]

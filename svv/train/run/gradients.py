@@ -16,18 +16,10 @@ from svv.train.run.ranks import add_up, all_there, many
 
 
 def sum_gradients(loss: Tensor, parameters: Sequence[Tensor], encodings: Sequence[Encoding]) -> Tensor:
-    """Sum loss and gradients over the ranks, of tables only the rows that any rank has used.
+    """Sum gradients over the ranks, of tables only the rows that any rank has used; returns the summed loss, a scalar.
 
-    First the marks of used rows are joined, one bit a row; then the gradients of these rows and of the networks are
-    summed in one piece.
-
-    Args:
-        loss: This rank's part of a number to be shown, a scalar.
-        parameters: Parameters of networks, with gradients.
-        encodings: Tables, with gradients in their buffers.
-
-    Returns:
-        The sum of ``loss``, without a graph.
+    First the marks of used rows are joined, one bit a row; then the gradients of these rows, in the buffers of
+    ``encodings``, and of the networks' ``parameters`` are summed in one piece.
     """
     if not many():
         return loss.detach()

@@ -1,7 +1,4 @@
-"""Training in the background: a process of its own, as a script or a notebook sees it.
-
-The process has a low priority, ends with the process that started it, and gives its results in files.
-"""
+"""Training in the background, as a script or a notebook sees it: in a process of low priority that ends with theirs."""
 
 from __future__ import annotations
 
@@ -21,8 +18,7 @@ from svv.options.making import TrainOptions
 from svv.train.run.report import Report
 
 STATE, RESULT, PAGE, VIEWS = "state.svv", "scene.svv", "page.html", "views"
-"""Files in the process's folder with the newest sketch, the result and their page for browsers, and the folder there
-with the views."""
+"""Files in the process's folder: the newest sketch, the result, their page for browsers; and the folder of views."""
 
 LOOK_EVERY = 0.2
 """Seconds between two looks at what the process says."""

@@ -90,11 +90,7 @@ class Running:
 
 @dataclass
 class Loop:
-    """Runs a step repeatedly.
-
-    A run that would exceed its time limit is shortened. Its learning rates then fall with the remaining time, so the
-    result is as good as the time allows.
-    """
+    """Runs a step repeatedly; under a time limit fewer times, with learning rates that fall with the remaining time."""
 
     iterations: int
     """Number of steps."""
@@ -109,8 +105,7 @@ class Loop:
     watch: Callable[[], None] | None = None
     """Called after every step."""
     network: nn.Module | None = None
-    """The network that is trained. If its loss or a parameter is no longer finite, its last good state is kept, and the
-    run ends."""
+    """The network that is trained; if it or its loss is no longer finite, the run ends with its last good state."""
     notes: list[str] = field(default_factory=list)
     """Receives a sentence if that happens."""
     done: int = 0
@@ -121,16 +116,11 @@ class Loop:
     """Losses of each of the ``PARTS`` parts of the run, since it was started or resumed."""
 
     def run(self, step: Callable[[int, float], Tensor]) -> float:
-        """Call ``step(number, fraction)`` until done; it returns the loss, which is shown next to the label.
+        """Call ``step(number, fraction)`` until done, and return the seconds spent, with those before an interruption.
 
-        The loss is read only when it is shown, because reading it waits for the GPU. If several processes train, the
-        first one's time limit counts, and all stop at the same step.
-
-        Returns:
-            Seconds spent, including those before an interruption.
-
-        Raises:
-            BadInput: The training diverged before there was a good state.
+        The step returns the loss, which is read only when it is shown, because that waits for the GPU. If several
+        processes train, the first one's time limit counts, and all stop at the same step. Raises BadInput if the
+        training diverged before there was a good state.
         """
         begin = saved = told = time.monotonic()
         before = self.spent
@@ -191,10 +181,9 @@ class Loop:
         self.course.clear()
 
     def last_gain(self, until: float = 1.0) -> float | None:
-        """Return how many dB the mean loss of the last part is below that of the part before; None without both.
+        """Return the dB by which the last part's mean loss is below that of the part before, None without both.
 
-        ``until`` is the fraction of the run up to which parts count: as learning rates fall to nothing, the loss falls
-        in any case.
+        ``until`` leaves out parts in which learning rates fall to nothing: the loss falls there in any case.
         """
         ends = [self.course.get(round(PARTS * until) - k) for k in (2, 1)]
         if not all(ends):
@@ -204,10 +193,9 @@ class Loop:
 
 
 def falling(fraction: float, end: float, hold: float = 0.0) -> float:
-    """Return the factor on a learning rate.
+    """Return the factor on a learning rate: it falls exponentially from 1 to ``end``.
 
-    It falls exponentially from 1 to ``end``. If that is 0, it is 1 up to the fraction ``hold`` of the schedule, and
-    then falls linearly to 0, which is the best end of a schedule whose length is known (Defazio et al. 2023).
+    If that is 0, it falls linearly after the fraction ``hold``, the best end of a known schedule (Defazio et al. 2023).
     """
     if end > 0.0:
         return float(end**fraction)
@@ -220,12 +208,7 @@ def recorded_steps(device: torch.device) -> RecordedSteps:
 
 
 def network_adam(parameters: Sequence[Tensor] | Sequence[Group], rate: float = 1e-3) -> NetworkAdam:
-    """Return Adam for a stage's networks; on a GPU, one kernel updates all parameters of a group.
-
-    Args:
-        parameters: Parameters, or groups of them, all on one device.
-        rate: Learning rate.
-    """
+    """Return Adam for parameters, or groups of them, all on one device; on a GPU, one kernel updates a group."""
     first = parameters[0]
     one = first["params"][0] if isinstance(first, dict) else first
     kind = FusedAdam if one.is_cuda else NetworkAdam

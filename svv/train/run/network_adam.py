@@ -20,10 +20,10 @@ class Group(TypedDict, total=False):
 
 
 class NetworkAdam:
-    """What :class:`torch.optim.Adam` computes, in the part of its interface that training uses.
+    """What :class:`torch.optim.Adam` computes, with torch's names in its state: checkpoints of either continue both.
 
     Creating torch's loads its compiler: 150 MB and 1.5 seconds in every process that trains, for a few thousand
-    parameters. The names in the state are torch's, so a checkpoint of either continues with the other.
+    parameters.
     """
 
     STEPS_THERE = False

@@ -22,8 +22,7 @@ STEPS = 8
 class Pixels:
     """The pixels, drawn evenly or by their contrast.
 
-    The error of a pixel is largest where it differs from its neighbours: at silhouettes, edges and thin lines. Drawing
-    these more often and counting each of them less (importance sampling) gives the same mean gradient with less noise.
+    To draw silhouettes, edges and thin lines more often and count them less (importance sampling) leaves less noise.
     """
 
     def __init__(self, views: ViewSet) -> None:
@@ -52,17 +51,7 @@ class Pixels:
     def drawn(
         self, generator: np.random.Generator, count: int, by_contrast: float = 0.0
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Draw pixels.
-
-        Args:
-            generator: Source of the random numbers.
-            count: Number of pixels.
-            by_contrast: Fraction of them that is drawn by contrast; the others are drawn evenly.
-
-        Returns:
-            Flat indices among all views, and weights with which a mean over them is, on average, the mean over all
-            pixels. (count,) each
-        """
+        """Return flat indices of pixels, drawn by contrast in part, and weights of an unbiased mean. (count,) each"""
         share, ends, first = steps_to_draw(self.counts, by_contrast)
         where = generator.random(count) * ends[-1]
         step = np.searchsorted(ends[1:-1], where, side="right")
@@ -73,15 +62,10 @@ class Pixels:
 def steps_to_draw(
     counts: NDArray[np.integer], by_contrast: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return how the steps of contrast are drawn, for a fraction ``by_contrast`` of pixels drawn by contrast.
+    """Return how steps of contrast with ``counts`` (STEPS,) pixels are drawn, a fraction of these by contrast.
 
-    Args:
-        counts: Number of pixels of each step. (STEPS,)
-        by_contrast: The fraction.
-
-    Returns:
-        How much the pixels of each step are drawn, relative to drawing evenly (STEPS,); where each step begins if each
-        pixel counts as much as it is drawn, and where it begins among all, both with the end (STEPS + 1,).
+    That is how much the pixels of each step are drawn, relative to drawing evenly (STEPS,); where each step begins if
+    each pixel counts as much as it is drawn; and where it begins among all, both with the end (STEPS + 1,).
     """
     middle = (np.arange(STEPS) + 0.5) / STEPS
     mean = (counts * middle).sum() / counts.sum()
@@ -91,10 +75,9 @@ def steps_to_draw(
 
 
 def contrast(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return how much each pixel and its eight neighbours differ, in [0, 1]. (H, W, 4) straight RGBA -> (H, W)
+    """Return how much each pixel and its eight neighbours differ, in [0, 1]: (H, W, 4) straight RGBA -> (H, W)
 
-    It is the square root of their range: the distance in premultiplied RGBA between the largest and the smallest levels
-    of a square of 3 x 3 pixels, as a fraction of the largest possible.
+    The square root of the distance in premultiplied RGBA between the largest and smallest levels of 3 x 3 pixels.
     """
     shown, alpha = image.astype(np.uint16), image[..., 3]
     shown *= alpha[..., None]

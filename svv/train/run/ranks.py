@@ -1,10 +1,8 @@
 """Training on several processes; with :mod:`svv.train.run.gradients`, all that knows ``torch.distributed``.
 
-``torchrun`` starts the same command N times and numbers the processes, the ranks. Each takes its part of the rays of a
-batch, and gradients are summed, so every rank takes the same step. What is short, or decides something, is done by the
-first rank alone and sent to the others (:func:`once`); only the first rank reads and writes files.
-
-Without ``torchrun`` there is one rank, and every function returns at once.
+``torchrun`` numbers the processes, the ranks. Each takes its part of the rays of a batch, and gradients are summed, so
+all take the same step. What is short, or decides something, the first rank does and sends to the others (:func:`once`),
+and only it reads and writes files. Without ``torchrun``, every function returns at once.
 """
 
 from __future__ import annotations
@@ -50,11 +48,7 @@ class Place:
 
 
 def place() -> Place:
-    """Return where this process stands according to the variables that ``torchrun`` sets; without them, it is alone.
-
-    Raises:
-        BadInput: The variables contradict each other.
-    """
+    """Return where this process stands by torchrun's variables, or alone; raises BadInput if these are wrong."""
     if not all(os.environ.get(name) for name in ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")):
         return Place()
     try:
@@ -113,15 +107,9 @@ def part(number: int) -> slice:
 def joined(device: str = "cpu") -> Iterator[None]:
     """Work together with the other ranks in the body; alone, this does nothing.
 
-    If a rank ends early, the others end, too, and only one of them says why.
-
-    Args:
-        device: Device that is to train. Each rank of a machine gets one of its GPUs, which is then the only one that it
-            sees, so call this before anything uses a GPU.
-
-    Raises:
-        BadInput: This torch cannot do that, or the other ranks cannot be reached.
-        Elsewhere: Another rank says why the work ends.
+    If a rank ends early, the others end, too (Elsewhere), and one says why. Unless the ``device`` is the CPU, each rank
+    of a machine gets one of its GPUs, which is then the only one that it sees: call this before anything uses a GPU.
+    Raises BadInput if this torch cannot do that, or the other ranks cannot be reached.
     """
     global _group
     where = place()
@@ -133,14 +121,14 @@ def joined(device: str = "cpu") -> Iterator[None]:
         with _ended_by_launcher():
             yield
     except (Cancelled, KeyboardInterrupt):
-        _signal("stopped")
+        _signal("stopped", 1)
         if is_first():
             raise
         raise Elsewhere(130) from None
     except (BadInput, MemoryError, OSError) as error:
-        if _is_signalled("stopped"):
+        if _signal("stopped", 0):
             raise (Cancelled() if is_first() else Elsewhere(130)) from error
-        if _signal("said") > 1:
+        if _signal("said", 1) > 1:
             raise Elsewhere(2) from error
         raise
     finally:
@@ -229,21 +217,13 @@ def _ended_by_launcher() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
-def _signal(what: str) -> int:
-    """Let all ranks know something; returns how many have told it so far, 1 if they cannot be reached any more."""
+def _signal(what: str, more: int) -> int:
+    """Let all ranks know something ``more`` times; returns how often they were told, ``more`` without the first."""
     assert _group is not None
     try:
-        return int(_group.store.add(what, 1))
+        return int(_group.store.add(what, more))
     except RuntimeError:  # the store has gone with the first rank
-        return 1
-
-
-def _is_signalled(what: str) -> bool:
-    assert _group is not None
-    try:
-        return int(_group.store.add(what, 0)) > 0
-    except RuntimeError:  # as above
-        return False
+        return more
 
 
 @contextmanager
@@ -256,12 +236,9 @@ def all_there() -> Iterator[None]:
 
 
 def once(work: Callable[[], T]) -> T:
-    """Return the result of work that the first rank does and sends to the others.
+    """Return the result of work that the first rank does and sends to the others; they raise Elsewhere if it fails.
 
-    They get copies. Processes of one run trust each other, so results are pickled, unlike those in files.
-
-    Raises:
-        Elsewhere: The work raised an error in the first rank, where it is raised, too.
+    Processes of one run trust each other, so results are pickled, unlike those in files.
     """
     if _group is None:
         return work()
@@ -303,11 +280,7 @@ def _broadcast(thing: Any) -> Any:
 
 
 def agreed(fraction: float, stop: bool) -> float:
-    """Return the first rank's ``fraction``.
-
-    Raises:
-        Cancelled: One of the ranks was told to ``stop``; all stop at the same step.
-    """
+    """Return the first rank's ``fraction``; raises Cancelled in all ranks at once if one was told to ``stop``."""
     if _group is None:
         return fraction
     import torch

@@ -50,15 +50,7 @@ class Report(TypedDict, total=False):
 
 
 def report_on(scene: Scene, seconds: Mapping[str, float], cost: Cost, chosen: Preset, seed: int) -> Report:
-    """Return the figures that every finished run has.
-
-    Args:
-        scene: Resulting scene.
-        seconds: Duration of each stage, and ``total``.
-        cost: Time and memory of the run.
-        chosen: Settings of the run.
-        seed: Seed of the run.
-    """
+    """Return the figures that every finished run has; ``seconds`` are those of each stage, and ``total``."""
     used = device_report(scene.device)
     return Report(
         seconds=dict(seconds),

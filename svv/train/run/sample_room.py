@@ -18,16 +18,12 @@ SPARE = 1.5
 WHOLE = 4096
 """Room is a multiple of this, so that the next steps find memory of the same size."""
 
-
 NEAR = 1.2
 """Factor by which room may differ from what is wanted, and stays as it is: steps of other room are recorded anew."""
 
 
 class SampleRoom:
-    """How many samples the next steps have room for.
-
-    A ray without room is left out of its step: its weight in the loss is 0, and it is counted. The room then grows.
-    """
+    """How many samples the next steps have room for; rays without room are left out and counted, and it grows."""
 
     def __init__(self, device: torch.device) -> None:
         """Begin with a step whose samples are counted."""

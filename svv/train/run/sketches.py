@@ -1,8 +1,4 @@
-"""Sketches: scenes that are learned in seconds from few small views, to be shown until there is a better one.
-
-What learns beside somebody who waits makes them first: ParaView's window with Live on, ``train_scene`` in the
-background, and ``svv train --sketch``.
-"""
+"""Sketches: scenes that are learned in seconds from few small views, to be shown until there is a better one."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from svv.io.views.viewset import ViewSet
-from svv.train.run.pixels import MARGIN, STEPS, steps_to_draw
+from svv.train.run.pixels import MARGIN, STEPS
 
 MOST_OF_GPU = 0.125
 """Share of a GPU's memory that views may take there; larger sets stay in the CPU's, which then draws the rays."""
@@ -37,19 +37,12 @@ class ViewsThere:
         """Alpha of all views, uint8. (N, H, W)"""
         return self.levels[..., 3]
 
-    def steps(self, by_contrast: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return how pixels are drawn by contrast: :func:`svv.train.run.pixels.steps_to_draw`."""
-        return steps_to_draw(self.counts, by_contrast)
-
 
 _THERE: WeakKeyDictionary[ViewSet, dict[torch.device, ViewsThere | None]] = WeakKeyDictionary()
 
 
 def views_on(views: ViewSet, device: torch.device) -> ViewsThere | None:
-    """Return a view set's pixels on a GPU, which are moved and sorted once.
-
-    None on the CPU, and if they would take more than :data:`MOST_OF_GPU` of the memory.
-    """
+    """Return a view set's pixels on a GPU, moved and sorted once; None on the CPU, or beyond :data:`MOST_OF_GPU`."""
     if device.type != "cuda":
         return None
     known = _THERE.setdefault(views, {})
@@ -71,9 +64,7 @@ def _moved(views: ViewSet, device: torch.device) -> ViewsThere | None:
 def sorted_by_contrast(levels: Tensor) -> tuple[Tensor, NDArray[np.int64]]:
     """Return what :class:`svv.train.run.pixels.Pixels` finds, from levels (N, H, W, 4) uint8 on any device.
 
-    Returns:
-        Flat indices of the pixels that show something or are near one that does, by steps of contrast, int32 (P,), and
-        how many there are of each step (STEPS,).
+    Flat indices of the pixels near something visible by steps of contrast, int32 (P,), and the number of each (STEPS,).
     """
     views, height, width = levels.shape[:3]
     each: list[list[Tensor]] = [[] for _ in range(STEPS)]

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from svv.core.colour.palette_shading import lit
 from svv.core.geometry.cameras import Camera
+from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
-from svv.errors import BadInput, Progress
+from svv.errors import BadInput, Progress, silent
 from svv.fields.devices.gpu import gpu_errors
 from svv.fields.radiance.cutting import march_uncut
 from svv.fields.radiance.networks import PaletteColours, encode_directions
@@ -77,7 +78,7 @@ class Rendering:
 
 
 def while_moving(scene: S) -> S:
-    """Return the scene as it is drawn while a camera moves; see :meth:`svv.Scene.while_moving`."""
+    """Return the scene as it is drawn while a camera moves, with fewer colours along each ray."""
     layers = tuple(while_moving(layer) for layer in scene.layers)
     return replace(scene, joined=max(scene.joined, MOVING_JOINED), layers=layers, still=False)
 
@@ -100,10 +101,26 @@ def resolving(scene: S, camera: Camera) -> S:
 
 
 def render(
-    scene: Model, camera: Camera, network: str | None, background: Sequence[float] | None, progress: Progress
+    scene: Model,
+    camera: GivenCamera,
+    network: str | None = None,
+    background: Sequence[float] | None = None,
+    progress: Progress = silent,
 ) -> Rendering:
-    """Render one image; see :meth:`svv.Scene.render`."""
-    network = network or scene.networks[-1]
+    """Render one image.
+
+    Args:
+        scene: The scene.
+        camera: Camera in world units, also a plotter's, or the name of a side such as ``xy``
+            (:func:`svv.core.geometry.given_cameras.camera_of`).
+        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
+        background: RGB in [0, 1] to blend over (alpha becomes 1); None keeps straight alpha.
+        progress: Called before every chunk of rays and at the end.
+
+    Raises:
+        BadInput: The scene does not have that network, or the camera is none.
+    """
+    camera, network = camera_of(camera, scene), network or scene.networks[-1]
     if network not in scene.networks:
         raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")
     if network == "styled" and scene.still:
@@ -191,9 +208,23 @@ def _render_rays(
 
 @torch.no_grad()
 def point_at(
-    scene: Model, camera: Camera, pixel: tuple[float, float], network: str | None
+    scene: Model, camera: GivenCamera, pixel: tuple[float, float], network: str | None = None
 ) -> tuple[float, float, float]:
-    """Return the point that a pixel shows; see :meth:`svv.Scene.point_at`."""
+    """Return the point that a pixel shows: where the region that the pixel belongs to is most visible.
+
+    Args:
+        scene: The scene.
+        camera: Camera of the picture, as for :func:`render`.
+        pixel: Column from the left and row from the top of the picture, in pixels.
+        network: As in :func:`render`.
+
+    Returns:
+        World coordinates, for :func:`svv.fields.scene.joined.split_at`.
+
+    Raises:
+        BadInput: The pixel is outside the picture, or nothing is visible there.
+    """
+    camera = camera_of(camera, scene)
     column, row = (int(np.floor(value)) for value in pixel)
     if not (0 <= column < camera.width and 0 <= row < camera.height):
         raise BadInput(f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels.")

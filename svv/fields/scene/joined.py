@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.core.geometry.cuts import Cut
-from svv.errors import BadInput, Progress
+from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.edits import split_at as split_alone
 from svv.fields.scene.edits import with_part, without_undone_splits
 from svv.fields.scene.history import MOST_CUTS, History
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
 from svv.io.views.view_meta import VolumeGrid
+from svv.options.editing import SPLIT_LEVEL
 
 MOST = 8
 """Maximum number of joined scenes."""
@@ -189,10 +190,20 @@ def with_members(scene: S, changed: Sequence[S]) -> S:
     )  # fmt: skip
 
 
-def split_at(scene: S, point: Sequence[float], level: float, progress: Progress) -> S:
-    """Return a scene with a part as a region of its own, of the function that is the most opaque one at a point.
+def split_at(scene: S, point: Sequence[float], level: float = SPLIT_LEVEL, progress: Progress = silent) -> S:
+    """Return the scene with the connected part of a region at a point as a region of its own, the last one.
 
-    See :meth:`svv.Scene.split_at`.
+    It looks the same until one of the two is edited (:mod:`svv.fields.scene.splitting`). In a scene of several transfer
+    functions, the one that is the most opaque at the point is split.
+
+    Args:
+        scene: The scene.
+        point: World coordinates of a point in the part; :meth:`svv.fields.scene.scene.Scene.point_at` finds one.
+        level: Fraction of the region's mean opacity from which its cells connect, in (0, 1].
+        progress: Called several times a second.
+
+    Raises:
+        BadInput: Nothing is at the point, the region is in one piece, or the level is out of range.
     """
     if not scene.layers:
         return split_alone(scene, point, level, progress)

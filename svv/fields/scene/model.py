@@ -200,6 +200,12 @@ class Model:
         return self.camera_rig
 
     @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of what it shows, with all its members, in world units. (2, 3)"""
+        every = np.stack([layer.occupancy.box.bounds for layer in self.every_layer])
+        return np.stack([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
+
+    @property
     def device(self) -> torch.device:
         """The device on which it is rendered."""
         return self.base.encoding.table.device

@@ -66,15 +66,9 @@ def from_oklab(lab: NDArray[np.floating]) -> Array:
 def set_difference(a: Array, b: Array, weights_a: Array, weights_b: Array, vision: VisionName) -> float:
     """Return how far apart two sets of colours look: the CIEDE2000 by which one must be painted over to be the other.
 
-    It is the mean over the best way to match the colours of one set with those of the other by their weights (the earth
-    mover's distance, Rubner et al. 2000), so that light is compared with light, and shade with shade.
-
-    Args:
-        a: Colours of the first set. (A, 3)
-        b: Colours of the second set. (B, 3)
-        weights_a: Their weights, which sum to 1. (A,)
-        weights_b: Their weights, which sum to 1. (B,)
-        vision: How they are seen.
+    It is the mean over the best way to match the colours of one set (A, 3) with those of the other (B, 3) by their
+    weights, which sum to 1 (the earth mover's distance, Rubner et al. 2000): light is compared with light, and shade
+    with shade.
     """
     apart = colour_differences(simulated(a, vision), simulated(b, vision))
     rows, columns = apart.shape

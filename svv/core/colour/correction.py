@@ -86,15 +86,10 @@ class Correction:
 def corrected(
     palette: Sequence[Entry], correction: Correction, ranges: Sequence[ValueRange] = ()
 ) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
-    """Apply a correction to a palette.
+    """Return a palette of P colours as corrected, Q colours with new ones at the end, and a description of each change.
 
-    Args:
-        palette: P colours.
-        correction: Changes, applied in the order merge, remove, set, split, add.
-        ranges: R ranges of the transfer function in ascending order; empty if they are unknown.
-
-    Returns:
-        Q colours, in the order of the palette with new ones at the end, and a description of each change.
+    Changes are made in the order merge, remove, set, split, add. ``ranges``: those of the transfer function in
+    ascending order; empty if they are unknown.
 
     Raises:
         BadInput: A colour does not exist, is merged with itself or named twice; the last colour is removed; an added

@@ -90,16 +90,13 @@ def extract_palette(
     settings: PaletteSettings | None = None,
     seed: int = 0,
 ) -> Palette:
-    """Extract the palette of a scene from the visible pixels of its views.
+    """Extract the palette of a scene, 1 to ``settings.max_colours`` colours, from the visible pixels of its views.
 
     Args:
         pixels: Straight (un-premultiplied) RGB in [0, 1]. (N, 3)
         weights: Alpha of the pixels in [0, 1]. (N,)
         settings: Thresholds; docs/design/archive.csv (palette/thresholds) tells how far each may move.
         seed: Seed for subsampling large inputs; the same seed gives the same palette.
-
-    Returns:
-        A palette of 1 to ``settings.max_colours`` colours.
 
     Raises:
         BadInput: No pixel is visible.
@@ -188,8 +185,8 @@ def _simplified_hull(colours: Array, mass: Array, corners: NDArray[np.int64], se
 def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
     """Find the non-negative mixture of generators closest to each colour: coefficients (B, G) and distance (B,).
 
-    Generators are scaled to a brightness of 1, so that coefficients are comparable amounts of light. A channel clipped
-    by a highlight is only a lower bound: a mixture that exceeds it is not considered farther away.
+    Generators are scaled to a brightness of 1: coefficients are comparable amounts of light. A channel clipped by a
+    highlight is only a lower bound, which a mixture may exceed.
     """
     matrix = (generators / np.maximum(generators.max(1, keepdims=True), LEAST_BRIGHTNESS)).T
     clipped = colours >= CLIPPED_CHANNEL
@@ -243,9 +240,8 @@ def _drop_mixtures(
 def _peaks(colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings) -> NDArray[np.int64]:
     """Find bins of hues that are ranges but not edges of the cone, such as yellow between a red and a green range.
 
-    Where a range is visible alone, its pixels have one hue however they are shaded and lit; a mixture of two ranges has
-    every hue between theirs. A hue therefore counts as a range if it covers more of the image than the hues on either
-    side.
+    A mixture of two ranges has every hue between theirs, so a hue that covers more of the image than those on either
+    side is a range.
     """
     hue, saturation, brightness = hsb_array(colours).T
     # a cell of dark or pale pixels contains many hues; their mean would be a false peak

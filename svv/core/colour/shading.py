@@ -44,15 +44,7 @@ class Shading:
 
     @classmethod
     def from_json(cls, content: object, name: str = "shading") -> Shading:
-        """Create shading from the output of :meth:`to_json`.
-
-        Args:
-            content: The JSON value read from a file.
-            name: Name of the value in error messages.
-
-        Raises:
-            BadInput: A value is missing or invalid.
-        """
+        """Invert :meth:`to_json`; raises BadInput, with the value's ``name``, if something is missing or invalid."""
         values = object_in(content, name)
         ambient, diffuse, specular, power = (
             number_in(needed(values, key, name), f"{name}.{key}")

@@ -225,15 +225,10 @@ def _shape(kind: str, parts: Sequence[tuple[float, ...]]) -> Cut:
 
 
 def clip_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the pieces of rays that no cut takes away, whatever the regions.
+    """Return where the pieces of rays begin and end that no cut takes away, whatever the regions. (R, M + 1) each
 
-    Args:
-        cuts: The cuts, in the coordinates of the rays.
-        origins: Starting points. (R, 3)
-        directions: Unit vectors. (R, 3)
-
-    Returns:
-        Where pieces begin and end, in ascending order, from 0 on; those with end <= begin are none. (R, M + 1) each
+    They are in ascending order, from 0 on; those with end <= begin are none. Rays, with unit ``directions`` (R, 3), are
+    in the coordinates of the cuts.
     """
     begins, ends = [], []
     for cut in cuts:

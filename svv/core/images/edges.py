@@ -110,13 +110,9 @@ def lines_of(
 ) -> tuple[tuple[Edges, Floats], tuple[Edges, Floats]]:
     """Find silhouettes and creases, each with the strength in [0, 1] of its points (E,).
 
-    Args:
-        alpha: Opacity in [0, 1]. (H, W)
-        depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
-        region: Number of the region, -1 where nothing is visible. (H, W)
-        pixel_at: Returns the width of pixels at distances (:meth:`svv.core.geometry.cameras.Camera.pixel_at`).
-        box: Longest side of the scene's box in world units.
-        scale: Shorter side of the whole image divided by :data:`VIEW`; the images may be a crop of it.
+    ``alpha``: in [0, 1]; ``depth``: distance from the camera in world units, nan where nothing is visible; ``region``:
+    its number, -1 where nothing is visible, all (H, W); ``box``: longest side of the scene's box in world units;
+    ``scale``: shorter side of the whole image, of which these may be a crop, divided by :data:`VIEW`.
     """
     sigma = max(LEAST_DEVIATION, CHANGE_DEVIATION * scale)
     share = _gauss(alpha, sigma)

@@ -67,16 +67,9 @@ def twice(place: NDArray[np.floating], size: float, soft: float, first: int) -> 
 
 
 def paint_at(strokes: Strokes, brush: Brush, position: ArrayLike, soft: float) -> NDArray[np.float64]:
-    """Return the paint at positions: a plain reference, stroke by stroke.
+    """Return colour times coverage, and coverage, in [0, 1], at box coordinates (P, 3), stroke by stroke. (P, 4)
 
-    Args:
-        strokes: The strokes.
-        brush: How their paint looks.
-        position: Box coordinates. (P, 3)
-        soft: Width of the soft edges: the cell or pixel in which the paint is shown. Finer marks fade out.
-
-    Returns:
-        Colour times coverage, and coverage, from 0 to 1. (P, 4)
+    ``soft``: width of the soft edges, the cell or pixel in which the paint is shown; finer marks fade out.
 
     >>> from svv.core.strokes.strokes import straight_stroke
     >>> stroke = straight_stroke((0.2, 0.5, 0.5), (0.8, 0.5, 0.5), 0.05)

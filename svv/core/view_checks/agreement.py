@@ -77,15 +77,10 @@ class Outlines:
         return Outlines(self.chosen[own], taken, self.reach[which], self.of_alpha[which], self.inner[which], self.cut)
 
     def residuals(self, views: Views, most: int = MOST_PAIRS) -> tuple[Array, NDArray[np.intp]]:
-        """Return by how many pixels the silhouettes of each level differ with these cameras.
+        """Return by how many pixels the silhouettes of each level differ with cameras of the chosen views.
 
-        Args:
-            views: Cameras of the chosen views.
-            most: Most pairs of views that are compared.
-
-        Returns:
-            Medians in pixels, infinite where fewer than :data:`LEAST_FOUND` can be compared, and how many can.
-            (levels,), (levels,)
+        Compares at most ``most`` pairs of views. Returns medians in pixels, infinite where fewer than
+        :data:`LEAST_FOUND` can be compared, and how many can. (levels,), (levels,)
         """
         medians, counts = np.full(len(self.levels), np.inf), np.zeros(len(self.levels), np.intp)
         for k, silhouettes in enumerate(self.levels):

@@ -40,11 +40,9 @@ class Mistake:
 
 
 def mistakes(matrices: Array, names: Sequence[str]) -> Iterator[Mistake]:
-    """Yield the usual mistakes, likely ones first.
+    """Yield the usual mistakes, likely ones first, of camera-to-world matrices (n, 4, 4) as a file gives them.
 
-    Args:
-        matrices: Camera-to-world matrices as a file gives them. (n, 4, 4)
-        names: Names of the pictures in the same order.
+    ``names``: those of the pictures, in the same order.
     """
     axes = list(_axes())
     for base_said, base_mend, base in _bases(matrices):

@@ -48,15 +48,10 @@ OBJECT = 0.5
 
 
 def fixed_pixels(images: Sequence[Images], views: Views, step: int = 1) -> Mask:
-    """Return the pixels of things that stand still on the screen.
+    """Return the pixels of things that stand still on the screen. (height, width)
 
-    Args:
-        images: RGBA, every ``step``-th pixel from ``step // 2`` on. (n) x (height, width, 4)
-        views: Their cameras, in pixels of the whole image.
-        step: See there.
-
-    Returns:
-        True where something stands still. (height, width)
+    ``images``: RGBA, every ``step``-th pixel from ``step // 2`` on, n x (height, width, 4); ``views``: their cameras,
+    in pixels of the whole image.
     """
     filled = np.stack([image[..., 3] > VISIBLE for image in images])
     found = np.zeros(filled.shape[1:], bool)

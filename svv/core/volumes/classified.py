@@ -233,13 +233,10 @@ class ClassifiedVolume:
 
 
 def cells_with(there: NDArray[np.bool_], own: int, shape: NDArray[np.int64], cells: int) -> NDArray[np.uint8]:
-    """Mark the cells that have a marked vertex of another grid. (X, Y, Z)
+    """Mark the cells that have a marked vertex of another grid, which has ``own`` cells per box unit. (X, Y, Z)
 
-    Args:
-        there: Marked vertices of a grid with ``own`` cells per box unit.
-        own: Cells of that grid, a power of two.
-        shape: Number of cells along each side, as from :func:`grid_shape`. (3,)
-        cells: Their number per box unit, a power of two.
+    ``shape`` and ``cells``: number of cells along each side (:func:`grid_shape`), and per box unit; both numbers per
+    box unit are powers of two.
     """
     parts = max(1, own // cells)  # cells of the other grid per cell of this one, along an axis
     copies = max(1, cells // own)

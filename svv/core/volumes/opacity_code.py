@@ -31,11 +31,8 @@ CODES = 255
 def unit_distance(cells: ArrayLike, spacing: ArrayLike) -> float:
     """Return ParaView's default opacity unit distance: diagonal of the bounds / cube root of the number of cells.
 
-    It is in world units; sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode approximate_cell_length).
-
-    Args:
-        cells: Number of cells along each axis, one less than of points. (3,)
-        spacing: Distance between points along each axis, world units. (3,)
+    It is in world units, as is ``spacing`` (3,); sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode
+    approximate_cell_length). ``cells`` (3,): along each axis, one less than points.
     """
     count = np.asarray(cells, np.float64)
     return float(np.linalg.norm(count * np.asarray(spacing)) / np.cbrt(count.prod()))
@@ -48,14 +45,10 @@ def most_of(log_depth: NDArray[np.float32]) -> float:
 
 
 def codes_of(log_depth: NDArray[np.float32], most: float) -> NDArray[np.uint8]:
-    """Return the codes of optical depths of one unit distance.
+    """Return the codes of optical depths of one unit distance, given as logarithms; -inf is empty. (S,)
 
-    Args:
-        log_depth: Logarithm of each optical depth; -inf is empty. (S,)
-        most: What code 255 stands for, :func:`most_of`.
-
-    Returns:
-        Codes; what is fainter than code 1 becomes 0, what is denser than code 255 becomes 255. (S,)
+    ``most``: what code 255 stands for, :func:`most_of`. What is fainter than code 1 becomes 0, what is denser than code
+    255 becomes 255.
     """
     step = (most - LEAST_LOG_DEPTH) / (CODES - 1)
     codes = (log_depth - np.float32(LEAST_LOG_DEPTH)) * np.float32(1.0 / step) + np.float32(1.0)

@@ -84,12 +84,10 @@ def with_pyramid(
 ) -> PyramidSource:
     """Return a volume with coarser levels, which are made and kept in the cache if they are not there yet.
 
-    Args:
-        source: The volume; only its finest level is used.
-        path: Its file or folder: a pyramid is made again if that changes.
-        progress: Called often; the work stops when it raises, and goes on from there the next time.
-        part: What was chosen of the file: another array or channel has a pyramid of its own.
-        labels: Whether the values are labels, of which there are no means: of 2 x 2 x 2 voxels, the first is kept.
+    Only the finest level of ``source`` is used. A pyramid is made again if its file or folder, ``path``, changes; each
+    ``part`` that is chosen of the file, such as an array or channel, has its own. Of ``labels``, there are no means: of
+    2 x 2 x 2 voxels, the first is kept. ``progress`` is called often; the work stops when it raises, and goes on the
+    next time.
 
     Raises:
         BadInput: A part of the volume cannot be read, a value is not finite, or the pyramid cannot be written.

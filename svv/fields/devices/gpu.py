@@ -195,11 +195,9 @@ def _usable(device: torch.device) -> Verdict:
 def device_named(name: str) -> torch.device:
     """Return the device for the option ``auto``, ``cpu`` or ``cuda``.
 
-    ``auto`` is the GPU if there is one whose kernels pass a check, which takes 25 seconds on its first use;
-    one line says which device it is and why if there is a GPU. ``cuda`` is not checked.
-
-    Raises:
-        BadInput: The name is unknown, or it is ``cuda`` and torch cannot use a GPU.
+    ``auto`` is the GPU if there is one whose kernels pass a check, which takes 25 seconds on its first use; one line
+    says which device it is and why if there is a GPU. ``cuda`` is not checked. Raises BadInput if the name is unknown,
+    or it is ``cuda`` and torch cannot use a GPU.
     """
     if name not in ("auto", "cpu", "cuda"):
         raise BadInput(f"There is no device '{name}'; choose auto, cpu or cuda.")

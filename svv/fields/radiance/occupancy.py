@@ -81,11 +81,8 @@ class Occupancy:
     def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
         """Return the occupancy without the cells in which a step never reaches the optical depth ``least``.
 
-        Args:
-            optical_depth: Largest optical depth of a step found in each occupied cell, in raster order, on the device
-                that is to do the work.
-            least: Threshold.
-            grow: Whether to keep the neighbours of visible cells as well (while surfaces still move).
+        ``optical_depth``: the largest of a step found in each occupied cell, in raster order, on the device that is to
+        do the work; ``grow``: whether to keep the neighbours of visible cells as well (while surfaces still move).
         """
         occupied = self.occupied_on(optical_depth.device)
         visible = torch.zeros_like(occupied, dtype=torch.bool)
@@ -126,16 +123,13 @@ class _Masks:
 
 
 def carve(masks: NDArray[np.bool_] | NDArray[np.uint8] | Tensor, cameras: Sequence[Camera], cells: int) -> Occupancy:
-    """Return the visual hull of the views' masks and the box around it.
+    """Return the visual hull of the views' masks and the box around it, with ``cells`` along its longest side.
 
     A view says nothing about points outside its frame, so subjects may extend beyond the frames of some or all views.
     Cells that only few views contain are left out unless these views cannot do without them (:func:`_believed`).
 
-    Args:
-        masks: Pixels in which something is visible, or the alpha of the views; what a GPU holds, it carves, if it has
-            kernels for that. (N, H, W)
-        cameras: One per mask.
-        cells: Cells along the longest side of the box.
+    ``masks`` (N, H, W): pixels in which something is visible, or the alpha of the views; what a GPU holds, it carves,
+    if it has kernels for that.
 
     Raises:
         BadInput: The masks have no common hull: every view is empty, or cameras and images do not fit together.
@@ -243,12 +237,7 @@ def _believed(
 
     What lies outside most frames is left by chance: hardly any view cuts the cones of the few that contain it, although
     nothing need be there. It is kept only where a visible pixel shows none of the cells that enough views contain.
-
-    Args:
-        counts: How many views contain each cell, 0 outside of the hull. (X, Y, Z)
-        tables: Of the masks.
-        views: Rotations, positions and lenses, as for :func:`svv.fields.radiance.hull_kernels.visual_hull`.
-        cells: Cells per box unit.
+    Arguments are as in :func:`svv.fields.radiance.hull_kernels.mark_unexplained`.
     """
     number = len(tables)
     enough = min(max(min(SURE_VIEWS, 0.5 * number), SURE_SHARE * number), MOST_SEEN)

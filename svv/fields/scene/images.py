@@ -334,11 +334,10 @@ class Together:
         return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
 
     def samples(self, pixels: Tensor) -> Seen | None:
-        """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
+        """Return the samples of all members along the rays of pixels (R,), in the order of their distances, if any.
 
-        Returns:
-            The samples, whose ``sigma`` is their edited optical depth and whose step is 1; their colours (S, 3),
-            regions (S,) and distances from the camera in world units (S,). None if there are none.
+        The samples' ``sigma`` is their edited optical depth, and their step is 1; their colours are (S, 3), regions
+        (S,), and distances from the camera in world units (S,).
         """
         parts: list[tuple[Tensor, ...]] = []
         tail = torch.zeros(len(pixels), device=pixels.device)

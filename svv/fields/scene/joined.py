@@ -33,11 +33,10 @@ MOST = 8
 
 
 def joined(scenes: Sequence[S]) -> S:
-    """Return one scene of several, whose regions are those of all, in their order.
+    """Return one scene of several of one place, whose regions are those of all, in their order.
 
-    Args:
-        scenes: Scenes of one place. Each keeps its edits, its parts and the painting that it shows; histories are
-            dropped, and all are lit by the light of the first whose light can be moved (:func:`relit`).
+    Each keeps its edits, its parts and the painting that it shows; histories are dropped, and all are lit by the light
+    of the first whose light can be moved (:func:`relit`).
 
     Raises:
         BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of

@@ -190,11 +190,7 @@ class Model:
 
     @property
     def rig(self) -> CameraRig:
-        """Its camera rig.
-
-        Raises:
-            BadInput: The scene has no camera rig because it was not trained from views.
-        """
+        """Its camera rig; raises BadInput if the scene has none because it was not trained from views."""
         if self.camera_rig is None:
             raise BadInput("The scene does not record where the cameras of its views stood; train it again.")
         return self.camera_rig
@@ -252,11 +248,9 @@ class Model:
         return torch.where(edited.isnan(), learned, edited)
 
     def edited_colours(self, offsets: Tensor, here: Tensor | None = None) -> Tensor:
-        """Return palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)
+        """Return palette colours with their offsets (S, P, 3), recoloured by the regions' edits. (S, P, 3)
 
-        Args:
-            offsets: Offsets of the palette colours. (S, P, 3)
-            here: Region to which each palette colour belongs (:meth:`regions_at`). (S, P)
+        ``here``: region to which each palette colour belongs (:meth:`regions_at`). (S, P)
         """
         assert self.palette_network is not None
         colours = self.palette_network.colours + offsets
@@ -378,14 +372,9 @@ def of_colour(here: Tensor | None, colour: Tensor) -> Tensor:
 
 
 def for_colours(values: Tensor, here: Tensor | None) -> Tensor:
-    """Return values of regions as values of palette colours, for each sample if there are parts.
+    """Return values of regions (regions, ...) as those of palette colours: (P, ...), or of each sample (S, P, ...).
 
-    Args:
-        values: Values of each region. (regions, ...)
-        here: Region to which each palette colour belongs (:meth:`Model.regions_at`). (S, P)
-
-    Returns:
-        (P, ...) if ``here`` is None, otherwise (S, P, ...).
+    ``here``: region to which each palette colour belongs (:meth:`Model.regions_at`); None without parts. (S, P)
     """
     return values if here is None else values[here]
 
@@ -395,14 +384,10 @@ MOST_NAMES = 12
 
 
 def in_words(scene: Model, network: str | None = None) -> str:
-    """Return what a picture of a scene shows, for those who do not see it.
+    """Return what a picture of a scene shows, without hidden regions, for those who do not see it.
 
-    Args:
-        scene: The scene.
-        network: Network that draws the picture; by default the last one that the scene has.
-
-    Returns:
-        Such as 'A rendering of 2 regions: core, region 1', without regions that are hidden.
+    Such as 'A rendering of 2 regions: core, region 1'. ``network`` draws the picture; by default the last one of the
+    scene.
     """
     kind = "painting" if (network or scene.networks[-1]) == "styled" else "rendering"
     names = [region.name or f"region {number}" for number, region in enumerate(scene.regions) if not region.hidden]

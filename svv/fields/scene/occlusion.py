@@ -89,14 +89,7 @@ def is_occluded(scene: Model) -> bool:
 
 @torch.no_grad()
 def occlude(scene: Model, colour: Tensor, position: Tensor, region: Tensor) -> None:
-    """Darken diffuse colours by the ambient occlusion of their regions, in place.
-
-    Args:
-        scene: A scene with a palette network.
-        colour: Diffuse colours, or those of MatCaps. (S, 3)
-        position: Box coordinates. (S, 3)
-        region: Region of each sample. (S,)
-    """
+    """Darken diffuse colours (S, 3), or those of MatCaps, by the ambient occlusion of their regions (S,), in place."""
     if is_occluded(scene) and len(colour):
         amount = numbers_on([r.occlusion for r in scene.regions], colour.device)[region.long()]
         open_to_light = _openness(scene).look_up(position)[:, 0]

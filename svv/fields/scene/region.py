@@ -148,11 +148,7 @@ def label_of(regions: Sequence[Region], number: int) -> str:
 
 
 def validate_name(name: str) -> str | None:
-    """Return a region's name without blanks at its ends; None if nothing is left.
-
-    Raises:
-        BadInput: It is too long, or has characters that cannot be shown, such as line breaks.
-    """
+    """Return a region's name without blanks at its ends, None if nothing is left; raises as :func:`validate_line`."""
     return validate_line(name, "The name of a region") or None
 
 
@@ -184,8 +180,7 @@ def validate_space(name: str) -> str:
 def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:
     """Return a layer's regions as those of a scene of its own, numbered from 0.
 
-    Raises:
-        ValueError: A region is part of a later one, or of one of another layer.
+    Raises ValueError if a region is part of a later one, or of one of another layer.
     """
     own: dict[int, Region] = {}
     numbers: dict[int, int] = {}
@@ -203,9 +198,7 @@ def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:
 def swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[Region]) -> list[tuple[list[str], str]]:
     """Return three colours, as hex codes from dark to light, and a label for each region with a part of a picture.
 
-    Args:
-        divided: ``report["divided"]`` of :func:`svv.stylize_scene`.
-        regions: The scene's regions.
+    ``divided``: ``report["divided"]`` of :func:`svv.stylize_scene`.
     """
     return [
         (one["colours"], f"{label_of(regions, int(k))}: {one['part']} of {one['style']}")

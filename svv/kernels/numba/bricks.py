@@ -121,13 +121,8 @@ def _fill(shape, index, table, slots, values):  # type: ignore[no-untyped-def]
 def made(where: Lattice, table: NDArray[np.float32], most_room: float) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Return slots and values of the bricks of a lattice of one level; none if they would take too much memory.
 
-    Args:
-        where: Layout of the lattice.
-        table: Its values. (V,)
-        most_room: Most values in the bricks per value in the table.
-
-    Returns:
-        Slot of each brick (bricks along x, y, z), and values (B * VERTICES,); a vertex that is not stored has 0.
+    ``table`` (V,): its values; ``most_room``: most values in the bricks per value in the table. Slots are of each brick
+    (bricks along x, y, z), values (B * VERTICES,); a vertex that is not stored has 0.
     """
     shape, index = where.shapes[0].numpy(), where.index.numpy()
     slots = np.empty([-(-(n - 1) // CELLS) for n in shape], np.int32)
@@ -144,14 +139,8 @@ def bricks_for(
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Return the bricks through which rays of an image are marched, made when enough rays have been.
 
-    They are kept until the table changes or is no longer used. There are none where they would be of no use: in
-    training, for several levels, for a few rays.
-
-    Args:
-        where: Layout of the lattice.
-        table: Log extinction of its vertices. (V, 1)
-        limits: How the rays are marched.
-        rays: Number of rays.
+    They are kept until the table, log extinction (V, 1), changes or is no longer used. There are none where they would
+    be of no use: in training, for several levels, for a few rays.
     """
     if not limits.merge or table.requires_grad or len(where.scales) != 1 or table.is_inference():
         return NO_BRICKS

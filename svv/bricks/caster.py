@@ -1,8 +1,7 @@
 """A ray caster for volumes that need not fit into memory.
 
-Rays fetch what they see: each is marched until it ends or reaches a brick that is not in memory; those bricks are read
-and the rays go on. Bricks behind something opaque, or outside the images, are never read. If the memory is full, the
-bricks that were used least recently make room.
+A ray is marched until it ends or reaches a brick that is not in memory; that is read, and the ray goes on. Bricks that
+no ray meets are never read; those that were used least recently make room.
 """
 
 from __future__ import annotations

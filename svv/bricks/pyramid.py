@@ -1,8 +1,7 @@
 """Pyramids on the side: coarser levels of a volume whose file has none.
 
-Each level halves the one before, by the means of 2 x 2 x 2 voxels, or by one of these if they are labels. All levels
-are made in one pass over the file, box by box, and kept in the cache. A pass that is interrupted goes on where it
-stopped.
+Each level halves the one before, by the means of 2 x 2 x 2 voxels, or by one of these if they are labels. All are made
+in one pass over the file, box by box, which goes on where it stopped, and kept in the cache.
 """
 
 from __future__ import annotations

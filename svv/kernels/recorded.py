@@ -1,9 +1,8 @@
 """Training steps recorded on a GPU as CUDA graphs: their kernels are started again without Python.
 
-A graph repeats the same kernels at the same addresses with the same arguments. The numbers in which one step differs
-from the next therefore lie on the GPU (:class:`StepNumbers`), and a step is recorded again when anything else changes:
-the number of rays, the room for their samples, the occupied cells, or the lattices. Whether a GPU, its driver and torch
-can do so is seen in the check on the GPU's first use (:func:`svv.fields.devices.gpu.may_record`).
+A graph repeats the same kernels at the same addresses. The numbers in which steps differ therefore lie on the GPU
+(:class:`StepNumbers`), and a step is recorded again when the number of rays, the room for their samples, the occupied
+cells or the lattices change. :func:`svv.fields.devices.gpu.may_record` tells whether a GPU can do so.
 """
 
 from __future__ import annotations

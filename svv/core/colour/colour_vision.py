@@ -1,9 +1,7 @@
-"""Colours as people with a colour vision deficiency see them, and as a grey print shows them.
+"""Colours as people with a colour vision deficiency see them, and as a grey print shows them; RGB is sRGB in [0, 1].
 
 Deficiencies are simulated for the complete loss of one kind of cone (Machado, Oliveira and Fernandes 2009), in linear
 light. For tritanopia, which is rare, their model is the least certain.
-
-RGB is gamma-encoded sRGB in [0, 1].
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""Manual correction of a palette: add, merge, remove, set and split colours.
+"""Manual correction of a palette: add, merge, remove, set and split colours, and retrain only the palette network.
 
 A palette extracted from views joins colours of similar hue, and the ranges of a transfer function are not always the
-regions that a user wants to edit. The paper's remedy is to correct the palette and retrain only the palette network.
-
-Letters: P palette colours before, Q after, R ranges of the transfer function.
+regions that a user wants to edit. Letters: P palette colours before, Q after, R ranges of the transfer function.
 """
 
 from __future__ import annotations

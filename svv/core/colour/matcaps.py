@@ -2,7 +2,6 @@
 
 (Sloan et al. 2001, "The lit sphere"; Bruckner and Groeller 2007, "Style transfer functions".) The pictures here are
 computed: a sphere of a material under a key light at the upper left, a fill light and a studio that it reflects.
-
 Letters: S samples, H and W rows and columns of a picture, N pixels.
 """
 

@@ -1,12 +1,9 @@
 """The palette of a scene: one colour per visible range of its transfer function, extracted from its views.
 
-A pixel of a direct volume rendering is a mixture of transfer-function colours, darkened by shading and
-lightened by highlights. All pixels therefore lie in the cone from black that the palette colours and white span (the
-terms c_s and I w_i P_i of StyleRF-VolVis, eq. 2, are coordinates in it). A colour on an edge of the cone is a separate
-range; a colour inside is a mixture, a shade or a highlight. Candidates for the edges are the corners of the RGB convex
-hull (Tan et al. 2018); the hue rule of the paper then joins colours that are too similar.
-
-Letters: N pixels, B bins of similar pixels, P palette colours, G generators of a cone.
+Pixels of a direct volume rendering lie in the cone from black that the palette colours and white span (StyleRF-VolVis,
+eq. 2). A colour on an edge of it is a separate range; one inside is a mixture, a shade or a highlight. Candidates for
+the edges are the corners of the RGB convex hull (Tan et al. 2018); the hue rule of the paper joins colours that are too
+similar. Letters: N pixels, B bins of similar pixels, P palette colours, G generators of a cone.
 """
 
 from __future__ import annotations

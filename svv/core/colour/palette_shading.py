@@ -1,11 +1,7 @@
 """Equation 4 of StyleRF-VolVis: the colour of a sample from the output of the palette network and the light.
 
-c = c_s + m I sum_i w_i (P_i + delta_i). The shade m, and the effect of edits and paint on the light, are additions to
-the paper.
-
-Plain torch with gradients, for training and for images on every device. The kernels that do the same for images without
-gradients (:class:`svv.kernels.types.ImageKernels`) must match it.
-
+c = c_s + m I sum_i w_i (P_i + delta_i); the shade m, and the effect of edits and paint on the light, are additions to
+the paper. Plain torch with gradients, which kernels without (:class:`svv.kernels.types.ImageKernels`) must match.
 Letters: S samples, P palette colours.
 """
 

@@ -1,8 +1,7 @@
 """The mapping between a volume's world and the box in which everything is trained and rendered.
 
-Whatever a volume's spacing, origin or direction, its visible part lies in a box whose longest side is 1. Positions in
-that box are box coordinates and lengths are box units. The mapping is a shift and a uniform scale, so directions are
-the same in both. It is computed in float64, because a world may be 1e-9 or 1e6 units wide.
+A volume's visible part lies in a box whose longest side is 1: positions in it are box coordinates, lengths box units.
+The mapping is a shift and a uniform scale, in float64, because a world may be 1e-9 or 1e6 units wide.
 """
 
 from __future__ import annotations

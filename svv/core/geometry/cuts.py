@@ -1,9 +1,7 @@
 """Shapes that cut a scene open: what is inside one of them, or outside of it, is not shown.
 
 A shape is convex, an intersection of half-spaces with, perhaps, a ball or an endless cylinder, so that a ray has at
-most one piece of it. Cuts are given in world units; :meth:`Cut.in_box` has them in those in which rays are marched.
-
-Letters: R rays, M pieces that are cut out of a ray, S points.
+most one piece of it. Letters: R rays, M pieces that are cut out of a ray, S points.
 """
 
 from __future__ import annotations

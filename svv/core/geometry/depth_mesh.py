@@ -1,8 +1,6 @@
 """An image with depth as a surface in space: one vertex a pixel, where the pixel's ray meets what it shows.
 
-Seen from the image's own camera, with as many pixels, every vertex falls on the centre of its pixel, so the surface
-repeats the image. From elsewhere it is a relief.
-
+Seen from the image's own camera, with as many pixels, the surface repeats the image. From elsewhere it is a relief.
 Letters: H, W rows and columns of the image; N vertices, M quadrilaterals.
 """
 

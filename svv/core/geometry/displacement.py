@@ -1,10 +1,7 @@
 """Where the matter of a time-varying volume comes from: a displacement between two of its time steps.
 
 Paint that stays in space while matter moves through it flickers. Optical flow (iterative Lucas and Kanade, in three
-dimensions) tells for each place of the later step where its matter was in the earlier one; followed from step to step,
-it leads back to the step that was painted.
-
-Letters: G vertices along each side of a box.
+dimensions), followed from step to step, leads back to the step that was painted.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Nearest-neighbour feature matching (NNFM) and related colour statistics.
 
 The loss of StyleRF-VolVis (eq. 8; Zhang et al. 2022, ARF, eq. 1): each feature vector of a render moves towards the
-most similar feature vector of the style. Pure torch; this module does not depend on the origin of the features.
-
-Letters: N feature vectors of the render, M of the style, C channels each.
+most similar one of the style. Letters: N feature vectors of the render, M of the style, C channels each.
 """
 
 from __future__ import annotations

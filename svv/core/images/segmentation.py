@@ -1,10 +1,8 @@
 """Segmentation of a picture: into regions of similar appearance, or into the part that a few points select.
 
-Both work on superpixels (SLIC), each described by its CIELAB colour and by the variation of its lightness, so that
-strokes of different size or contrast are distinguished even if their mean colour is the same. SLIC and CIELAB are those
-of scikit-image.
-
-Letters: h and w height and width in pixels, K superpixels, E pairs of neighbours.
+Superpixels (SLIC) are described by their CIELAB colour and by the variation of its lightness, which distinguishes
+strokes of different size or contrast. Letters: h and w height and width in pixels, K superpixels, E pairs of
+neighbours.
 """
 
 from __future__ import annotations

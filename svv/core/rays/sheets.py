@@ -1,11 +1,8 @@
-"""Sheets: what a viewer sees of a region along a ray, and where.
+"""Sheets: what a viewer sees of a region along a ray, and where. :mod:`svv.kernels.numba.sheets` computes it quickly.
 
-The samples of a region that follow one another on a ray without a gap are one sheet of paint or glass. A viewer sees
-it at its mean position, weighted by how visible its samples are. Paint has one colour there: through its depth, a
-stroke would be mixed with what lies below it, and with the noise of the samples.
-
-This module is the definition and a plain reference; :mod:`svv.kernels.numba.sheets` computes the same quickly.
-Letters: S samples in the order of their rays, front to back; G regions; K sheets.
+The samples of a region that follow one another on a ray without a gap are one sheet of paint or glass, seen at its mean
+position, weighted by how visible its samples are. Paint has one colour there: through its depth, a stroke would be
+mixed with what lies below it. Letters: S samples in the order of their rays, front to back; G regions; K sheets.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Sort-last compositing: images of the parts of a volume become the image of the whole (Molnar et al. 1994).
 
-The parts are boxes of the volume's grid that touch but do not overlap. A ray passes through one after the other, so the
-images are composited in that order with the operator *over* (Porter and Duff 1984).
-
-Letters: N parts.
+The N parts are boxes of the volume's grid that touch but do not overlap. A ray passes through one after the other, so
+the images are composited in that order with the operator *over* (Porter and Duff 1984).
 """
 
 from __future__ import annotations

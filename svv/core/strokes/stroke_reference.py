@@ -1,10 +1,8 @@
 """The paint of brush strokes at positions: the definition, and a plain reference for the compiled kernels.
 
-At a position near a stroke, the nearest point's frame gives coordinates along and across it, and these its outline,
-bristle marks and relief. Paint with body covers what is below; glazes filter it (Beer's law: their density is an
-exponent of what they let through). Strokes of wet brushes flow into one wash, with one outline, whose rim dries darker
-(Curtis et al. 1997). The tooth of the paper is noise in space, so it stays where it is on the surface. Letters: N
-strokes, P positions. Lengths are in box units.
+Paint with body covers what is below; glazes filter it (Beer's law: their density is an exponent of what they let
+through). Strokes of wet brushes flow into one wash, with one outline, whose rim dries darker (Curtis et al. 1997). The
+tooth of the paper is noise in space. Letters: N strokes, P positions. Lengths are in box units.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How well cameras agree with pictures, by the silhouettes of whatever is denser or brighter than some levels.
 
-The silhouette of everything visible may say nothing: a ball about the centre looks the same from everywhere. What is
-opaque inside of it, or bright, has a silhouette, too, which must agree with the cameras if it is seen from all sides.
-A level whose silhouettes disagree is no proof by itself: in fog, what is dense along one ray may be thin along another.
+The silhouette of everything visible may say nothing, as that of a ball about the centre; what is opaque inside of it,
+or bright, has one, too. A level whose silhouettes disagree is no proof by itself: in fog, what is dense along one ray
+may be thin along another.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """What stands still on the screen while the cameras move: colour bars, axes, logos and text.
 
-Such pixels are filled in all views, in the same place, and yet no point of the world is seen there: following the ray
-of such a pixel, every point is seen somewhere empty by other views. What does pass this test, such as a ball about the
-centre, whose picture is the same from everywhere, is an object.
+Such pixels are filled in all views, in the same place, and yet every point along their rays is seen somewhere empty by
+other views. What passes this test, such as a ball about the centre, is an object.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Whether silhouettes agree with their cameras, and the angle of view with which they agree best.
 
-For two views of one object, a plane through both camera positions that touches the object touches both silhouettes:
-the epipolar tangency constraint (Porrill and Pollard 1991; Wong and Cipolla 2001 calibrate turntables with it). Every
-pair of views therefore gives two numbers that must agree, one on either side of the object. They need nothing but the
-convex hulls of the silhouettes.
+A plane through two camera positions that touches an object touches both silhouettes: the epipolar tangency constraint
+(Porrill and Pollard 1991; Wong and Cipolla 2001). Every pair of views therefore gives two numbers that must agree, one
+on either side of the object.
 """
 
 from __future__ import annotations

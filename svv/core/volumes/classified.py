@@ -1,8 +1,7 @@
 """A classified volume: the extinction and range that the transfer function gives each point, before any training.
 
-A view shows overlapping structures only as a sum, so a field learned from views alone has to discover where a faint
-shell is, and it finds noise where the views say little. If the volume is available, this is known: its scalar value
-determines the extinction of a point and the range of the transfer function that the point belongs to.
+A view shows overlapping structures only as a sum, so a field learned from views alone finds noise where they say
+little. If the volume is available, its scalar value determines the extinction of a point and its range.
 """
 
 from __future__ import annotations

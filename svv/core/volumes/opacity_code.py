@@ -1,14 +1,11 @@
 """Extinction as one byte of a volume that other programs draw, and the opacity function that turns it back.
 
-A byte cannot hold an opacity: between fog that a ray crosses in hundreds of voxels and a surface that one voxel shows
-lie five orders of magnitude. A code is therefore linear in the logarithm of the optical depth of one *unit distance*,
-and the opacity function with which the volume is drawn is the inverse. That is also what fields interpolate
-(:mod:`svv.core.rays.extinction`), so a program that interpolates codes linearly finds the same extinction between
-voxels.
+Between fog that a ray crosses in hundreds of voxels and a surface that one voxel shows lie five orders of magnitude, so
+a code is linear in the logarithm of the optical depth of one *unit distance*, the one that ParaView assumes by default.
+Interpolated codes give the extinction that fields have between voxels (:mod:`svv.core.rays.extinction`).
 
-The unit distance is the one that ParaView assumes unless it is told another: it depends on the grid alone. The largest
-code, 255, stands for the densest point that a volume shows, because VTK's mappers scale a component of bytes by the
-range that the volume has of it, and not all of them scale the opacity function by the same.
+Code 255 stands for the densest point that a volume shows, because VTK's mappers scale a component of bytes by the range
+that the volume has of it, and not all of them scale the opacity function by the same.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Checks of a set of kernels against plain torch, in value and gradient: whether a GPU computes what it should.
 
 Each check makes its inputs from a seed, runs both, and raises AssertionError if they differ by more than rounding can
-make of it (:mod:`svv.core.rounding`). The tests call them with a few samples in Triton's interpreter, ``svv bench gpu``
-and the check on a GPU's first use (:mod:`svv.fields.devices.gpu_check`) with enough to fill a GPU.
-
-Letters: S samples, R rays, F features.
+make of it (:mod:`svv.core.rounding`). Tests call them with a few samples in Triton's interpreter, ``svv bench gpu`` and
+the check on a GPU's first use with enough to fill a GPU. Letters: S samples, R rays, F features.
 """
 
 from __future__ import annotations

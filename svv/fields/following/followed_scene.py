@@ -1,8 +1,7 @@
 """A scene at another time step of its volume, without views and without training.
 
 In a scene of the encoding ``values``, extinction, colour and light are functions of the volume's values
-(:mod:`svv.fields.radiance.of_values`), and a transfer function shows other values in the same way. At another time
-step, only the values are new.
+(:mod:`svv.fields.radiance.of_values`): at another time step, only the values are new.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """A scene of learned features with another extinction, on the cells that this one fills.
 
-What was learned stays at its vertices. A vertex without any features has those of the nearest one that has some: matter
-and its light change slowly from a place to the next, while a network can make anything of features that it never saw.
-
-Letters: V vertices.
+A vertex without any features has those of the nearest one that has some: matter and its light change slowly from a
+place to the next, while a network can make anything of features that it never saw. Letters: V vertices.
 """
 
 from __future__ import annotations

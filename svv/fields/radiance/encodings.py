@@ -1,8 +1,7 @@
 """Position encodings behind one interface: a sparse vertex lattice (default) and a hash grid (the paper's).
 
-An encoding is a module that maps box coordinates (S, 3) to features (S, width). The kernels of its device read and
-write its table: the backward pass adds to ``gradient`` and marks the vertices it touched in ``used``, and
-:class:`LatticeAdam` then steps only those. Plain references are in :mod:`svv.core.rays.encodings`.
+An encoding maps box coordinates (S, 3) to features (S, width). Its backward pass adds to ``gradient`` and marks the
+vertices it touched in ``used``; :class:`LatticeAdam` steps only those.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""Edits of a scene's regions. Editing trains nothing: an edit is a few numbers.
+"""Edits of a scene's regions, which train nothing; :class:`svv.fields.scene.scene.Scene` has them as methods.
 
-Each function returns a new scene that shares the networks and can undo the edit; :class:`svv.fields.scene.scene.Scene`
-has them as methods.
-
-Every field of a :class:`svv.fields.scene.region.Region` is an edit except those that identify the region
-(:data:`svv.fields.scene.history.IDENTITY`). A new kind of edit is therefore a new field there; undo, reset and the
-scene file handle it without further changes.
+Each function returns a new scene that shares the networks and can undo the edit. Every field of a
+:class:`svv.fields.scene.region.Region` is an edit except :data:`svv.fields.scene.history.IDENTITY`: a new kind of edit
+is a new field there; undo, reset and the scene file handle it without further changes.
 """
 
 from __future__ import annotations

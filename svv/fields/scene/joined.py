@@ -1,10 +1,7 @@
 """Scenes of several transfer functions, arrays or members of an ensemble, joined into one, shown alone or together.
 
-Each member keeps its networks, and its regions become regions of the whole, so hiding and showing regions shows one
-function or another. Together, extinctions add: the samples of all members along a ray are composited in the order of
-their distances, so functions may overlap in space and in values.
-
-Letters: R rays, S samples.
+Each member keeps its networks, and its regions become regions of the whole. Together, extinctions add: the samples of
+all members along a ray are composited in the order of their distances. Letters: R rays, S samples.
 """
 
 from __future__ import annotations

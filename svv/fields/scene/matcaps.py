@@ -1,9 +1,7 @@
 """MatCaps of regions (:mod:`svv.core.colour.matcaps`): where their pictures and normals come from.
 
-A region's MatCap is the name of one that ships, or a small picture as text, so that files, histories and looks hold it
-like any other edit. Normals are those of the explicit light, or the gradient of the extinction, computed once a scene.
-
-Letters: S samples, R rays.
+A region's MatCap is the name of one that ships, or a small picture as text, which files hold like any other edit.
+Normals are those of the explicit light, or the gradient of the extinction. Letters: S samples, R rays.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""The record of a scene, and what follows from its values alone.
-
-:mod:`svv.fields.scene.edits` changes its regions and its light, :mod:`svv.fields.scene.variants` its paintings,
-:mod:`svv.fields.scene.images` draws it; :class:`svv.fields.scene.scene.Scene` offers all of that as methods.
-"""
+"""The record of a scene, and what follows from its values alone; :mod:`svv.fields.scene.scene` offers the rest."""
 
 from __future__ import annotations
 

@@ -1,11 +1,8 @@
 """Ambient occlusion: how much of the light that comes from everywhere reaches a place, from the scene's extinction.
 
-The mean transmittance over directions is computed once at the vertices of the scene's cells and interpolated between
-them (per vertex, as Zhukov et al. 1998 have it for polygons; for volumes, Hernell et al. 2010). It is a factor on the
-diffuse colour before it is lit, so highlights stay, and every kernel and every kind of image has the same. Hidden
-regions cast no shade, and fainter ones less.
-
-Letters: S samples, V vertices, D directions.
+The mean transmittance over directions is interpolated between the vertices of the scene's cells (Zhukov et al. 1998;
+for volumes, Hernell et al. 2010). It is a factor on the diffuse colour before it is lit, so highlights stay. Hidden
+regions cast no shade, and fainter ones less. Letters: S samples, V vertices, D directions.
 """
 
 from __future__ import annotations

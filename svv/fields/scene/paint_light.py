@@ -1,10 +1,8 @@
 """Light on paint: shading that keeps a style's brightness.
 
-A style picture has its own light and shade. The scene's shade m, whose mean is arbitrary because it was learned
-together with the palette's colours, would darken the paint, and its specular c_s would brighten it. On paint, only
-their deviations from the mean are therefore shown, and by default only a fraction of those.
-
-Letters: S samples, P regions.
+A style picture has its own light and shade. The scene's shade m, whose mean is arbitrary, would darken the paint, and
+its specular c_s would brighten it: only their deviations from the mean are shown, and by default only a fraction of
+those. Letters: S samples, P regions.
 """
 
 from __future__ import annotations

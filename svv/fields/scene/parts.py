@@ -1,14 +1,9 @@
 """Parts: connected pieces of regions that were split off by a click and are regions of their own.
 
-The palette network divides samples by material: a sample's region is the palette colour of its largest weight, so two
-balls of one material are one region. A split divides a region by place: cells of the box belong to zones, and a table
-says for each zone to which region each palette colour belongs there. A sample thus costs one more look-up, and a scene
-without parts none. Zones divide the space between pieces half way, so that the soft edges of a piece, its haze and its
-faint mixtures with other materials belong to it as well.
-
-A region's number in each cell would be simpler, but cells on the border of two regions hold samples of both, and would
-leave shells of a hidden part behind. With a table over palette colours, the border within a cell stays where the
-network has it.
+A sample's region is the palette colour of its largest weight; a split divides a region by place. Cells of the box
+belong to zones, and a table says for each zone to which region each palette colour belongs there. Zones divide the
+space between pieces half way, so that soft edges, haze and faint mixtures belong to a piece as well. (With a region's
+number in each cell, those on the border of two regions would leave shells of a hidden part behind.)
 
 Letters: S samples, P palette colours, Z zones, N parts.
 """

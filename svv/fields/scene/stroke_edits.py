@@ -1,8 +1,7 @@
 """Edits of strokes after they were laid: relief and its light, width, and the colours of another picture.
 
-The strokes of a painting stay as they were laid. An edit belongs to a region, like every other (:mod:`.edits`), and is
-applied to a copy of its strokes when their paint is evaluated, so it can be undone and takes no training. A part that
-was split off has the strokes of its whole and edits of its own.
+An edit belongs to a region and is applied to a copy of its strokes when their paint is evaluated. A part that was split
+off has the strokes of its whole and edits of its own.
 
 Letters: N strokes, C colours of a palette, V vertices of the paint's lattice, R regions.
 """

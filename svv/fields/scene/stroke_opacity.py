@@ -1,11 +1,8 @@
 """Opacity that follows strokes: between dark and vivid strokes a region becomes clearer, or between light ones.
 
-Paint only changes colours: a region is as dense between the strokes as in them. Here the extinction of a sample follows
-how far its paint is from white, or from black. Strokes are as opaque as the region itself, and the ground between them
-is clearer, like glazes on glass: nothing becomes denser than the region is, so a thin shell keeps its own profile, and
-the ground never so clear that holes show.
-
-Letters: S samples, P regions.
+The extinction of a sample follows how far its paint is from white, or from black. Strokes are as opaque as the region
+itself, and the ground between them is clearer, like glazes on glass: nothing becomes denser, so a thin shell keeps its
+profile, and the ground never so clear that holes show. Letters: S samples, P regions.
 """
 
 from __future__ import annotations

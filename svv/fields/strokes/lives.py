@@ -1,10 +1,9 @@
 """The lives of strokes in a series of time steps: laid once, moved with the matter, born and removed.
 
-From the step that was painted, strokes are followed to both ends of the series. One whose matter is gone, or that is
-stretched too far, is removed; where a surface is left bare, a copy of a stroke that lies near is set down, which lives
-on from there. No stroke is laid again, and none appears or vanishes at once: they grow and shrink over a few steps. A
-place counts as bare only from well beyond the largest gap of the painting, and a stroke as gone only if it is so in two
-steps in a row, so that nothing comes and goes. Letters: K points of strokes, N strokes, B places on a surface.
+From the painted step, strokes are followed to both ends of the series. One whose matter is gone, or that is stretched
+too far, is removed; where a surface is left bare, a copy of a stroke that lies near is set down. They grow and shrink
+over a few steps. A place counts as bare only from well beyond the largest gap of the painting, and a stroke as gone
+only if it is so twice in a row, so that nothing comes and goes. Letters: K points of strokes, N strokes, B places.
 """
 
 from __future__ import annotations

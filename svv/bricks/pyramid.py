@@ -70,8 +70,7 @@ class PyramidSource:
 def pyramids() -> Cache:
     """Return the cache of pyramids: ``SVV_PYRAMIDS``, or by default the folder ``pyramids`` of the user's cache.
 
-    Raises:
-        BadInput: ``SVV_PYRAMIDS_SIZE`` is not a size.
+    Raises BadInput if ``SVV_PYRAMIDS_SIZE`` is not a size.
     """
     size = os.environ.get("SVV_PYRAMIDS_SIZE")
     folder = Path(os.environ.get("SVV_PYRAMIDS") or cache_folder() / "pyramids").expanduser()
@@ -86,10 +85,7 @@ def with_pyramid(
     Only the finest level of ``source`` is used. A pyramid is made again if its file or folder, ``path``, changes; each
     ``part`` that is chosen of the file, such as an array or channel, has its own. Of ``labels``, there are no means: of
     2 x 2 x 2 voxels, the first is kept. ``progress`` is called often; the work stops when it raises, and goes on the
-    next time.
-
-    Raises:
-        BadInput: A part of the volume cannot be read, a value is not finite, or the pyramid cannot be written.
+    next time. Raises BadInput if something cannot be read or written, or a value is not finite.
     """
     cache, name = pyramids(), _name(source, path, (*part, "labels") if labels else part)
     unfinished, made = cache.folder / f".{name}", False

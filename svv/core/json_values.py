@@ -17,12 +17,9 @@ LARGEST = sys.float_info.max
 
 
 def parsed(text: str | bytes) -> Any:
-    """Return the value of a JSON text; integers beyond the range of floats and deep nesting are no data of ours.
+    """Return the value of a JSON text, without the byte-order mark that programs for Windows write before it.
 
-    A byte-order mark before it, as programs for Windows write it, is left out.
-
-    Raises:
-        ValueError: It is not JSON, is nested too deeply for Python, or has an integer of more than 308 digits.
+    Raises ValueError if it is not JSON, is nested too deeply for Python, or has an integer beyond the range of floats.
     """
     try:
         return json.loads(text.lstrip("\ufeff") if isinstance(text, str) else text, parse_int=_integer)

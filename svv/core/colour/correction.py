@@ -87,12 +87,9 @@ def corrected(
     """Return a palette of P colours as corrected, Q colours with new ones at the end, and a description of each change.
 
     Changes are made in the order merge, remove, set, split, add. ``ranges``: those of the transfer function in
-    ascending order; empty if they are unknown.
-
-    Raises:
-        BadInput: A colour does not exist, is merged with itself or named twice; the last colour is removed; an added
-            colour exists already; two colours become the same and no ranges distinguish them; a colour of one range
-            is split; or there are too many colours.
+    ascending order; empty if they are unknown. Raises BadInput if a colour does not exist, is merged with itself or
+    named twice; the last one is removed; an added one exists already; two become the same and no ranges distinguish
+    them; one of a single range is split; or there are too many.
     """
     if not correction:
         raise BadInput("Nothing to correct: merge, remove, set, split or add a colour, or point at places.")

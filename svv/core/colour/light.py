@@ -35,12 +35,9 @@ NORMAL_SOFTNESS = 0.1
 
 @dataclass(frozen=True)
 class Lamp:
-    """A white directional light, besides the ambient light from everywhere.
+    """A white directional light, besides the ambient light from everywhere; raises BadInput if a value is out of range.
 
     Without a ``direction`` it follows the camera at fixed angles; at azimuth and elevation 0 it is a headlight.
-
-    Raises:
-        BadInput: The angles, the direction or the intensity are out of range.
     """
 
     azimuth: float = 0.0
@@ -94,11 +91,9 @@ class Lamp:
 
 
 def validate_coefficients(given: Mapping[str, float | None]) -> dict[str, float]:
-    """Return those of some :data:`COEFFICIENTS` that are not None.
+    """Return those of some :data:`COEFFICIENTS` that are not None; raises TypeError for other names.
 
-    Raises:
-        TypeError: A name is none of theirs.
-        BadInput: A coefficient is negative, a highlight's exponent below 1, or one of them not finite.
+    Raises BadInput if a coefficient is negative, a highlight's exponent below 1, or one of them not finite.
     """
     found: dict[str, float] = {}
     for name, value in given.items():

@@ -89,14 +89,9 @@ def extract_palette(
 ) -> Palette:
     """Extract the palette of a scene, 1 to ``settings.max_colours`` colours, from the visible pixels of its views.
 
-    Args:
-        pixels: Straight (un-premultiplied) RGB in [0, 1]. (N, 3)
-        weights: Alpha of the pixels in [0, 1]. (N,)
-        settings: Thresholds; docs/design/archive.csv (palette/thresholds) tells how far each may move.
-        seed: Seed for subsampling large inputs; the same seed gives the same palette.
-
-    Raises:
-        BadInput: No pixel is visible.
+    ``pixels``: straight (un-premultiplied) RGB in [0, 1] (N, 3); ``weights``: their alpha in [0, 1] (N,); ``settings``:
+    docs/design/archive.csv (palette/thresholds) tells how far each may move; ``seed``: for subsampling large inputs.
+    Raises BadInput if no pixel is visible.
     """
     settings = settings or PaletteSettings()
     colours, mass = _bins(pixels, weights, settings, seed)

@@ -11,12 +11,9 @@ from svv.errors import BadInput
 
 @dataclass(frozen=True)
 class Shading:
-    """Phong shading with one white light at the camera (a headlight).
+    """Phong shading with one white light at the camera (a headlight); BadInput for coefficients that are not >= 0.
 
     The coefficients are the defaults of ParaView's volume representation. (VTK's own are 0.1, 0.7, 0.2, 10.)
-
-    Raises:
-        BadInput: A coefficient is negative or not finite.
     """
 
     on: bool = True

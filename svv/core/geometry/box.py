@@ -28,11 +28,7 @@ class Box:
 
     @classmethod
     def of_bounds(cls, low: ArrayLike, high: ArrayLike) -> Box:
-        """Return the box between two corners, each (3,) in world units.
-
-        Raises:
-            BadInput: The corners are not finite or enclose no volume.
-        """
+        """Return the box between two world corners (3,); BadInput unless they are finite and enclose a volume."""
         a, b = np.asarray(low, np.float64), np.asarray(high, np.float64)
         sides = b - a
         if not (np.isfinite(a).all() and np.isfinite(b).all() and (sides > 0).all()):

@@ -89,13 +89,9 @@ class Camera:
     ) -> Camera:
         """Return an orthographic camera: its rays start in the plane z = 0 of its axes and run along -z.
 
-        Args:
-            camera_to_world: As for the class. (4, 4)
-            span_x: Full width of the image in world units, > 0. (VTK's parallel scale is half of the height,
-                ``0.5 * span_x * height / width``.)
-            width: Width of the image in pixels.
-            height: Height of the image in pixels.
-            centre: Pixel at the position of the camera; by default the centre of the image.
+        ``span_x``: full width of the image in world units, > 0 (VTK's parallel scale is half of the height, ``0.5 *
+        span_x * height / width``); ``centre``: pixel at the position of the camera, by default the centre of the image.
+        The others are as for the class.
         """
         return cls(np.asarray(camera_to_world, np.float64), NOMINAL_FOV, width, height, span_x, centre)
 
@@ -250,11 +246,7 @@ def orbit_cameras(
 
 @dataclass(frozen=True)
 class CameraRig:
-    """The sphere on which a scene's cameras lie; other cameras can be placed on it, too.
-
-    Raises:
-        BadInput: The centre, radius, angle of view or width is not finite or out of range.
-    """
+    """The sphere on which a scene's cameras lie; other cameras can be placed on it, too. BadInput if out of range."""
 
     centre: tuple[float, float, float]
     """The point that the cameras look at, in world units."""

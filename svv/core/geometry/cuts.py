@@ -34,8 +34,7 @@ _SIDE = re.compile(r"([xyz])([<>])([-+.\deE]+)(%?)")
 class Cut:
     """A shape whose inside is cut off.
 
-    Raises:
-        BadInput: There is no shape, a number is not finite, a direction is zero, or a radius is not positive.
+    Raises BadInput if there is no shape, a number is not finite, a direction is zero, or a radius is not positive.
 
     >>> svv.Cut(planes=((1.0, 0.0, 0.0, 5.0),)).describe()  # x > 5
     'cut x > 5'
@@ -82,18 +81,14 @@ class Cut:
 
     @classmethod
     def parse(cls, text: str, bounds: ArrayLike) -> Cut:
-        """Return the cut that a text describes.
+        """Return the cut that a text describes; raises BadInput if it describes none.
 
-        Args:
-            text: Sides of planes along the axes, such as ``x>50%`` or ``x>50%&y<12.5``, which are cut off where all of
-                them hold (percent: from the lower to the upper end of the bounds); ``plane:X,Y,Z:NX,NY,NZ``, a point
-                and the direction of the side that is cut off; ``box:X,Y,Z:X,Y,Z``, two corners; ``sphere:X,Y,Z:R``;
-                ``cylinder:X,Y,Z:DX,DY,DZ:R``. With the word ``outside`` before it, what is outside of the shape is
-                cut off. Regions and a ``=`` may stand in front of all: ``0,2=outside sphere:0,0,0:5``.
-            bounds: Lowest and highest corner of what is cut, in world units. (2, 3)
-
-        Raises:
-            BadInput: The text is none of these.
+        The text has sides of planes along the axes, such as ``x>50%`` or ``x>50%&y<12.5``, which are cut off where all
+        of them hold (percent: from the lower to the upper end of the bounds); ``plane:X,Y,Z:NX,NY,NZ``, a point and the
+        direction of the side that is cut off; ``box:X,Y,Z:X,Y,Z``, two corners; ``sphere:X,Y,Z:R``;
+        ``cylinder:X,Y,Z:DX,DY,DZ:R``. With the word ``outside`` before it, what is outside of the shape is cut off.
+        Regions and a ``=`` may stand in front of all: ``0,2=outside sphere:0,0,0:5``. ``bounds``: lowest and highest
+        corner of what is cut, in world units. (2, 3)
 
         >>> Cut.parse("x>50%&y<1", [[0, 0, 0], [4, 4, 4]]).planes
         ((1.0, 0.0, 0.0, 2.0), (0.0, -1.0, 0.0, -1.0))

@@ -43,11 +43,7 @@ def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class ValueRange:
-    """Scalar values that the transfer function shows alike: a region of the scene.
-
-    Raises:
-        BadInput: A value is not finite, the interval is empty, or the colour is outside [0, 1].
-    """
+    """Scalar values that the transfer function shows alike: a region of the scene. BadInput if something is invalid."""
 
     low: float
     """Smallest scalar value of the range."""
@@ -67,10 +63,8 @@ class ValueRange:
 class ValueGrid:
     """Scalar values on the vertices of a grid over the visible box, and the extinction that belongs to each value.
 
-    Values count from 0 to 1 over an interval that contains all that are visible, with some space on both sides.
-
-    Raises:
-        BadInput: The number of cells, the codes, the visible part or the integral are invalid.
+    Values count from 0 to 1 over an interval that contains all that are visible, with some space on both sides. Raises
+    BadInput if something is invalid.
     """
 
     cells: int

@@ -86,12 +86,10 @@ def at_volume(
     """Return the scene as another volume's values make it, with the same palette, edits and paint.
 
     Where there was no paint before, it is that of the nearest place, or strokes are born. The scene has the encoding
-    ``values``, a palette network and no regions that were split off; the volume is classified by its transfer function.
-    ``matter``: where the matter at positions in the world was when the scene was painted, by default at rest;
-    ``alive``: the strokes that live in this volume (:meth:`svv.fields.strokes.flocks.Flocks.at`), by default all.
-
-    Raises:
-        BadInput: The scene is not one of these, or the volume comes without its values or without ones between.
+    ``values``, a palette network and no regions that were split off; the volume, classified by its transfer function,
+    has its values and ones between: otherwise, raises BadInput. ``matter``: where the matter at positions in the world
+    was when the scene was painted, by default at rest; ``alive``: the strokes that live in this volume
+    (:meth:`svv.fields.strokes.flocks.Flocks.at`), by default all.
     """
     scene = without_undone_splits(scene)
     function, _ = check_follows(scene)

@@ -28,11 +28,9 @@ from svv.fields.scene.model import S
 def on_cells(scene: S, occupancy: Occupancy, density: SparseLattice) -> S:
     """Return a scene with another extinction, and its palette, edits and paint.
 
-    The scene has the encoding ``lattice``, a palette network, and no parts that were split off; ``density``: logarithms
-    of that extinction on the cells, in the scene's box, that it fills, on any device.
-
-    Raises:
-        BadInput: The scene is not one of these, or has paint that cannot be laid on other cells.
+    The scene has the encoding ``lattice``, a palette network, and neither parts that were split off nor paint that
+    cannot be laid on other cells: otherwise, raises BadInput. ``density``: logarithms of that extinction on the cells,
+    in the scene's box, that it fills, on any device.
     """
     scene = without_undone_splits(scene)
     palette = scene.palette_network

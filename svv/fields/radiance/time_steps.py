@@ -30,11 +30,7 @@ MOST_CELLS, MOST_VERTICES = 1 << 14, 1 << 31
 
 @dataclass(frozen=True, eq=False)
 class TimeSteps:
-    """Time steps of a volume, over one box.
-
-    Raises:
-        BadInput: Times do not increase, or the parts do not fit each other.
-    """
+    """Time steps of a volume, over one box; BadInput if times do not increase, or the parts do not fit each other."""
 
     box: Box
     """Box of the grids, in world units."""

@@ -10,10 +10,8 @@ from svv.options.editing import SPLIT_LEVEL, SceneEdit
 def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Scene:
     """Return the scene with everything in the request applied, as one step that can be undone.
 
-    Resets are applied first, then a split, visibility, cuts, regions, light, occlusion, paint and outlines.
-
-    Raises:
-        BadInput: One of the edits cannot be made (:mod:`svv.fields.scene.edits`).
+    Resets are applied first, then a split, visibility, cuts, regions, light, occlusion, paint and outlines. Raises
+    BadInput as :mod:`svv.fields.scene.edits` does.
     """
     result, seen = scene, edit.visibility
     if seen.reset is not None:

@@ -100,15 +100,10 @@ def with_light(
 ) -> S:
     """Return a scene with the light moved; without arguments it becomes a headlight of the same brightness again.
 
-    Args:
-        scene: The scene.
-        azimuth: Degrees to the right of the camera, which the light follows, in [-180, 180].
-        elevation: Degrees above the camera, in [-90, 90].
-        direction: World direction that the light comes from instead, x, y and z; it no longer follows the camera.
-        intensity: Factor on its brightness, >= 0; 1 is the light of the views. Unchanged by default.
-
-    Raises:
-        BadInput: The lighting comes from a network, the scene has no light, or a number is out of range.
+    ``azimuth`` and ``elevation``: degrees to the right, in [-180, 180], and above the camera, in [-90, 90], which the
+    light follows; ``direction``: world direction that the light comes from instead, x, y and z; ``intensity``: factor
+    on its brightness, >= 0; 1 is the light of the views, and it is unchanged by default. Raises BadInput if the
+    lighting comes from a network, the scene has no light, or a number is out of range.
     """
     _check_light(scene.every_layer)
     if direction is not None and (azimuth or elevation):
@@ -276,12 +271,8 @@ def with_outline(
 def cut(scene: S, *cuts: Cut | str) -> S:
     """Return a scene cut open: what is inside a shape, or outside of it, is not shown; nothing is trained.
 
-    Args:
-        scene: The scene.
-        cuts: Shapes in world units, or texts that :meth:`svv.Cut.parse` reads, such as ``"x>50%&y>50%"``.
-
-    Raises:
-        BadInput: A text is no cut, a region does not exist, or there are too many.
+    Cuts are shapes in world units, or texts that :meth:`svv.Cut.parse` reads, such as ``"x>50%&y>50%"``. Raises
+    BadInput if a text is no cut, a region does not exist, or there are too many.
     """
     bounds = scene.bounds
     new = [Cut.parse(one, bounds) if isinstance(one, str) else one for one in cuts]

@@ -210,19 +210,10 @@ def _render_rays(
 def point_at(
     scene: Model, camera: GivenCamera, pixel: tuple[float, float], network: str | None = None
 ) -> tuple[float, float, float]:
-    """Return the point that a pixel shows: where the region that the pixel belongs to is most visible.
+    """Return the world point that a pixel shows, where the region that it belongs to is most visible, for ``split_at``.
 
-    Args:
-        scene: The scene.
-        camera: Camera of the picture, as for :func:`render`.
-        pixel: Column from the left and row from the top of the picture, in pixels.
-        network: As in :func:`render`.
-
-    Returns:
-        World coordinates, for :func:`svv.fields.scene.joined.split_at`.
-
-    Raises:
-        BadInput: The pixel is outside the picture, or nothing is visible there.
+    ``pixel``: column from the left and row from the top of the picture; ``camera`` and ``network``: as for
+    :func:`render`. Raises BadInput if the pixel is outside the picture, or nothing is visible there.
     """
     camera = camera_of(camera, scene)
     column, row = (int(np.floor(value)) for value in pixel)

@@ -33,11 +33,8 @@ def joined(scenes: Sequence[S]) -> S:
     """Return one scene of several of one place, whose regions are those of all, in their order.
 
     Each keeps its edits, its parts and the painting that it shows; histories are dropped, and all are lit by the light
-    of the first whose light can be moved (:func:`relit`).
-
-    Raises:
-        BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of
-            different places or have other time steps.
+    of the first whose light can be moved (:func:`relit`). Raises BadInput if there are fewer than two or more than
+    ``MOST`` scenes, one has no palette network, or they are of different places or have other time steps.
     """
     scenes = [member for scene in scenes for member in members(without_undone_splits(scene))]
     if not 2 <= len(scenes) <= MOST:

@@ -155,8 +155,7 @@ def validate_name(name: str) -> str | None:
 def validate_line(line: str, what: str, longest: int = LONGEST_NAME) -> str:
     """Return a line of text without blanks at its ends; ``what`` it is begins the sentence of an error.
 
-    Raises:
-        BadInput: It is too long, has characters that cannot be shown or that turn what follows, or shows nothing.
+    Raises BadInput if it is too long, has characters that cannot be shown or that turn what follows, or shows nothing.
     """
     text = unicodedata.normalize("NFC", line).strip()
     if len(text) > longest:

@@ -60,14 +60,8 @@ def painted(
     """Return the scene with a new variant, which is shown; it replaces an existing one of the same name.
 
     The regions get the mean light that the light on paint starts from (:mod:`svv.fields.scene.paint_light`).
-
-    Args:
-        scene: The scene.
-        network: The network of its diffuse colours.
-        styles: Style name of each region that it paints; the other regions keep their palette colours.
-        made: Record of how it was painted.
-        name: Its name, by default :data:`UNNAMED`.
-        glazes: How far opacity follows regions' strokes unless edited; by default as laid.
+    ``styles``: style name of each region that it paints; the other regions keep their palette colours; ``made``: record
+    of how it was painted; ``glazes``: how far opacity follows regions' strokes unless edited, by default as laid.
     """
     name = name or UNNAMED
     rest = tuple(other for other in scene.every_variant if other.name != name)

@@ -160,8 +160,7 @@ _COUNT = itertools.count()
 class View:
     """A view while it is drawn: its looks are taken from those that are kept, or made, and kept if it is worth it.
 
-    Args:
-        key: What the looks depend on, from :func:`key_of`; None if none may be kept.
+    ``key``: what the looks depend on, from :func:`key_of`; None if none may be kept.
     """
 
     def __init__(self, key: Hashable | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from torch import Tensor, device
@@ -84,11 +84,8 @@ class Samples:
 
     def to(self, where: device) -> Samples:
         """Return the samples on a device."""
-        position, sigma, skipped, ray, start, count, tail = (
-            tensor.to(where)
-            for tensor in (self.position, self.sigma, self.skipped, self.ray, self.start, self.count, self.tail)
-        )
-        return Samples(position, sigma, skipped, ray, start, count, tail, self.step, self.total)
+        names = ("position", "sigma", "skipped", "ray", "start", "count", "tail")
+        return replace(self, **{name: getattr(self, name).to(where) for name in names})
 
     def __len__(self) -> int:
         return len(self.sigma)

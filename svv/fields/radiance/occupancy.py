@@ -17,6 +17,7 @@ from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.rays.cells import widened
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
+from svv.core.volumes.classified import grid_shape
 from svv.errors import BadInput
 from svv.fields.radiance.hull_kernels import mark_unexplained, summed, visual_hull
 from svv.kernels.dispatch import kernels_for, kernels_of
@@ -76,7 +77,7 @@ class Occupancy:
     @classmethod
     def full(cls, box: Box, cells: int) -> Occupancy:
         """Return an occupancy with every cell occupied."""
-        return cls(box, cells, np.ones(_shape(box, cells), np.uint8))
+        return cls(box, cells, np.ones(grid_shape(box, cells), np.uint8))
 
     def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
         """Return the occupancy without the cells in which a step never reaches the optical depth ``least``.
@@ -203,10 +204,6 @@ def _grown(box: Box, masks: _Masks, cameras: Sequence[Camera]) -> Box:
     return box
 
 
-def _shape(box: Box, cells: int) -> NDArray[np.int64]:
-    return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
-
-
 def _hull(masks: _Masks, cameras: Sequence[Camera], box: Box, cells: int) -> NDArray[np.uint8]:
     lenses, side = np.zeros((len(cameras), 4)), masks.side
     for lens, c in zip(lenses, cameras, strict=True):
@@ -215,7 +212,7 @@ def _hull(masks: _Masks, cameras: Sequence[Camera], box: Box, cells: int) -> NDA
         lens[:] = focal / side, column / side, row / side, c.is_orthographic
     rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])
     positions = box.to_box(np.stack([c.camera_to_world[:3, 3] for c in cameras]))
-    reach, shape, tables = float(np.sqrt(0.75) / cells), _shape(box, cells), masks.tables
+    reach, shape, tables = float(np.sqrt(0.75) / cells), grid_shape(box, cells), masks.tables
     if isinstance(tables, Tensor):
         there = kernels_for(tables).TOMOGRAPHY
         assert there is not None

@@ -190,20 +190,26 @@ def _render_rays(
     samples = visible_samples(scene, rays, network)
     if not len(samples):
         return
-    rgba, depth, region = images
     colour, of, sigma = shade(scene, samples, rays, network, beams())
     distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
-    values = [colour, distance[:, None]]
-    if scene.palette_network is not None:
-        values.append(torch.nn.functional.one_hot(of, len(scene.regions)).float())
+    _show(samples, sigma, (colour, distance, of), max(len(scene.regions), 1), scene.occupancy.box.size, images)
+
+
+def _show(
+    samples: Samples, sigma: Tensor, seen: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
+    images: tuple[Tensor, Tensor, Tensor],
+) -> None:  # fmt: skip
+    """Composite colours (S, 3), distances (S,), of which ``size`` is a unit, and regions (S,) into the images."""
+    (colour, distance, of), (rgba, depth, region) = seen, images
+    values = [colour, distance[:, None], torch.nn.functional.one_hot(of, regions).float()]
     out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
     alpha = 1.0 - transmittance
-    seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
-    mean = out[seen] / alpha[seen, None]
-    rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
-    rgba[seen, 3] = alpha[seen]
-    depth[seen] = mean[:, 3] * scene.occupancy.box.size
-    region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if scene.palette_network is not None else 0
+    shown = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
+    mean = out[shown] / alpha[shown, None]
+    rgba[shown, :3] = mean[:, :3].clamp(0.0, 1.0)
+    rgba[shown, 3] = alpha[shown]
+    depth[shown] = mean[:, 3] * size
+    region[shown] = mean[:, 4:].argmax(1).to(torch.int16)
 
 
 @torch.no_grad()
@@ -358,19 +364,9 @@ class Together:
     def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
         """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
         found = self.samples(pixels)
-        if found is None:
-            return
-        samples, colour, of, distance = found
-        regions = torch.nn.functional.one_hot(of, self.count).float()
-        values = torch.cat([colour, distance[:, None], regions], dim=1)
-        out, transmittance, _ = composite(samples, samples.sigma, values)
-        alpha = 1.0 - transmittance
-        seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
-        mean = out[seen] / alpha[seen, None]
-        rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
-        rgba[seen, 3] = alpha[seen]
-        depth[seen] = mean[:, 3]
-        region[seen] = mean[:, 4:].argmax(1).to(torch.int16)
+        if found is not None:
+            samples, colour, of, distance = found
+            _show(samples, samples.sigma, (colour, distance, of), self.count, 1.0, (rgba, depth, region))
 
     @torch.no_grad()
     def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:

@@ -48,9 +48,8 @@ def weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating
 def gap_of(values: NDArray[np.floating], weights: NDArray[np.floating], least: float) -> float | None:
     """Return the value at the bottom of the gap between two groups of N values, or None if they are one group.
 
-    Otsu's method (1979) finds the division, by weights >= 0 (N,); it finds one in any histogram, so the peaks on both
-    sides must be at least ``least`` > 0 apart, and between them the histogram must fall to :data:`DEPTH` of the lower
-    one.
+    Otsu's method (1979) finds a division of any histogram, by weights >= 0 (N,), so the peaks on both sides must be at
+    least ``least`` > 0 apart, and the histogram must fall to :data:`DEPTH` of the lower one between them.
     """
     if not len(values) or weights.sum() <= 0:
         return None

@@ -86,8 +86,7 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
 def hsb_change(palette: Tensor, target: Tensor) -> Tensor:
     """Return how :func:`shift_colours` changes colours: (..., 3) and (..., 3) -> (..., 4).
 
-    What is added to the hue; the hue that all take, or -1 if they keep their own; what is added to saturation and to
-    brightness.
+    What is added to the hue; the hue that all take, -1 for their own; what is added to saturation and brightness.
     """
     before, after = rgb_to_hsb(palette), rgb_to_hsb(target)
     was_grey, is_grey = before[..., 1] < GREY_SATURATION, after[..., 1] < GREY_SATURATION

@@ -65,8 +65,7 @@ def set_difference(a: Array, b: Array, weights_a: Array, weights_b: Array, visio
     """Return how far apart two sets of colours look: the CIEDE2000 by which one must be painted over to be the other.
 
     It is the mean over the best way to match the colours of one set (A, 3) with those of the other (B, 3) by their
-    weights, which sum to 1 (the earth mover's distance, Rubner et al. 2000): light is compared with light, and shade
-    with shade.
+    weights, which sum to 1: light is compared with light (the earth mover's distance, Rubner et al. 2000).
     """
     apart = colour_differences(simulated(a, vision), simulated(b, vision))
     rows, columns = apart.shape

@@ -17,8 +17,7 @@ TOUCHING = np.ones((3, 3, 3), bool)
 def least_opacity(opacity: NDArray[np.float32], level: float) -> float:
     """Return the opacity from which a region's cells connect: ``level`` in [0, 1] times its mean opacity.
 
-    Each cell counts by its ``opacity`` in [0, 1] (N,), so haze, which fills most cells and shows little, hardly
-    matters.
+    Each cell counts by its ``opacity`` in [0, 1] (N,), so haze, which fills most cells, hardly matters.
     """
     total = float(opacity.sum(dtype=np.float64))
     return level * float(np.square(opacity, dtype=np.float64).sum()) / max(total, 1e-12)

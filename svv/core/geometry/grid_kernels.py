@@ -23,8 +23,7 @@ def filtered(values, weights, signs, beyond, out):  # type: ignore[no-untyped-de
     """Write the correlation of a grid (X, Y, Z) with three filters, one along each axis; all numbers are float32.
 
     ``weights`` (3, N): the middle of each filter and what follows it; ``signs`` (3,): 1 if it is even, or -1 if it is
-    odd: equal values then cancel exactly; ``beyond``: factor of the values beyond the grid, the nearest ones in it: 1,
-    or 0 for none.
+    odd: equal values then cancel exactly; ``beyond``: factor of the nearest values, which are beyond the grid: 1 or 0.
     """
     nx, ny, nz = values.shape
     reach = weights.shape[1] - 1
@@ -63,8 +62,7 @@ def principal_directions(tensors, least, squarings, out):  # type: ignore[no-unt
     """Write the unit eigenvector of the largest eigenvalue of symmetric matrices, of either sign. (N, 3)
 
     ``tensors`` (6, N): entries xx, xy, yy, xz, yz, zz of matrices without negative eigenvalues, float32; ``least``:
-    trace up to which the result is zero; ``squarings``: those that leave of a matrix only the direction of that
-    eigenvalue.
+    trace up to which the result is zero; ``squarings``: those that leave of a matrix only that direction.
     """
     for i in prange(tensors.shape[1]):
         xx, xy, yy = np.float64(tensors[0, i]), np.float64(tensors[1, i]), np.float64(tensors[2, i])

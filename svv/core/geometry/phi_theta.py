@@ -26,8 +26,7 @@ def paraview_rotations(phi: ArrayLike, theta: ArrayLike) -> Array:
 def ascent_rotations(phi: ArrayLike, theta: ArrayLike) -> Array:
     """Return the rotations of Ascent's Cinema databases, R = R_z(phi) R_x(theta), from angles in degrees. (n, 3, 3)
 
-    At theta = 0 the camera stands on the z axis; phi turns it about that axis (``CinemaManager`` in Ascent's rendering
-    filters).
+    At theta = 0 the camera stands on the z axis; phi turns it about that axis (Ascent's ``CinemaManager``).
     """
     return _about(2, phi) @ _about(0, theta)
 

@@ -43,7 +43,7 @@ def blurred(
 ) -> NDArray[np.float32]:
     """Return a grid (X, Y, Z) blurred with a Gaussian, or with the derivative of that ``along`` an axis.
 
-    ``deviation``: in voxels, > 0; ``beyond``: whether the grid's outermost values go on beyond it; otherwise nothing is
+    ``deviation``: in voxels, > 0; ``beyond``: whether the outermost values go on beyond the grid; else nothing is
     there.
     """
     weights, signs = filters(deviation, along)

@@ -47,8 +47,7 @@ def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, ch
 def cell_weights(mask: Tensor, stride: int = 4) -> Tensor:
     """Return the share of foreground in each cell of a feature map, in the order of ``features.flatten(2)``.
 
-    ``mask`` (h, w): opacity in [0, 1], cropped to multiples of the ``stride``, the width of a cell in pixels, as in
-    pooling.
+    ``mask`` (h, w): opacity in [0, 1], cropped to multiples of the ``stride``, a cell's width in pixels, as in pooling.
     """
     return F.avg_pool2d(mask[None, None], stride).flatten()
 

@@ -135,14 +135,11 @@ def selection(
 ) -> Mask:
     """Return the part of a picture that points (x, y) select: true at every positive and at no negative one. (h, w)
 
-    ``picture``: sRGB in [0, 1] (h, w, 3).
-
     A random walker on the graph of superpixels with a prior (Grady 2005): x solves (L + g (p + q)) x = g p, with x = 1
     at positive and 0 at negative points. L is the Laplacian of a graph that links superpixels to those that they touch
     and to those most similar to them. p and q are the similarity of a superpixel to positive and negative points or,
     with ``start``, a mask (h, w) to refine, the fractions of it inside and outside the mask; without, one positive
-    point is needed. Superpixels from which a walker is more likely to reach a positive point first, x > 1/2, are
-    selected.
+    point is needed. Superpixels with x > 1/2 are selected. ``picture``: sRGB in [0, 1]. (h, w, 3)
     """
     labels = superpixels(picture)
     inside, outside = _places(positive, labels.shape), _places(negative, labels.shape)

@@ -87,8 +87,7 @@ def stored_rows(vertices: Tensor, shape: Tensor, base: Tensor | int, index: Tens
 def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
     """Return rows and trilinear weights of the eight vertices around positions on a lattice level. (S, 8) each
 
-    ``x`` (S, 3): box coordinates in occupied cells; ``scale``: cells per box unit; the others as in
-    :func:`stored_rows`.
+    ``x`` (S, 3): box coordinates in occupied cells; ``scale``: cells per box unit; the rest as in :func:`stored_rows`.
     """
     f = x * scale
     i = torch.minimum(f.long(), shape - 2)
@@ -117,8 +116,7 @@ def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, i
 def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
     """Return the rows of vertices (S, 3) int64 in a level's table: direct if all fit, hashed otherwise (S,) int64.
 
-    (Müller et al. 2022, eq. 4.) Coordinates are in [0, ``resolution``]; a hashed table has a power of two of
-    ``entries``.
+    (Müller et al. 2022, eq. 4.) Coordinates are in [0, ``resolution``]; hashed ``entries`` are a power of two.
     """
     side = resolution + 1
     if side**3 <= entries:

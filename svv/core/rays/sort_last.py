@@ -22,9 +22,9 @@ CYCLE = (
 def front_to_back(low: Array, high: Array, eye: Array, parallel: bool) -> list[int]:
     """Return the order in which rays from a camera pass through boxes with lower and upper corners (N, 3).
 
-    A plane between two boxes decides: the box on the camera's side may hide the other one, but not vice versa. ``eye``
-    (3,): position of the camera; if its rays are parallel, their direction. Raises BadInput if boxes overlap, or hide
-    each other in a circle.
+    A plane between two boxes decides: the box on the camera's side may hide the other one, but not vice versa. ``eye``:
+    position of the camera, or direction of parallel rays. (3,) BadInput if boxes overlap, or hide each other in a
+    circle.
     """
     upward, downward = ((eye > 0) & (low < high), (eye < 0) & (low < high)) if parallel else (eye < high, eye > low)
     # If a box lies below another, it hides that one only from rays that go upward, and vice versa.

@@ -94,8 +94,7 @@ def outermost(ends: NDArray[np.integer], step: int) -> Array:
     """Return the outermost point of a silhouette in each direction, in pixels of the whole picture. (TANGENTS, 2)
 
     ``ends`` (pixels, 2): column and row of its pixels, at least of all that may be outermost: first those on the left,
-    then those on the right, each from the top down; ``step``: every so many-th pixel is counted
-    (:meth:`Silhouettes.of`).
+    then those on the right, each from the top down; ``step``: as for :meth:`Silhouettes.of`.
     """
     pixels = ends * step + step // 2 + 0.5
     return pixels[(pixels @ OUTWARDS).argmax(axis=0)] + (INSET + 0.5 * (step - 1)) * OUTWARDS.T

@@ -63,8 +63,7 @@ class ValueRange:
 class ValueGrid:
     """Scalar values on the vertices of a grid over the visible box, and the extinction that belongs to each value.
 
-    Values count from 0 to 1 over an interval that contains all that are visible, with some space on both sides. Raises
-    BadInput if something is invalid.
+    Values count from 0 to 1 over an interval that contains all visible ones. BadInput if something is invalid.
     """
 
     cells: int
@@ -228,8 +227,7 @@ class ClassifiedVolume:
 def cells_with(there: NDArray[np.bool_], own: int, shape: NDArray[np.int64], cells: int) -> NDArray[np.uint8]:
     """Mark the cells that have a marked vertex of another grid, which has ``own`` cells per box unit. (X, Y, Z)
 
-    ``shape`` and ``cells``: number of cells along each side (:func:`grid_shape`), and per box unit; both numbers per
-    box unit are powers of two.
+    ``shape`` is from :func:`grid_shape` for ``cells`` per box unit. Both numbers per box unit are powers of two.
     """
     parts = max(1, own // cells)  # cells of the other grid per cell of this one, along an axis
     copies = max(1, cells // own)

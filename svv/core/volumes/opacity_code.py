@@ -44,8 +44,7 @@ def most_of(log_depth: NDArray[np.float32]) -> float:
 def codes_of(log_depth: NDArray[np.float32], most: float) -> NDArray[np.uint8]:
     """Return the codes of optical depths of one unit distance, given as logarithms; -inf is empty. (S,)
 
-    ``most``: what code 255 stands for, :func:`most_of`. What is fainter than code 1 becomes 0, what is denser than code
-    255 becomes 255.
+    What is fainter than code 1 becomes 0, what is denser than code 255, which stands for :func:`most_of`, becomes 255.
     """
     step = (most - LEAST_LOG_DEPTH) / (CODES - 1)
     codes = (log_depth - np.float32(LEAST_LOG_DEPTH)) * np.float32(1.0 / step) + np.float32(1.0)

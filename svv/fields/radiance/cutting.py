@@ -24,8 +24,7 @@ def march_uncut(
 ) -> Samples:
     """Sample the parts of rays that no cut of all regions takes away, as :func:`march` does.
 
-    ``cuts`` are in world units. Those of some regions only are left to who knows the regions of the samples: all
-    samples are there for them.
+    Cuts, in world units, of some regions only are left to who knows the regions of the samples: all are there for them.
     """
     whole = [cut.in_box(occupancy.box) for cut in cuts if not cut.regions]
     if not whole:

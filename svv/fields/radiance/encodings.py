@@ -119,8 +119,7 @@ class SparseLattice(Encoding):
     ) -> None:
         """Lay out the vertices of cells that hold something visible (X, Y, Z), with ``features`` per level.
 
-        ``cells``: those of ``occupied`` per box unit; ``resolutions``: those of each level, which divide it or are
-        multiples of it.
+        ``cells``: those of ``occupied`` per box unit; ``resolutions``: those of each level, divisors or multiples.
         """
         levels = [_parts_of(occupied, cells, resolution) for resolution in resolutions]
         shapes = [_vertices_along(*level) for level in levels]
@@ -279,8 +278,8 @@ class LatticeAdam:
     def step(self, rates: Sequence[float | Tensor], pulls: Sequence[float | Tensor] | None = None) -> None:
         """Take one step with a learning rate for each encoding, and clear the gradients it used.
 
-        ``pulls``: weight in the loss of half the squared values of each encoding's finer levels, by default 0. Both are
-        numbers, or tensors (1,) on the device.
+        ``pulls``: weight in the loss of half the squared values of finer levels, by default 0; numbers, or tensors
+        (1,).
         """
         pulls = [0.0] * len(self.encodings) if pulls is None else pulls
         for k, (encoding, rate) in enumerate(zip(self.encodings, rates, strict=True)):

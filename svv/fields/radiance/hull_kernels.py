@@ -88,9 +88,7 @@ def _carve_block(  # type: ignore[no-untyped-def]
 ):
     """Leave only those cells of a block in its list ``left`` (C, 4) that views keep, each with how many views decide.
 
-    Returns:
-        The number of these cells, and the view that left out the last if none is left, otherwise ``begin``: the view
-        to begin with.
+    Returns their number, and the view to begin with: that which left out the last cell, or ``begin`` if some are left.
     """
     views, count, shown = tables.shape[0], left.shape[0], 0
     x, y, z = (block[0] + 0.5 * BLOCK) / cells, (block[1] + 0.5 * BLOCK) / cells, (block[2] + 0.5 * BLOCK) / cells

@@ -130,10 +130,8 @@ def carve(masks: NDArray[np.bool_] | NDArray[np.uint8] | Tensor, cameras: Sequen
     Cells that only few views contain are left out unless these views cannot do without them (:func:`_believed`).
 
     ``masks`` (N, H, W): pixels in which something is visible, or the alpha of the views; what a GPU holds, it carves,
-    if it has kernels for that.
-
-    Raises:
-        BadInput: The masks have no common hull: every view is empty, or cameras and images do not fit together.
+    if it has kernels for that. BadInput if they have no common hull: every view is empty, or cameras and images do not
+    fit.
     """
     small = _Masks.of(masks)
     box = _grown(_first_box(cameras), small, cameras)
@@ -164,8 +162,7 @@ def largest_in(
 ) -> Tensor:
     """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)
 
-    It is that of 27 points of a cell, or of its ``corners``, which are enough if the exponent is interpolated between
-    them.
+    It is that of 27 points of a cell, or of its ``corners``, which are enough if the exponent is linear between them.
     """
     device = corner.device
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()

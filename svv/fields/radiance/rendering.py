@@ -203,8 +203,7 @@ def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tens
 def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Composite values along rays, differentiable in ``sigma`` (S,) and ``values`` (S, C).
 
-    Returns sums of weight times value (R, C), transmittance behind the ray (R,), and the weights (S,), without a
-    gradient.
+    Returns sums of weight times value (R, C), transmittance behind the ray (R,), and weights (S,) without a gradient.
     """
     return _Composite.apply(sigma, values, samples)
 

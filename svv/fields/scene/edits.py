@@ -183,8 +183,8 @@ def with_stroke_opacity(scene: S, amount: float, *regions: int) -> S:
     """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.
 
     Nothing becomes more opaque (:mod:`svv.fields.scene.stroke_opacity`): above 0 pale paint becomes clearer, below 0
-    dark paint. Regions without paint or of one colour stay. Raises BadInput if the amount is outside [-1, 1], or a
-    region does not exist.
+    dark paint. Regions without paint or of one colour stay. BadInput for amounts outside [-1, 1], or if a region does
+    not exist.
     """
     return _with_amount(scene, "stroke_opacity", amount, regions, "The opacity of strokes", least=-1.0)
 

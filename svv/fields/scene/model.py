@@ -380,10 +380,9 @@ MOST_NAMES = 12
 
 
 def in_words(scene: Model, network: str | None = None) -> str:
-    """Return what a picture of a scene shows, without hidden regions, for those who do not see it.
+    """Return what a picture of a scene shows, for those who do not see it: 'A rendering of 2 regions: core, region 1'.
 
-    Such as 'A rendering of 2 regions: core, region 1'. ``network`` draws the picture; by default the last one of the
-    scene.
+    Hidden regions are left out. ``network`` draws the picture; by default the last one of the scene.
     """
     kind = "painting" if (network or scene.networks[-1]) == "styled" else "rendering"
     names = [region.name or f"region {number}" for number, region in enumerate(scene.regions) if not region.hidden]

@@ -52,8 +52,7 @@ def piece_at(
 
     Two cells of the region are connected if they touch and are both opaque enough: at least ``level``, in (0, 1], times
     the region's mean opacity. Cells between two pieces belong to the nearer one. The share, in (0, 1), is of the
-    region's opacity. Raises BadInput if nothing is at the point, the region is in one piece, or there are too many
-    parts.
+    region's opacity. BadInput if nothing is at the point, the region is in one piece, or there are too many parts.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")

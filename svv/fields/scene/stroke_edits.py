@@ -174,8 +174,7 @@ def edited_field(
 ) -> UnrestrictedField:
     """Return the paint of a network with the edits of its strokes; the last results are remembered.
 
-    ``entries`` are from :func:`entries_of`; ``owners``, which depends on ``key``, gives the painted region of vertices
-    near strokes.
+    ``entries``: from :func:`entries_of`; ``owners``: painted region of vertices near strokes; it depends on ``key``.
     """
     every = (key, tuple((number, root, edits_of_strokes(regions[number])) for number, root in entries.items()))
     known = network.edited.get(every)

@@ -61,8 +61,7 @@ def strokes_of(scene: Model) -> Tensor | None:
     """Return how each region's extinction depends on its strokes: a gain g, a slope k, a middle y and a reach b.
 
     The factor on the extinction of a sample whose paint has the paleness v is exp(g + clip(k (y - v), -b, b)), and g is
-    -b: at most 1. (regions, 4), 0 for a region whose opacity does not follow strokes; None if none does. Measured once
-    per painting and edits.
+    -b: at most 1. Measured once. (regions, 4), 0 for a region whose opacity does not follow strokes; None if none does.
     """
     amounts = [0.0 if r.style is None else r.stroke_opacity * r.strength for r in scene.regions]
     paint = scene.paint_shown

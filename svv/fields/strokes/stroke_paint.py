@@ -43,8 +43,7 @@ def shared_width(width: float) -> float:
 class Bins:
     """The points whose paint may reach into each bin of a grid, for paint of any width up to ``soft``.
 
-    ``around`` (K, 16): :func:`svv.kernels.numba.strokes.surroundings` of edges of the width ``narrow``; ``radius``: the
-    median.
+    ``around`` (K, 16): :func:`svv.kernels.numba.strokes.surroundings`, ``narrow`` edges; ``radius``: the median of all.
     """
 
     def __init__(self, around: Floats, radius: float, narrow: float) -> None:

@@ -19,11 +19,10 @@ from svv.kernels.types import StrokeTables
 
 
 def look_of(brush: Brush, unit: float, soft: float, side: float) -> Floats:
-    """Return a brush as the kernels take it; lengths are in box units.
+    """Return a brush as the kernels take it; lengths are in box units, of which ``unit`` is the strokes' median width.
 
     Relief, dry, mixed, rim, body, grain, tooth, flow, feather, blunt, length and raggedness of lifted ends, size of the
-    irregularities of wet paint, width of rims, soft edges, side of bins, light (3) and paper (3). ``unit``: median
-    width of strokes.
+    irregularities of wet paint, width of rims, soft edges, side of bins, light (3) and paper (3).
     """
     sharp = max(0.5 * RIM * unit, soft)
     numbers = [

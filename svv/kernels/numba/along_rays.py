@@ -106,8 +106,7 @@ def descend(  # type: ignore[no-untyped-def]
     """Take a step down the slope of the errors; see :meth:`svv.kernels.types.RegionKernels.descend`.
 
     Here, samples are in the order of their vertices (:class:`svv.kernels.types.VertexSamples`). ``smoothness`` and
-    ``momentum`` are the ``pace``; ``count``: number of regions; P is the next even number, and there is nothing in the
-    last of them.
+    ``momentum`` are the ``pace``; there are ``count`` regions, and nothing in a last one if P is the next even number.
     """
     vertices = np.uint32(member.shape[0])
     for block in prange((vertices + BLOCK - 1) // BLOCK):

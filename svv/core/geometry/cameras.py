@@ -89,9 +89,8 @@ class Camera:
     ) -> Camera:
         """Return an orthographic camera: its rays start in the plane z = 0 of its axes and run along -z.
 
-        ``span_x``: full width of the image in world units, > 0; VTK's parallel scale is ``0.5 * span_x * height /
-        width``. ``centre``: pixel at the position of the camera; by default that of the image. The others are as for
-        the class.
+        ``span_x``: full width of the image in world units, > 0; VTK's parallel scale is half of the height,
+        ``0.5 * span_x * height / width``. ``centre``: pixel at the position of the camera; by default the image's.
         """
         return cls(np.asarray(camera_to_world, np.float64), NOMINAL_FOV, width, height, span_x, centre)
 

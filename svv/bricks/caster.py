@@ -1,8 +1,7 @@
 """A ray caster for volumes that need not fit into memory.
 
-Rays fetch what they see: each is marched until it ends or reaches a brick that is not in memory; those bricks are read
-and the rays go on. Bricks behind something opaque, or outside the images, are never read. If the memory is full, the
-bricks that were used least recently make room.
+A ray is marched until it ends or reaches a brick that is not in memory; that is read, and the ray goes on. Bricks that
+no ray meets are never read; those that were used least recently make room.
 """
 
 from __future__ import annotations
@@ -81,15 +80,7 @@ class Look:
 
 
 class BrickCaster:
-    """Draws views of one level of a volume.
-
-    Args:
-        source: The volume.
-        level: Number of the level.
-        look: How its values are shown.
-        memory: Bytes that bricks may take; at least 64 bricks are kept.
-        threads: Number of threads.
-    """
+    """Draws views of one level of a volume, with bricks in ``memory`` bytes; at least 64 bricks are kept."""
 
     def __init__(self, source: Source, level: int, look: Look, memory: int, threads: int) -> None:
         self.source, self.number, self.look, self.threads = source, level, look, threads
@@ -113,17 +104,9 @@ class BrickCaster:
         """Number of bricks that were read."""
 
     def render(self, camera: Camera, step: float) -> NDArray[np.float32]:
-        """Draw a view.
+        """Draw a view with a sample distance in world units: colours times opacity, and opacity. (height, width, 4)
 
-        Args:
-            camera: Camera in world units.
-            step: Sample distance, world units.
-
-        Returns:
-            Colours times opacity, and opacity. (height, width, 4)
-
-        Raises:
-            BadInput: A part of the volume cannot be read, or contains values that are not finite.
+        Raises BadInput if a part of the volume cannot be read, or contains values that are not finite.
         """
         # In a unit of the world, a ray may pass next to nothing of a voxel: a galaxy is 1e23 cm wide.
         unit = float(np.linalg.norm(self.level.axes, axis=0).max())

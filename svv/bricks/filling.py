@@ -66,12 +66,9 @@ def decoded() -> np.ndarray:
 def find_visible(box, first, ranges, seen):  # type: ignore[no-untyped-def]
     """Record which eighths of the blocks of a brick contain a value to be seen; returns whether any does.
 
-    Args:
-        box: Voxels of the brick and around it. (z, y, x)
-        first: Index in ``box`` of the brick's first voxel. (3,)
-        ranges: Intervals of values that are visible. (R, 2)
-        seen: Receives a bit for each visible eighth of a block, the lowest for the first along all axes, then along x,
-            y, z. (BLOCKS, BLOCKS, BLOCKS)
+    ``box`` (z, y, x): voxels of the brick and around it; ``first`` (3,): index of the brick's first voxel there;
+    ``ranges`` (R, 2): intervals of values that are visible; ``seen`` (BLOCKS, BLOCKS, BLOCKS): receives a bit for each
+    visible eighth of a block, the lowest for the first along all axes, then along x, y, z.
     """
     found = False
     seen[:] = 0
@@ -101,16 +98,11 @@ def find_visible(box, first, ranges, seen):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def fill(box, first, to_world, values, codes):  # type: ignore[no-untyped-def]
-    """Copy a brick's voxels, and encode the normals there.
+    """Copy a brick's voxels to ``values`` (VOXELS,), and write the ``codes`` of the normals there, uint16 (VOXELS,).
 
-    Gradients are central differences, at the ends of the volume one-sided ones, as in VTK's ray casters.
-
-    Args:
-        box: Voxels of the brick, and one around it on each side where the volume has one. (z, y, x)
-        first: Index in ``box`` of the brick's first voxel. (3,)
-        to_world: Matrix that turns a gradient per voxel into one along world axes, up to a factor. (3, 3)
-        values: Receives the voxels. (VOXELS,)
-        codes: Receives the codes of normals. (VOXELS,) uint16
+    Gradients are central differences, at the ends of the volume one-sided ones, as in VTK's ray casters. ``box`` and
+    ``first``: as for :func:`find_visible`; ``to_world`` (3, 3): turns a gradient per voxel into one along world axes,
+    up to a factor.
     """
     place = 0
     for k in range(SIDE):

@@ -1,8 +1,7 @@
 """Pyramids on the side: coarser levels of a volume whose file has none.
 
-Each level halves the one before, by the means of 2 x 2 x 2 voxels, or by one of these if they are labels. All levels
-are made in one pass over the file, box by box, and kept in the cache. A pass that is interrupted goes on where it
-stopped.
+Each level halves the one before, by the means of 2 x 2 x 2 voxels, or by one of these if they are labels. All are made
+in one pass over the file, box by box, which goes on where it stopped, and kept in the cache.
 """
 
 from __future__ import annotations
@@ -71,8 +70,7 @@ class PyramidSource:
 def pyramids() -> Cache:
     """Return the cache of pyramids: ``SVV_PYRAMIDS``, or by default the folder ``pyramids`` of the user's cache.
 
-    Raises:
-        BadInput: ``SVV_PYRAMIDS_SIZE`` is not a size.
+    Raises BadInput if ``SVV_PYRAMIDS_SIZE`` is not a size.
     """
     size = os.environ.get("SVV_PYRAMIDS_SIZE")
     folder = Path(os.environ.get("SVV_PYRAMIDS") or cache_folder() / "pyramids").expanduser()
@@ -84,15 +82,10 @@ def with_pyramid(
 ) -> PyramidSource:
     """Return a volume with coarser levels, which are made and kept in the cache if they are not there yet.
 
-    Args:
-        source: The volume; only its finest level is used.
-        path: Its file or folder: a pyramid is made again if that changes.
-        progress: Called often; the work stops when it raises, and goes on from there the next time.
-        part: What was chosen of the file: another array or channel has a pyramid of its own.
-        labels: Whether the values are labels, of which there are no means: of 2 x 2 x 2 voxels, the first is kept.
-
-    Raises:
-        BadInput: A part of the volume cannot be read, a value is not finite, or the pyramid cannot be written.
+    Only the finest level of ``source`` is used. A pyramid is made again if its file or folder, ``path``, changes; each
+    ``part`` that is chosen of the file, such as an array or channel, has its own. Of ``labels``, there are no means: of
+    2 x 2 x 2 voxels, the first is kept. ``progress`` is called often; the work stops when it raises, and goes on the
+    next time. Raises BadInput if something cannot be read or written, or a value is not finite.
     """
     cache, name = pyramids(), _name(source, path, (*part, "labels") if labels else part)
     unfinished, made = cache.folder / f".{name}", False

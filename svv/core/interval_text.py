@@ -6,12 +6,7 @@ import math
 
 
 def interval_text(low: float, high: float, digits: int = 4) -> str:
-    """Return an interval as ``low to high``, with as many digits as it takes to tell both ends apart.
-
-    Args:
-        low: Smaller end.
-        high: Larger end.
-        digits: Number of significant digits if the ends differ in the first of them.
+    """Return an interval as ``low to high``, with as many digits >= ``digits`` as tell both ends apart.
 
     Example:
         >>> interval_text(0.25, 1.0), interval_text(101325.21834, 101325.70114)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 from svv.errors import BadInput
+
+T = TypeVar("T")
 
 Json = Mapping[str, object]
 """A JSON object."""
@@ -17,12 +19,9 @@ LARGEST = sys.float_info.max
 
 
 def parsed(text: str | bytes) -> Any:
-    """Return the value of a JSON text; integers beyond the range of floats and deep nesting are no data of ours.
+    """Return the value of a JSON text, without the byte-order mark that programs for Windows write before it.
 
-    A byte-order mark before it, as programs for Windows write it, is left out.
-
-    Raises:
-        ValueError: It is not JSON, is nested too deeply for Python, or has an integer of more than 308 digits.
+    Raises ValueError if it is not JSON, is nested too deeply for Python, or has an integer beyond the range of floats.
     """
     try:
         return json.loads(text.lstrip("\ufeff") if isinstance(text, str) else text, parse_int=_integer)
@@ -84,6 +83,11 @@ def list_in(value: object, count: int, name: str) -> list[object]:
     if not isinstance(value, list | tuple) or len(value) != count:
         raise BadInput(f"{name} must be a list of {count} values.")
     return list(value)
+
+
+def each_in(value: object, read: Callable[[object, str], T], name: str) -> tuple[T, ...]:
+    """Return any number of values as ``read`` gives each; raise BadInput if the value is not a list."""
+    return tuple(read(v, name) for v in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
 
 
 def numbers_in(value: object, name: str) -> tuple[float, ...]:

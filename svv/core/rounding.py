@@ -17,9 +17,7 @@ def sums_apart(count: int, dtype: torch.dtype = torch.float32) -> float:
 
     Means and inner products too. Either is at most gamma_n = n u / (1 - n u) from the truth (Higham 2002, Accuracy and
     Stability of Numerical Algorithms, sections 3.1 and 4.2); where signs differ, it is a part of the sum of magnitudes.
-
-    Raises:
-        ValueError: So many numbers keep no digit.
+    Raises ValueError if so many numbers keep no digit.
     """
     lost = count * ROUNDOFF[dtype]
     if lost >= 0.5:

@@ -28,14 +28,9 @@ PARTS = 1024
 
 
 def weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating], part: float) -> float:
-    """Return the value up to which ``part`` of the weights lie.
+    """Return the value of N > 0 up to which a ``part`` in [0, 1] of their weights >= 0 (N,) lie.
 
     Only the values of one of many equal parts of their range are sorted: the part in which the quantile lies.
-
-    Args:
-        values: Values. (N,), N > 0
-        weights: Weights >= 0. (N,)
-        part: In [0, 1].
     """
     low, high = float(values.min()), float(values.max())
     if not high > low:
@@ -51,15 +46,10 @@ def weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating
 
 
 def gap_of(values: NDArray[np.floating], weights: NDArray[np.floating], least: float) -> float | None:
-    """Return the value at the bottom of the gap between two groups of values, or None if they are one group.
+    """Return the value at the bottom of the gap between two groups of N values, or None if they are one group.
 
-    Otsu's method (1979) finds the division; it finds one in any histogram, so the peaks on both sides must be at least
-    ``least`` apart, and between them the histogram must fall to :data:`DEPTH` of the lower one.
-
-    Args:
-        values: Values. (N,)
-        weights: Weights >= 0. (N,)
-        least: Smallest distance of two groups, > 0.
+    Otsu's method (1979) finds a division of any histogram, by weights >= 0 (N,), so the peaks on both sides must be at
+    least ``least`` > 0 apart, and the histogram must fall to :data:`DEPTH` of the lower one between them.
     """
     if not len(values) or weights.sum() <= 0:
         return None

@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 def parsed_xml(text: str | bytes) -> ElementTree.Element:
     """Return the root of an XML text.
 
-    Raises:
-        ValueError: It is not XML, or it defines entities, which could grow to any size.
+    Raises ValueError if it is not XML, or it defines entities, which could grow to any size.
     """
     mark = "<!ENTITY" if isinstance(text, str) else b"<!ENTITY"
     if mark in text:  # type: ignore[operator]

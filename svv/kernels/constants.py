@@ -1,8 +1,7 @@
 """Copies between CPU and GPU that wait for as little as they can: constants, small arrays, and images.
 
-A tensor made of Python's numbers on a GPU is copied there, and torch waits until that copy is done, for everything
-that was started before. An image has a dozen of these: what its edits say of each region. Here they are remembered
-by their values, so that most images copy none.
+A tensor made of Python's numbers is copied to a GPU, and torch waits for that copy and everything started before. Here
+such tensors are remembered by their values, so that most images copy none.
 """
 
 from __future__ import annotations

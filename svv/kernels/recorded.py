@@ -1,9 +1,8 @@
 """Training steps recorded on a GPU as CUDA graphs: their kernels are started again without Python.
 
-A graph repeats the same kernels at the same addresses with the same arguments. The numbers in which one step differs
-from the next therefore lie on the GPU (:class:`StepNumbers`), and a step is recorded again when anything else changes:
-the number of rays, the room for their samples, the occupied cells, or the lattices. Whether a GPU, its driver and torch
-can do so is seen in the check on the GPU's first use (:func:`svv.fields.devices.gpu.may_record`).
+A graph repeats the same kernels at the same addresses. The numbers in which steps differ therefore lie on the GPU
+(:class:`StepNumbers`), and a step is recorded again when the number of rays, the room for their samples, the occupied
+cells or the lattices change. :func:`svv.fields.devices.gpu.may_record` tells whether a GPU can do so.
 """
 
 from __future__ import annotations
@@ -39,14 +38,9 @@ class StepNumbers:
         """Random numbers of the rays in [0, 1), on the device. (R,)"""
 
     def set(self, number: int, pixels: int, others: Sequence[float], rays: slice, there: bool) -> None:
-        """Set the numbers; on the GPU if they are wanted ``there``, always at the same addresses.
+        """Set the numbers; on the GPU if kernels read them ``there``, always at the same addresses.
 
-        Args:
-            number: Number of the step, the seed of all but the pixels.
-            pixels: Seed of the pixels.
-            others: Other numbers. (N,)
-            rays: The rays of the step that this rank takes.
-            there: Whether kernels read the numbers.
+        ``number`` of the step is the seed of all but the ``pixels``; ``rays`` are those that this rank takes.
         """
         shift = torch.rand(rays.stop, generator=torch.Generator().manual_seed(number))[rays]
         if not there:
@@ -91,10 +85,8 @@ class RecordedSteps:
         """Take a step: the first one of a key as it is, and then from a recording.
 
         The first one compiles and loads the kernels that it needs: nothing may be loaded while a step is recorded.
-
-        Args:
-            key: What a recording depends on, besides what :meth:`forget` is told of.
-            step: Takes the step; whatever differs from step to step, it reads from :class:`StepNumbers`.
+        ``key``: what a recording depends on, besides what :meth:`forget` is told of. What differs from step to step, it
+        reads from :class:`StepNumbers`.
         """
         if not self.possible or key != self._warm:
             self.forget()  # numbers of more rays lie elsewhere

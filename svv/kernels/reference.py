@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from svv.core.rays import cells, encodings, marching
+from svv.core.rays import cells, marching
 from svv.core.rays.compositing import composite_samples
+from svv.core.rays.encodings import directions_of_samples as directions_of_samples
 from svv.core.rays.encodings import hash_corners, hash_features, lattice_corners, lattice_features
 from svv.core.rays.networks import relu_layers
 from svv.core.rays.representatives import representatives as chosen
@@ -171,10 +172,6 @@ def composite_backward(
 
 def leaps(occupied: Tensor) -> Tensor:
     return cells.leaps(occupied.cpu()).to(occupied.device)
-
-
-def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
-    return encodings.directions_of_samples(directions, ray)
 
 
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:

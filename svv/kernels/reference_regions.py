@@ -25,7 +25,6 @@ def normal_equations(seen: RaySamples, region: Tensor, count: int) -> Tensor:
 
 
 def errors(seen: RaySamples, kept: float, light: Tensor, member: Tensor) -> Tensor:
-    """See :meth:`svv.kernels.types.RegionKernels.errors`."""
     own, ray = member[seen.vertex, : len(light)], _of_each(seen.first, len(seen.vertex))
     lit = seen.weight * seen.cosine
     shown = seen.weight[:, None] * (own @ light[:, :3]) + lit[:, None] * (own @ light[:, 3:])
@@ -37,7 +36,6 @@ def descend(
     near: VertexSamples, error: Tensor, light: Tensor, step: Tensor, pace: tuple[float, float], ahead: Tensor,
     member: Tensor, following: Tensor,
 ) -> None:  # fmt: skip
-    """See :meth:`svv.kernels.types.RegionKernels.descend`."""
     (smoothness, momentum), count = pace, len(light)
     vertex, own = _of_each(near.first, len(near.ray)), error[near.ray]
     plain, lit = (
@@ -60,7 +58,6 @@ def to_memberships(values: Tensor) -> Tensor:
 
 
 def blurred(values: Tensor, deviation: float) -> Tensor:
-    """See :meth:`svv.kernels.types.RegionKernels.blurred`."""
     return _blurred(values, deviation, None, beyond=False)
 
 

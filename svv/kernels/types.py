@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from torch import Tensor, device
@@ -84,11 +84,8 @@ class Samples:
 
     def to(self, where: device) -> Samples:
         """Return the samples on a device."""
-        position, sigma, skipped, ray, start, count, tail = (
-            tensor.to(where)
-            for tensor in (self.position, self.sigma, self.skipped, self.ray, self.start, self.count, self.tail)
-        )
-        return Samples(position, sigma, skipped, ray, start, count, tail, self.step, self.total)
+        names = ("position", "sigma", "skipped", "ray", "start", "count", "tail")
+        return replace(self, **{name: getattr(self, name).to(where) for name in names})
 
     def __len__(self) -> int:
         return len(self.sigma)
@@ -225,9 +222,9 @@ class Owned:
 class TrainingKernels(Protocol):
     """Whole training steps between the march and the optimisers, forward and backward, without autograd.
 
-    Nothing waits for the GPU unless something is counted; samples may have room to spare
-    (:class:`svv.kernels.types.Samples`). Without these kernels, :mod:`svv.train` computes the same in plain torch.
-    Letters as in :class:`Kernels`, and P palette colours.
+    Nothing waits for the GPU unless something is counted; samples may have room to spare (:class:`Samples`). Without
+    these kernels, :mod:`svv.train` computes the same in plain torch. Letters as in :class:`Kernels`, and P palette
+    colours.
     """
 
     def fits(self, weights: Sequence[Tensor]) -> bool:
@@ -312,11 +309,10 @@ class PixelSource:
 
 
 class ImageKernels(Protocol):
-    """Everything but the networks in an image of a palette scene, without gradients.
+    """Everything but the networks in an image of a palette scene, without gradients, each in one pass over the samples.
 
-    Each function is one pass over the samples. :mod:`svv.core.colour.palette_shading`, :mod:`svv.core.colour.light` and
-    :mod:`svv.core.rays.compositing` define the results in plain torch. Letters as in :class:`Kernels`, and P palette
-    colours.
+    :mod:`svv.core.colour.palette_shading`, :mod:`svv.core.colour.light` and :mod:`svv.core.rays.compositing` define the
+    results in plain torch. Letters as in :class:`Kernels`, and P palette colours.
     """
 
     def end(self, samples: Samples) -> None:
@@ -375,7 +371,7 @@ class ImageKernels(Protocol):
         Whatever these held before, pixels whose alpha does not exceed :data:`svv.core.rays.compositing.LEAST_ALPHA`
         show nothing: zeros, NaN and -1. ``opacity`` (regions,) scales each region's extinction. A pixel's region is the
         one with most of its weight. Depth is measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in
-        world units.
+        these.
         """
 
 
@@ -517,9 +513,9 @@ class Kernels(Protocol):
     ) -> None:  # fmt: skip
         """Take one Adam step on the rows marked in ``used``; clear their gradient and mark.
 
-        ``rate`` and ``pull`` may be tensors (1,), from which a GPU reads them.
         ``moments`` (2, V, F): first and second; ``age`` (V,) int32: steps of each row; ``constants``: beta1, beta2 and
-        epsilon. ``pull`` times the value is added to the gradient of the rows from ``finer`` on.
+        epsilon. ``pull`` times the value is added to the gradient of the rows from ``finer`` on. A GPU reads tensors
+        (1,).
         """
 
     def marked_rows(self, marks: Tensor) -> Tensor:
@@ -561,9 +557,8 @@ class Kernels(Protocol):
         """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba.marching`).
 
         ``distance`` (8, X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
-        extinction; ``room``: initial buffer size in samples per ray; ``first_ray``: number of the first ray in its
-        batch, for its random numbers, whose ``seed`` may be an int32 tensor (1,). The number returned is the size that
-        sufficed.
+        extinction; ``room``: initial buffer size in samples per ray; returns the one that sufficed; ``first_ray``:
+        number of the first ray in its batch, for its random numbers, whose ``seed`` may be an int32 tensor (1,).
         """
 
     def representatives(self, samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:

@@ -27,16 +27,10 @@ Hue = TypeVar("Hue", float, NDArray[np.float64], Tensor)
 
 
 def rgb_to_hsb(rgb: Tensor) -> Tensor:
-    """Convert RGB to hue, saturation and brightness (Smith 1978).
+    """Return hue in [0, 1), saturation in [0, 1] and brightness >= 0 of RGB (Smith 1978). (..., 3)
 
-    Negative components are read as 0 and brightness may exceed 1, since offset palette colours leave the
-    gamut. Grey has hue 0; black has saturation 0, too. Gradients are finite everywhere.
-
-    Args:
-        rgb: Colours. (..., 3)
-
-    Returns:
-        Hue in [0, 1), saturation in [0, 1], brightness >= 0. (..., 3)
+    Negative components are read as 0 and brightness may exceed 1, since offset palette colours leave the gamut. Grey
+    has hue 0; black has saturation 0, too. Gradients are finite everywhere.
     """
     rgb = rgb.clamp(min=0)
     red, green, blue = rgb.unbind(-1)
@@ -80,20 +74,11 @@ def hue_distance(a: Hue, b: Hue) -> Hue:
 
 
 def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
-    """Recolour samples by the HSB difference between two palettes (StyleRF-VolVis, section PSE).
+    """Recolour samples (..., P, 3) by the HSB difference of two palettes (P, 3) (StyleRF-VolVis, section PSE).
 
-    hsb(target_i) - hsb(palette_i) is added to the HSB of the samples P_i + delta_i; the hue wraps, saturation
-    and brightness are clamped to [0, 1]. Colours of palette entries that were not edited are returned
-    unchanged. Grey has no hue: samples of a grey palette colour take the target's hue, and a grey target
-    leaves the hue unchanged.
-
-    Args:
-        colours: Offset palette colours P_i + delta_i of samples. (..., P, 3)
-        palette: Colours P before the edit, RGB in [0, 1]. (P, 3)
-        target: Colours after the edit, RGB in [0, 1]. (P, 3)
-
-    Returns:
-        Recoloured samples, in [0, 1] where their palette colour was edited. (..., P, 3)
+    hsb(target_i) - hsb(palette_i) is added to the HSB of the samples P_i + delta_i; the hue wraps, saturation and
+    brightness are clamped to [0, 1]. Colours of palette entries that were not edited are returned unchanged. Grey has
+    no hue: samples of a grey palette colour take the target's hue, and a grey target leaves the hue unchanged.
     """
     return with_change(colours, hsb_change(palette, target))
 
@@ -101,8 +86,7 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
 def hsb_change(palette: Tensor, target: Tensor) -> Tensor:
     """Return how :func:`shift_colours` changes colours: (..., 3) and (..., 3) -> (..., 4).
 
-    What is added to the hue; the hue that all take, or -1 if they keep their own; what is added to saturation and to
-    brightness.
+    What is added to the hue; the hue that all take, -1 for their own; what is added to saturation and brightness.
     """
     before, after = rgb_to_hsb(palette), rgb_to_hsb(target)
     was_grey, is_grey = before[..., 1] < GREY_SATURATION, after[..., 1] < GREY_SATURATION
@@ -136,14 +120,9 @@ def over(rgba: NDArray[np.floating], background: Sequence[float] = WHITE) -> NDA
 
 
 def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the CIEDE2000 difference (Sharma et al. 2005) of each colour in one list and each in another.
+    """Return CIEDE2000 (Sharma et al. 2005) of each sRGB colour (A, 3) and each of others (B, 3). (A, B)
 
-    Args:
-        a: sRGB; values outside [0, 1] are clipped. (A, 3)
-        b: sRGB; values outside [0, 1] are clipped. (B, 3)
-
-    Returns:
-        Differences >= 0; 1 is just about noticeable. (A, B)
+    Colours are clipped to [0, 1]. A difference of 1 is just about noticeable.
     """
     first, second = (rgb_to_lab(np.clip(np.asarray(c, np.float64), 0.0, 1.0)) for c in (a, b))
     return lab_differences(first[:, None], second[None])

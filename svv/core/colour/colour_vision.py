@@ -1,9 +1,7 @@
-"""Colours as people with a colour vision deficiency see them, and as a grey print shows them.
+"""Colours as people with a colour vision deficiency see them, and as a grey print shows them; RGB is sRGB in [0, 1].
 
 Deficiencies are simulated for the complete loss of one kind of cone (Machado, Oliveira and Fernandes 2009), in linear
 light. For tritanopia, which is rare, their model is the least certain.
-
-RGB is gamma-encoded sRGB in [0, 1].
 """
 
 from __future__ import annotations
@@ -66,15 +64,8 @@ def from_oklab(lab: NDArray[np.floating]) -> Array:
 def set_difference(a: Array, b: Array, weights_a: Array, weights_b: Array, vision: VisionName) -> float:
     """Return how far apart two sets of colours look: the CIEDE2000 by which one must be painted over to be the other.
 
-    It is the mean over the best way to match the colours of one set with those of the other by their weights (the earth
-    mover's distance, Rubner et al. 2000), so that light is compared with light, and shade with shade.
-
-    Args:
-        a: Colours of the first set. (A, 3)
-        b: Colours of the second set. (B, 3)
-        weights_a: Their weights, which sum to 1. (A,)
-        weights_b: Their weights, which sum to 1. (B,)
-        vision: How they are seen.
+    It is the mean over the best way to match the colours of one set (A, 3) with those of the other (B, 3) by their
+    weights, which sum to 1: light is compared with light (the earth mover's distance, Rubner et al. 2000).
     """
     apart = colour_differences(simulated(a, vision), simulated(b, vision))
     rows, columns = apart.shape

@@ -1,9 +1,7 @@
-"""Manual correction of a palette: add, merge, remove, set and split colours.
+"""Manual correction of a palette: add, merge, remove, set and split colours, and retrain only the palette network.
 
 A palette extracted from views joins colours of similar hue, and the ranges of a transfer function are not always the
-regions that a user wants to edit. The paper's remedy is to correct the palette and retrain only the palette network.
-
-Letters: P palette colours before, Q after, R ranges of the transfer function.
+regions that a user wants to edit. Letters: P palette colours before, Q after, R ranges of the transfer function.
 """
 
 from __future__ import annotations
@@ -86,20 +84,12 @@ class Correction:
 def corrected(
     palette: Sequence[Entry], correction: Correction, ranges: Sequence[ValueRange] = ()
 ) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
-    """Apply a correction to a palette.
+    """Return a palette of P colours as corrected, Q colours with new ones at the end, and a description of each change.
 
-    Args:
-        palette: P colours.
-        correction: Changes, applied in the order merge, remove, set, split, add.
-        ranges: R ranges of the transfer function in ascending order; empty if they are unknown.
-
-    Returns:
-        Q colours, in the order of the palette with new ones at the end, and a description of each change.
-
-    Raises:
-        BadInput: A colour does not exist, is merged with itself or named twice; the last colour is removed; an added
-            colour exists already; two colours become the same and no ranges distinguish them; a colour of one range
-            is split; or there are too many colours.
+    Changes are made in the order merge, remove, set, split, add. ``ranges``: those of the transfer function in
+    ascending order; empty if they are unknown. Raises BadInput if a colour does not exist, is merged with itself or
+    named twice; the last one is removed; an added one exists already; two become the same and no ranges distinguish
+    them; one of a single range is split; or there are too many.
     """
     if not correction:
         raise BadInput("Nothing to correct: merge, remove, set, split or add a colour, or point at places.")

@@ -47,14 +47,9 @@ def distinct_palette(
 ) -> Distinct:
     """Return the nearest palette found whose colours differ by ``least`` from each other and from fixed ones.
 
-    If there is none, it is the one found whose nearest pair comes closest to that.
-
-    Args:
-        colours: The palette, sRGB in [0, 1]. (N, 3)
-        visions: Ways to see it, in all of which colours are to differ.
-        fixed: Other colours, such as the background. (F, 3)
-        least: CIEDE2000, for all or for each pair (N, N).
-        seed: The same seed gives the same palette.
+    If there is none, it is the one found whose nearest pair comes closest to that. ``colours`` (N, 3) and ``fixed`` (F,
+    3), such as the background: sRGB in [0, 1]; ``visions``: ways to see them, in all of which they are to differ;
+    ``least``: CIEDE2000, for all or for each pair (N, N). The same seed gives the same palette.
     """
     own = np.clip(np.asarray(colours, np.float64), 0.0, 1.0)
     others = np.asarray(fixed, np.float64).reshape(-1, 3)

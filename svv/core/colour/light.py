@@ -35,12 +35,9 @@ NORMAL_SOFTNESS = 0.1
 
 @dataclass(frozen=True)
 class Lamp:
-    """A white directional light, besides the ambient light from everywhere.
+    """A white directional light, besides the ambient light from everywhere; raises BadInput if a value is out of range.
 
     Without a ``direction`` it follows the camera at fixed angles; at azimuth and elevation 0 it is a headlight.
-
-    Raises:
-        BadInput: The angles, the direction or the intensity are out of range.
     """
 
     azimuth: float = 0.0
@@ -77,8 +74,7 @@ class Lamp:
     def turn(self, rotation: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the world rotation (3, 3) from directions towards the camera to directions towards the light.
 
-        Args:
-            rotation: The camera's axes in the world, columns right, up and backwards. (3, 3)
+        ``rotation``: the camera's axes in the world, columns right, up and backwards. (3, 3)
         """
         a, e = np.radians(self.azimuth), np.radians(self.elevation)
         up = np.array([[1, 0, 0], [0, np.cos(e), np.sin(e)], [0, -np.sin(e), np.cos(e)]])
@@ -95,11 +91,9 @@ class Lamp:
 
 
 def validate_coefficients(given: Mapping[str, float | None]) -> dict[str, float]:
-    """Return those of some :data:`COEFFICIENTS` that are not None.
+    """Return those of some :data:`COEFFICIENTS` that are not None; raises TypeError for other names.
 
-    Raises:
-        TypeError: A name is none of theirs.
-        BadInput: A coefficient is negative, a highlight's exponent below 1, or one of them not finite.
+    Raises BadInput if a coefficient is negative, a highlight's exponent below 1, or one of them not finite.
     """
     found: dict[str, float] = {}
     for name, value in given.items():
@@ -114,13 +108,9 @@ def validate_coefficients(given: Mapping[str, float | None]) -> dict[str, float]
 
 
 def normals_of(held: Tensor) -> Tensor:
-    """Return the normals n = v / sqrt(s^2 + |v|^2) of vectors v, with s = :data:`NORMAL_SOFTNESS`; |n| < 1.
+    """Return normals n = v / sqrt(s^2 + |v|^2), |n| < 1, of either sign, of what a lattice holds. (S, 3)
 
-    Args:
-        held: Values from the lattice, v / :data:`NORMAL_SCALE`. (S, 3)
-
-    Returns:
-        Normals, of either sign. (S, 3)
+    That is v / :data:`NORMAL_SCALE`; s is :data:`NORMAL_SOFTNESS`.
     """
     v = NORMAL_SCALE * held
     return v / (NORMAL_SOFTNESS * NORMAL_SOFTNESS + v.square().sum(dim=1, keepdim=True)).sqrt()
@@ -129,20 +119,12 @@ def normals_of(held: Tensor) -> Tensor:
 def blinn_phong(
     normal: Tensor, facing: Tensor, toward: Tensor, intensity: float, coefficients: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Return highlight c_s = i k_s (n . h)^p and shade m = k_a + i k_d max(n . l, 0), h = (l + v) / |l + v|.
+    """Return highlight c_s = i k_s (n . h)^p and shade m = k_a + i k_d max(n . l, 0), h = (l + v) / |l + v|, (S,) each.
 
-    (Blinn 1977.) The normal n is first turned to the viewer if n . v < -RIM_COSINE (1 - v . l): surfaces are two-sided,
-    as in VTK's volume ray casters. A normal shorter than 1 is lit less. There is no highlight where n . l <= 0.
-
-    Args:
-        normal: Normals n, of either sign. (S, 3)
-        facing: Unit vectors v towards the viewer. (S, 3)
-        toward: Unit vectors l towards the light. (S, 3)
-        intensity: Brightness i of the light.
-        coefficients: k_a, k_d, k_s and p of each sample. (S, 4)
-
-    Returns:
-        c_s and m, (S,) each.
+    (Blinn 1977.) The normal n, of either sign, is first turned to the viewer if n . v < -RIM_COSINE (1 - v . l):
+    surfaces are two-sided, as in VTK's volume ray casters. A normal shorter than 1 is lit less. There is no highlight
+    where n . l <= 0. ``facing`` v, ``toward`` l: unit vectors towards the viewer and the light (S, 3); ``intensity``:
+    i; ``coefficients``: k_a, k_d, k_s and p of each sample (S, 4).
     """
     ambient, diffuse, specular, shininess = coefficients.unbind(1)
     rim = RIM_COSINE * (1.0 - (facing * toward).sum(1)).clamp(0.0, 1.0)
@@ -155,11 +137,7 @@ def blinn_phong(
 
 
 def direction_of(azimuth: float, elevation: float) -> tuple[float, float, float]:
-    """Return the world direction of a fixed light from angles as seen from the front, which looks along -z.
-
-    Args:
-        azimuth: Degrees to the right.
-        elevation: Degrees above.
+    """Return the world direction of a light at degrees to the right and above, as seen from the front (along -z).
 
     >>> [round(x, 3) for x in direction_of(90.0, 0.0)]
     [1.0, 0.0, 0.0]

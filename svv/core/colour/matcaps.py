@@ -2,7 +2,6 @@
 
 (Sloan et al. 2001, "The lit sphere"; Bruckner and Groeller 2007, "Style transfer functions".) The pictures here are
 computed: a sphere of a material under a key light at the upper left, a fill light and a studio that it reflects.
-
 Letters: S samples, H and W rows and columns of a picture, N pixels.
 """
 
@@ -36,19 +35,12 @@ Floats = NDArray[np.float64]
 
 
 def matcap_colours(normal: Tensor, facing: Tensor, up: Tensor, picture: Tensor) -> Tensor:
-    """Return the colours of a MatCap for normals, as seen by their viewers.
+    """Return the sRGB colours in [0, 1] of a MatCap for normals, as seen by their viewers. (S, 3)
 
     The axes of each look-up are perpendicular to its own ray, so under perspective a sphere looks the same wherever it
-    is in the image. Normals shorter than 1, away from surfaces, are looked up nearer to the middle.
-
-    Args:
-        normal: Normals, of either sign, at most 1 long. (S, 3)
-        facing: Unit vectors towards the viewer. (S, 3)
-        up: The camera's axis up. (3,)
-        picture: sRGB in [0, 1], row 0 at the top. (H, W, 3)
-
-    Returns:
-        sRGB in [0, 1]. (S, 3)
+    is in the image. Normals (S, 3), of either sign, shorter than 1 away from surfaces, are looked up nearer to the
+    middle. ``facing``: unit vectors towards the viewer (S, 3); ``up``: the camera's axis (3,); ``picture``: sRGB, row 0
+    at the top (H, W, 3).
 
     >>> picture = torch.rand(9, 9, 3)
     >>> front = torch.tensor([[0.0, 0.0, 1.0]])

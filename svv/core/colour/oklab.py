@@ -49,18 +49,11 @@ def oklab_to_rgb(lab: Tensor) -> Tensor:
 
 
 def shift_in_oklab(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
-    """Recolour samples by the Oklab difference between two palettes: how light and dark differ stays as it looked.
+    """Recolour samples (..., P, 3) by the Oklab difference of two palettes (P, 3).
 
-    :func:`svv.core.colour.colour.shift_colours` does the same by hue, saturation and brightness, in which a blue and a
-    yellow of the same brightness do not look equally light.
-
-    Args:
-        colours: Offset palette colours of samples. (..., P, 3)
-        palette: Colours P before the edit. (P, 3)
-        target: Colours after the edit. (P, 3)
-
-    Returns:
-        Recoloured samples, in [0, 1] where their palette colour was edited. (..., P, 3)
+    How light and dark differ stays as it looked. :func:`svv.core.colour.colour.shift_colours` does the same by hue,
+    saturation and brightness, in which a blue and a yellow of the same brightness do not look equally light. Samples
+    are in [0, 1] where their palette colour was edited.
     """
     shifted = oklab_to_rgb(rgb_to_oklab(colours) + rgb_to_oklab(target) - rgb_to_oklab(palette)).clamp(0.0, 1.0)
     edited = (palette != target).any(-1, keepdim=True)

@@ -1,12 +1,9 @@
 """The palette of a scene: one colour per visible range of its transfer function, extracted from its views.
 
-A pixel of a direct volume rendering is a mixture of transfer-function colours, darkened by shading and
-lightened by highlights. All pixels therefore lie in the cone from black that the palette colours and white span (the
-terms c_s and I w_i P_i of StyleRF-VolVis, eq. 2, are coordinates in it). A colour on an edge of the cone is a separate
-range; a colour inside is a mixture, a shade or a highlight. Candidates for the edges are the corners of the RGB convex
-hull (Tan et al. 2018); the hue rule of the paper then joins colours that are too similar.
-
-Letters: N pixels, B bins of similar pixels, P palette colours, G generators of a cone.
+Pixels of a direct volume rendering lie in the cone from black that the palette colours and white span (StyleRF-VolVis,
+eq. 2). A colour on an edge of it is a separate range; one inside is a mixture, a shade or a highlight. Candidates for
+the edges are the corners of the RGB convex hull (Tan et al. 2018); the hue rule of the paper joins colours that are too
+similar. Letters: N pixels, B bins of similar pixels, P palette colours, G generators of a cone.
 """
 
 from __future__ import annotations
@@ -90,19 +87,11 @@ def extract_palette(
     settings: PaletteSettings | None = None,
     seed: int = 0,
 ) -> Palette:
-    """Extract the palette of a scene from the visible pixels of its views.
+    """Extract the palette of a scene, 1 to ``settings.max_colours`` colours, from the visible pixels of its views.
 
-    Args:
-        pixels: Straight (un-premultiplied) RGB in [0, 1]. (N, 3)
-        weights: Alpha of the pixels in [0, 1]. (N,)
-        settings: Thresholds; docs/design/archive.csv (palette/thresholds) tells how far each may move.
-        seed: Seed for subsampling large inputs; the same seed gives the same palette.
-
-    Returns:
-        A palette of 1 to ``settings.max_colours`` colours.
-
-    Raises:
-        BadInput: No pixel is visible.
+    ``pixels``: straight (un-premultiplied) RGB in [0, 1] (N, 3); ``weights``: their alpha in [0, 1] (N,); ``settings``:
+    docs/design/archive.csv (palette/thresholds) tells how far each may move; ``seed``: for subsampling large inputs.
+    Raises BadInput if no pixel is visible.
     """
     settings = settings or PaletteSettings()
     colours, mass = _bins(pixels, weights, settings, seed)
@@ -188,8 +177,8 @@ def _simplified_hull(colours: Array, mass: Array, corners: NDArray[np.int64], se
 def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
     """Find the non-negative mixture of generators closest to each colour: coefficients (B, G) and distance (B,).
 
-    Generators are scaled to a brightness of 1, so that coefficients are comparable amounts of light. A channel clipped
-    by a highlight is only a lower bound: a mixture that exceeds it is not considered farther away.
+    Generators are scaled to a brightness of 1: coefficients are comparable amounts of light. A channel clipped by a
+    highlight is only a lower bound, which a mixture may exceed.
     """
     matrix = (generators / np.maximum(generators.max(1, keepdims=True), LEAST_BRIGHTNESS)).T
     clipped = colours >= CLIPPED_CHANNEL
@@ -243,9 +232,8 @@ def _drop_mixtures(
 def _peaks(colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings) -> NDArray[np.int64]:
     """Find bins of hues that are ranges but not edges of the cone, such as yellow between a red and a green range.
 
-    Where a range is visible alone, its pixels have one hue however they are shaded and lit; a mixture of two ranges has
-    every hue between theirs. A hue therefore counts as a range if it covers more of the image than the hues on either
-    side.
+    A mixture of two ranges has every hue between theirs, so a hue that covers more of the image than those on either
+    side is a range.
     """
     hue, saturation, brightness = hsb_array(colours).T
     # a cell of dark or pale pixels contains many hues; their mean would be a false peak

@@ -1,11 +1,7 @@
 """Equation 4 of StyleRF-VolVis: the colour of a sample from the output of the palette network and the light.
 
-c = c_s + m I sum_i w_i (P_i + delta_i). The shade m, and the effect of edits and paint on the light, are additions to
-the paper.
-
-Plain torch with gradients, for training and for images on every device. The kernels that do the same for images without
-gradients (:class:`svv.kernels.types.ImageKernels`) must match it.
-
+c = c_s + m I sum_i w_i (P_i + delta_i); the shade m, and the effect of edits and paint on the light, are additions to
+the paper. Plain torch with gradients, which kernels without (:class:`svv.kernels.types.ImageKernels`) must match.
 Letters: S samples, P palette colours.
 """
 
@@ -26,13 +22,9 @@ SPECULAR_SHIFT = -3.0
 
 
 def material(raw: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Interpret the output of the palette MLP.
+    """Return intensity I >= 0 (S,), palette weights w > 0 with sum 1 (S, P) and offsets delta (S, P, 3).
 
-    Args:
-        raw: Output of the MLP for each sample. (S, 1 + 4 P)
-
-    Returns:
-        Intensity I >= 0 (S,), weights w > 0 with sum 1 (S, P), and offsets delta of the palette colours (S, P, 3).
+    ``raw``: output of the palette MLP for each sample. (S, 1 + 4 P)
     """
     count = (raw.shape[1] - 1) // 4
     weights = softplus(raw[:, 1 : 1 + count]) + WEIGHT_FLOOR
@@ -41,27 +33,17 @@ def material(raw: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def diffuse(intensity: Tensor, weights: Tensor, colours: Tensor) -> Tensor:
-    """Return the diffuse colour I sum_i w_i c_i (StyleRF-VolVis, eq. 4, without light).
+    """Return the diffuse colour I sum_i w_i c_i, RGB, not clipped (StyleRF-VolVis, eq. 4, without light). (S, 3)
 
-    Args:
-        intensity: Intensity I, >= 0. (S,)
-        weights: Palette weights w with sum 1. (S, P)
-        colours: Palette colours with their offsets, c_i = P_i + delta_i. (S, P, 3)
-
-    Returns:
-        RGB, not clipped. (S, 3)
+    ``intensity`` (S,) and ``weights`` (S, P) are those of :func:`material`; ``colours`` c_i = P_i + delta_i (S, P, 3).
     """
     return intensity[:, None] * (weights[:, :, None] * colours).sum(dim=1)
 
 
 def network_light(raw: Tensor) -> tuple[Tensor, Tensor]:
-    """Interpret the output of the lighting MLP.
+    """Return specular grey c_s >= 0 and shade m in (0, 2), (S,) each, from the output of the lighting MLP.
 
-    Args:
-        raw: Output of the MLP for each sample; one number if the network has no shade. (S, 1 or 2)
-
-    Returns:
-        Specular grey c_s >= 0 (S,) and shade m in (0, 2), or 1 if the network has no shade (S,).
+    ``raw``: (S, 2), or (S, 1) of a network without shade, for which m is 1.
     """
     specular = softplus(raw[:, 0] + SPECULAR_SHIFT)
     return specular, 2.0 * torch.sigmoid(raw[:, 1]) if raw.shape[1] > 1 else torch.ones_like(specular)
@@ -75,21 +57,10 @@ def lit(
     scale: Tensor | None = None,
     less: Tensor | None = None,
 ) -> Tensor:
-    """Light a diffuse colour: max(1 + f (a m - 1), 0) c_d + f (c_s - b).
+    """Light a diffuse colour c_d (S, 3): max(1 + f (a m - 1), 0) c_d + f (c_s - b), RGB, not clipped. (S, 3)
 
-    With f = 1, a = 1 and b = 0 this is equation 4. :func:`svv.fields.scene.paint_light.lights_of` defines f, a and
-    b.
-
-    Args:
-        colour: Diffuse colour c_d. (S, 3)
-        specular: Specular grey c_s. (S,)
-        shade: Shade m. (S,)
-        factor: Fraction f of the light that is shown. (S,)
-        scale: Scale a of the shade; None means 1 and saves a GPU operation. (S,)
-        less: Value b subtracted from the specular; None means 0. (S,)
-
-    Returns:
-        RGB, not clipped. (S, 3)
+    With f = 1, a = 1 and b = 0 this is equation 4. ``specular`` c_s, ``shade`` m; ``factor`` f, ``scale`` a (None for 1
+    saves a GPU operation) and ``less`` b are defined by :func:`svv.fields.scene.paint_light.lights_of`, all (S,).
     """
     shade = shade if scale is None else scale * shade
     specular = specular if less is None else specular - less

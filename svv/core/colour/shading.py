@@ -11,12 +11,9 @@ from svv.errors import BadInput
 
 @dataclass(frozen=True)
 class Shading:
-    """Phong shading with one white light at the camera (a headlight).
+    """Phong shading with one white light at the camera (a headlight); BadInput for coefficients that are not >= 0.
 
     The coefficients are the defaults of ParaView's volume representation. (VTK's own are 0.1, 0.7, 0.2, 10.)
-
-    Raises:
-        BadInput: A coefficient is negative or not finite.
     """
 
     on: bool = True
@@ -44,15 +41,7 @@ class Shading:
 
     @classmethod
     def from_json(cls, content: object, name: str = "shading") -> Shading:
-        """Create shading from the output of :meth:`to_json`.
-
-        Args:
-            content: The JSON value read from a file.
-            name: Name of the value in error messages.
-
-        Raises:
-            BadInput: A value is missing or invalid.
-        """
+        """Invert :meth:`to_json`; raises BadInput, with the value's ``name``, if something is missing or invalid."""
         values = object_in(content, name)
         ambient, diffuse, specular, power = (
             number_in(needed(values, key, name), f"{name}.{key}")

@@ -1,8 +1,7 @@
 """The mapping between a volume's world and the box in which everything is trained and rendered.
 
-Whatever a volume's spacing, origin or direction, its visible part lies in a box whose longest side is 1. Positions in
-that box are box coordinates and lengths are box units. The mapping is a shift and a uniform scale, so directions are
-the same in both. It is computed in float64, because a world may be 1e-9 or 1e6 units wide.
+A volume's visible part lies in a box whose longest side is 1: positions in it are box coordinates, lengths box units.
+The mapping is a shift and a uniform scale, in float64, because a world may be 1e-9 or 1e6 units wide.
 """
 
 from __future__ import annotations
@@ -29,11 +28,7 @@ class Box:
 
     @classmethod
     def of_bounds(cls, low: ArrayLike, high: ArrayLike) -> Box:
-        """Return the box between two corners, each (3,) in world units.
-
-        Raises:
-            BadInput: The corners are not finite or enclose no volume.
-        """
+        """Return the box between two world corners (3,); BadInput unless they are finite and enclose a volume."""
         a, b = np.asarray(low, np.float64), np.asarray(high, np.float64)
         sides = b - a
         if not (np.isfinite(a).all() and np.isfinite(b).all() and (sides > 0).all()):

@@ -18,8 +18,7 @@ LAST = (0.0, 0.0, 0.0, 1.0)
 def validate_camera_matrix(values: ArrayLike) -> Array:
     """Return a camera-to-world matrix whose last row is (0, 0, 0, 1) exactly. (4, 4)
 
-    Raises:
-        BadInput: It is not finite, or its 3x3 part is not a rotation.
+    Raises BadInput if it is not finite, or its 3x3 part is not a rotation.
     """
     matrix = np.array(values, dtype=np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():

@@ -1,8 +1,7 @@
 """Smooth paths of a camera through key frames.
 
-A camera is taken apart into the point that it turns around, the distance from it, its rotation and its lens; each of
-them follows a curve of its own, and the camera is put together again. A camera that circles an object therefore keeps
-its distance and does not cut the corner, as it would if positions were interpolated.
+The point that a camera turns around, the distance from it, its rotation and its lens each follow a curve of their own:
+a camera that circles an object keeps its distance, as it would not if positions were interpolated.
 """
 
 from __future__ import annotations

@@ -89,16 +89,8 @@ class Camera:
     ) -> Camera:
         """Return an orthographic camera: its rays start in the plane z = 0 of its axes and run along -z.
 
-        Args:
-            camera_to_world: As for the class. (4, 4)
-            span_x: Full width of the image in world units, > 0. (VTK's parallel scale is half of the height,
-                ``0.5 * span_x * height / width``.)
-            width: Width of the image in pixels.
-            height: Height of the image in pixels.
-            centre: Pixel at the position of the camera; by default the centre of the image.
-
-        Raises:
-            BadInput: As for the class.
+        ``span_x``: full width of the image in world units, > 0; VTK's parallel scale is half of the height,
+        ``0.5 * span_x * height / width``. ``centre``: pixel at the position of the camera; by default the image's.
         """
         return cls(np.asarray(camera_to_world, np.float64), NOMINAL_FOV, width, height, span_x, centre)
 
@@ -131,11 +123,7 @@ class Camera:
         return (self.camera_to_world, self.fov_x, self.width, self.height, *unusual)
 
     def rays(self) -> tuple[Array, Array]:
-        """Return the rays through the pixel centres, row 0 at the top.
-
-        Returns:
-            Origins (height, width, 3) in world units and unit directions (height, width, 3).
-        """
+        """Return world origins and unit directions of the rays through the pixel centres, (height, width, 3) each."""
         column, row = self.principal_point
         x = (np.arange(self.width) + 0.5 - column) / self.focal
         y = (row - np.arange(self.height) - 0.5) / self.focal
@@ -161,14 +149,10 @@ class Camera:
         return origin, direction / np.linalg.norm(direction)
 
     def project(self, points: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return where points appear in the image.
+        """Return columns and rows in pixels of world points (..., 3), and distances along the camera's axis. (...,)
 
-        Args:
-            points: World coordinates. (..., 3)
-
-        Returns:
-            Columns and rows in pixels from the upper left corner of the image, and distances along the camera's axis in
-            world units. Columns and rows of points that are not in front of a pinhole camera are meaningless. (...,)
+        Pixels count from the image's upper left corner; distances are in world units. Columns and rows of points that
+        are not in front of a pinhole camera are meaningless.
         """
         local = (np.asarray(points, np.float64) - self.position) @ self.camera_to_world[:3, :3]
         ahead = -local[..., 2]
@@ -201,20 +185,10 @@ def _check_angle_and_span(fov_x: float, span_x: float | None, whom: str) -> None
 
 
 def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) -> Array:
-    """Return the camera-to-world matrix of a camera at ``position`` that looks at ``target``.
+    """Return the camera-to-world matrix (4, 4) of a camera at ``position`` (3,) that looks at ``target`` (3,).
 
-    If ``up`` is parallel to the view direction, the z axis replaces it; for views close to the z axis, the x axis.
-
-    Args:
-        position: Position of the camera in world units. (3,)
-        target: Point in world units, different from ``position``. (3,)
-        up: Direction that points up in the image. (3,)
-
-    Returns:
-        The matrix, float64. (4, 4)
-
-    Raises:
-        BadInput: Position and target coincide.
+    If ``up`` (3,), which points up in the image, is parallel to the view direction, the z axis replaces it; for views
+    close to the z axis, the x axis. Raises BadInput if position and target coincide.
     """
     eye, aim = np.asarray(position, dtype=np.float64), np.asarray(target, dtype=np.float64)
     length = np.linalg.norm(eye - aim)
@@ -235,18 +209,10 @@ def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0
 def sphere_cameras(
     n: int, centre: ArrayLike, radius: float, fov_x: float, size: int, span_x: float | None = None
 ) -> list[Camera]:
-    """Return ``n`` cameras on a sphere (see ``geodesic_directions``) that look at its centre.
+    """Return at least 3 cameras on a sphere (see ``geodesic_directions``) that look at its centre.
 
-    Args:
-        n: Number of cameras, >= 3.
-        centre: Centre of the sphere in world units. (3,)
-        radius: Radius of the sphere in world units, > 0.
-        fov_x: Full horizontal angle of view in radians.
-        size: Width and height of the square images in pixels.
-        span_x: Width of the images in world units, for orthographic cameras.
-
-    Raises:
-        BadInput: There are fewer than 3 cameras, or the radius, angle or size is out of range.
+    ``centre`` and ``radius`` are in world units, ``fov_x`` in radians; ``size``: side of the images in pixels;
+    ``span_x``: their width in world units, for orthographic cameras. Raises BadInput if something is out of range.
     """
     return [_on_sphere(direction, centre, radius, fov_x, size, span_x) for direction in geodesic_directions(n)]
 
@@ -262,21 +228,9 @@ def orbit_cameras(
 ) -> list[Camera]:
     """Return the camera path for showing and testing results: from the south to the north pole in one full turn.
 
-    phi = -90 ... 90 degrees in n steps, theta = 2 phi, direction
-    (cos phi cos theta, sin phi, -cos phi sin theta): the 181 inference views of StyleRF-VolVis. The first and
-    last views are 0.01 degrees from the poles.
-
-    Args:
-        n: Number of views, >= 2.
-        centre: Centre of the sphere in world units. (3,)
-        radius: Radius of the sphere in world units, > 0.
-        fov_x: Full horizontal angle of view in radians.
-        size: Width and height of the square images in pixels.
-        frames: Numbers of the views to return, 0 to n - 1; all by default.
-        span_x: Width of the images in world units, for orthographic cameras.
-
-    Raises:
-        BadInput: There are fewer than 2 views, or the radius, angle or size is out of range.
+    phi = -90 ... 90 degrees in n >= 2 steps, theta = 2 phi, direction (cos phi cos theta, sin phi, -cos phi sin theta):
+    the 181 inference views of StyleRF-VolVis. The first and last views are 0.01 degrees from the poles. ``frames``:
+    numbers of the views to return; all by default. The other arguments and errors are those of :func:`sphere_cameras`.
     """
     if n < 2:
         raise BadInput(f"An orbit needs at least 2 views, not {n}.")
@@ -291,11 +245,7 @@ def orbit_cameras(
 
 @dataclass(frozen=True)
 class CameraRig:
-    """The sphere on which a scene's cameras lie; other cameras can be placed on it, too.
-
-    Raises:
-        BadInput: The centre, radius, angle of view or width is not finite or out of range.
-    """
+    """The sphere on which a scene's cameras lie; other cameras can be placed on it, too. BadInput if out of range."""
 
     centre: tuple[float, float, float]
     """The point that the cameras look at, in world units."""
@@ -334,15 +284,7 @@ class CameraRig:
 
     @classmethod
     def from_json(cls, content: object, name: str = "camera_rig") -> CameraRig:
-        """Create a rig from the output of :meth:`to_json`.
-
-        Args:
-            content: The JSON value read from a file.
-            name: Name of the value in error messages.
-
-        Raises:
-            BadInput: A value is missing or invalid.
-        """
+        """Invert :meth:`to_json`; raises BadInput, with the value's ``name``, if something is missing or invalid."""
         values = object_in(content, name)
         centre = vector_in(needed(values, "centre", name), f"{name}.centre")
         radius, fov_x = (number_in(needed(values, key, name), f"{name}.{key}") for key in ("radius", "fov_x"))

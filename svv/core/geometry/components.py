@@ -15,13 +15,9 @@ TOUCHING = np.ones((3, 3, 3), bool)
 
 
 def least_opacity(opacity: NDArray[np.float32], level: float) -> float:
-    """Return the opacity from which a region's cells connect: ``level`` times its mean opacity, as it is seen.
+    """Return the opacity from which a region's cells connect: ``level`` in [0, 1] times its mean opacity.
 
-    Each cell counts by its opacity, so haze, which fills most cells and shows little, hardly matters.
-
-    Args:
-        opacity: Opacity of the region's cells, in [0, 1]. (N,)
-        level: Fraction in [0, 1].
+    Each cell counts by its ``opacity`` in [0, 1] (N,), so haze, which fills most cells, hardly matters.
     """
     total = float(opacity.sum(dtype=np.float64))
     return level * float(np.square(opacity, dtype=np.float64).sum()) / max(total, 1e-12)
@@ -39,14 +35,9 @@ def pieces(visible: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.in
 
 
 def nearest_piece(labels: NDArray[np.int32], place: NDArray[np.float64]) -> tuple[int, float]:
-    """Return the piece with the cell nearest to a place, and its distance; piece 0 at infinity if there is no piece.
+    """Return the piece with the cell nearest to a place, and the distance to its centre; 0 and infinity for none.
 
-    Args:
-        labels: Piece of each cell, 0 for none. (X, Y, Z)
-        place: Place in units of cells; the first cell's centre is at 0.5. (3,)
-
-    Returns:
-        Number of the piece; distance from the place to the cell's centre, in cells.
+    ``labels`` (X, Y, Z): piece of each cell, 0 for none. Lengths are in cells; the first cell's centre is at 0.5.
     """
     there = np.argwhere(labels)
     if not len(there):

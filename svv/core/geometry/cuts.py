@@ -1,9 +1,7 @@
 """Shapes that cut a scene open: what is inside one of them, or outside of it, is not shown.
 
 A shape is convex, an intersection of half-spaces with, perhaps, a ball or an endless cylinder, so that a ray has at
-most one piece of it. Cuts are given in world units; :meth:`Cut.in_box` has them in those in which rays are marched.
-
-Letters: R rays, M pieces that are cut out of a ray, S points.
+most one piece of it. Letters: R rays, M pieces that are cut out of a ray, S points.
 """
 
 from __future__ import annotations
@@ -36,8 +34,7 @@ _SIDE = re.compile(r"([xyz])([<>])([-+.\deE]+)(%?)")
 class Cut:
     """A shape whose inside is cut off.
 
-    Raises:
-        BadInput: There is no shape, a number is not finite, a direction is zero, or a radius is not positive.
+    Raises BadInput if there is no shape, a number is not finite, a direction is zero, or a radius is not positive.
 
     >>> svv.Cut(planes=((1.0, 0.0, 0.0, 5.0),)).describe()  # x > 5
     'cut x > 5'
@@ -84,18 +81,14 @@ class Cut:
 
     @classmethod
     def parse(cls, text: str, bounds: ArrayLike) -> Cut:
-        """Return the cut that a text describes.
+        """Return the cut that a text describes; raises BadInput if it describes none.
 
-        Args:
-            text: Sides of planes along the axes, such as ``x>50%`` or ``x>50%&y<12.5``, which are cut off where all of
-                them hold (percent: from the lower to the upper end of the bounds); ``plane:X,Y,Z:NX,NY,NZ``, a point
-                and the direction of the side that is cut off; ``box:X,Y,Z:X,Y,Z``, two corners; ``sphere:X,Y,Z:R``;
-                ``cylinder:X,Y,Z:DX,DY,DZ:R``. With the word ``outside`` before it, what is outside of the shape is
-                cut off. Regions and a ``=`` may stand in front of all: ``0,2=outside sphere:0,0,0:5``.
-            bounds: Lowest and highest corner of what is cut, in world units. (2, 3)
-
-        Raises:
-            BadInput: The text is none of these.
+        The text has sides of planes along the axes, such as ``x>50%`` or ``x>50%&y<12.5``, which are cut off where all
+        of them hold (percent: from the lower to the upper end of the bounds); ``plane:X,Y,Z:NX,NY,NZ``, a point and the
+        direction of the side that is cut off; ``box:X,Y,Z:X,Y,Z``, two corners; ``sphere:X,Y,Z:R``;
+        ``cylinder:X,Y,Z:DX,DY,DZ:R``. With the word ``outside`` before it, what is outside of the shape is cut off.
+        Regions and a ``=`` may stand in front of all: ``0,2=outside sphere:0,0,0:5``. ``bounds``: lowest and highest
+        corner of what is cut, in world units. (2, 3)
 
         >>> Cut.parse("x>50%&y<1", [[0, 0, 0], [4, 4, 4]]).planes
         ((1.0, 0.0, 0.0, 2.0), (0.0, -1.0, 0.0, -1.0))
@@ -225,15 +218,10 @@ def _shape(kind: str, parts: Sequence[tuple[float, ...]]) -> Cut:
 
 
 def clip_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the pieces of rays that no cut takes away, whatever the regions.
+    """Return where the pieces of rays begin and end that no cut takes away, whatever the regions. (R, M + 1) each
 
-    Args:
-        cuts: The cuts, in the coordinates of the rays.
-        origins: Starting points. (R, 3)
-        directions: Unit vectors. (R, 3)
-
-    Returns:
-        Where pieces begin and end, in ascending order, from 0 on; those with end <= begin are none. (R, M + 1) each
+    They are in ascending order, from 0 on; those with end <= begin are none. Rays, with unit ``directions`` (R, 3), are
+    in the coordinates of the cuts.
     """
     begins, ends = [], []
     for cut in cuts:

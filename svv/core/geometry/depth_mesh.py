@@ -1,8 +1,6 @@
 """An image with depth as a surface in space: one vertex a pixel, where the pixel's ray meets what it shows.
 
-Seen from the image's own camera, with as many pixels, every vertex falls on the centre of its pixel, so the surface
-repeats the image. From elsewhere it is a relief.
-
+Seen from the image's own camera, with as many pixels, the surface repeats the image. From elsewhere it is a relief.
 Letters: H, W rows and columns of the image; N vertices, M quadrilaterals.
 """
 
@@ -35,16 +33,13 @@ class DepthMesh:
 
 
 def depth_mesh(rgba: NDArray[np.uint8], depth: NDArray[np.float32], camera: Camera, opaque: bool = False) -> DepthMesh:
-    """Return the surface that shows an image at its depth.
+    """Return the surface that shows an image, straight RGBA with row 0 at the top (H, W, 4), at its depth.
 
     Around it lies a rim of vertices with the depth of their neighbours: transparent ones at the centres of the pixels
     beside it or, if the surface is opaque, half a pixel away, so that it covers whole pixels.
 
-    Args:
-        rgba: Straight alpha, row 0 at the top. (H, W, 4)
-        depth: Distance of what each pixel shows along its ray, world units; NaN where it shows nothing. (H, W)
-        camera: The image's camera.
-        opaque: Leave out pixels whose alpha is below a half, and make the others opaque.
+    ``depth``: distance along the pixel's ray, world units; NaN where nothing is shown (H, W). ``opaque``: leave out
+    pixels whose alpha is below a half, and make the others opaque.
     """
     height, width = depth.shape
     seen = (depth > 0.0) & (rgba[..., 3] >= (HALF if opaque else 1))  # faint haze without a sample has the depth 0
@@ -72,11 +67,7 @@ def depth_mesh(rgba: NDArray[np.uint8], depth: NDArray[np.float32], camera: Came
 
 
 def _rim(seen: NDArray[np.bool_]) -> tuple[tuple[NDArray[np.intp], ...], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the pixels that are not seen but have a neighbour that is.
-
-    Returns:
-        Their indices, the number of such neighbours (R,), and the mean offset of those, rows and columns (2, R).
-    """
+    """Return the pixels beside seen ones, the number of those beside each (R,), and their mean offset (2, R)."""
     there = seen.astype(np.float64)
     count = _sums(there)
     rim = np.nonzero(~seen & (count > 0))

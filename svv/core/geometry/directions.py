@@ -23,20 +23,11 @@ def geodesic_class(n: int) -> tuple[int, int] | None:
 
 
 def geodesic_directions(n: int) -> Array:
-    """Return ``n`` directions spread evenly over the sphere.
+    """Return n >= 3 unit vectors spread evenly over the sphere, from y = -1 upwards; BadInput for fewer. (n, 3)
 
-    They are the vertices of the geodesic icosahedron of class (h, k) (Caspar & Klug 1962) if n = 10 T + 2 with
-    T = h^2 + h k + k^2 (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, ..., 312); the 92, 42 and 312 viewpoints
-    of StyleRF-VolVis are of this kind. Any other n gives a Fibonacci spiral.
-
-    Args:
-        n: Number of directions, >= 3.
-
-    Returns:
-        Unit vectors, from y = -1 upwards. (n, 3)
-
-    Raises:
-        BadInput: n is less than 3.
+    They are the vertices of the geodesic icosahedron of class (h, k) (Caspar & Klug 1962) if n = 10 T + 2 with T = h^2
+    + h k + k^2 (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, ..., 312); the 92, 42 and 312 viewpoints of StyleRF-VolVis
+    are of this kind. Any other n gives a Fibonacci spiral.
     """
     if n < 3:
         raise BadInput(f"At least 3 views are needed, not {n}.")

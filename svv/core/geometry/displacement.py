@@ -1,10 +1,7 @@
 """Where the matter of a time-varying volume comes from: a displacement between two of its time steps.
 
 Paint that stays in space while matter moves through it flickers. Optical flow (iterative Lucas and Kanade, in three
-dimensions) tells for each place of the later step where its matter was in the earlier one; followed from step to step,
-it leads back to the step that was painted.
-
-Letters: G vertices along each side of a box.
+dimensions), followed from step to step, leads back to the step that was painted.
 """
 
 from __future__ import annotations
@@ -37,15 +34,10 @@ def small(values: Field) -> Field:
 
 
 def came_from(before: Field, after: Field, earlier: Field | None = None) -> Field:
-    """Return where the matter of a time step was, relative to where it is.
+    """Return where the matter of a time step was in the first one, relative to where it is, in cells. (3, X, Y, Z)
 
-    Args:
-        before: Values of the step before. (X, Y, Z)
-        after: Values of the step, on the same grid.
-        earlier: What this function returned for the step before, if that is not the first one.
-
-    Returns:
-        Displacement to the matter's place in the first step, in cells along x, y, z. (3, X, Y, Z)
+    ``before`` and ``after``: values of the step before and of the step (X, Y, Z); ``earlier``: what this function
+    returned for the step before, if that is not the first one.
     """
     if min(after.shape) < 3:
         return np.zeros((3, *after.shape), np.float32)

@@ -20,14 +20,10 @@ def _add(row, weight, sign, above, below):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def filtered(values, weights, signs, beyond, out):  # type: ignore[no-untyped-def]
-    """Write the correlation of a grid with three filters, one along each axis.
+    """Write the correlation of a grid (X, Y, Z) with three filters, one along each axis; all numbers are float32.
 
-    Args:
-        values: Values, float32. (X, Y, Z)
-        weights: The middle of each filter and what follows it, float32. (3, N)
-        signs: For each filter 1 if it is even, or -1 if it is odd, float32: equal values then cancel exactly. (3,)
-        beyond: Factor of the values beyond the grid, which are the nearest ones in it: 1, or 0 for none, float32.
-        out: Result, float32. (X, Y, Z)
+    ``weights`` (3, N): the middle of each filter and what follows it; ``signs`` (3,): 1 if it is even, or -1 if it is
+    odd: equal values then cancel exactly; ``beyond``: factor of the nearest values, which are beyond the grid: 1 or 0.
     """
     nx, ny, nz = values.shape
     reach = weights.shape[1] - 1
@@ -63,13 +59,10 @@ def filtered(values, weights, signs, beyond, out):  # type: ignore[no-untyped-de
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def principal_directions(tensors, least, squarings, out):  # type: ignore[no-untyped-def]
-    """Write the unit eigenvector of the largest eigenvalue of symmetric matrices, of either sign.
+    """Write the unit eigenvector of the largest eigenvalue of symmetric matrices, of either sign. (N, 3)
 
-    Args:
-        tensors: Entries xx, xy, yy, xz, yz, zz of matrices without negative eigenvalues, float32. (6, N)
-        least: Trace up to which the result is zero.
-        squarings: Squarings of a matrix that leave of it only the direction of the largest eigenvalue.
-        out: Result, float32. (N, 3)
+    ``tensors`` (6, N): entries xx, xy, yy, xz, yz, zz of matrices without negative eigenvalues, float32; ``least``:
+    trace up to which the result is zero; ``squarings``: those that leave of a matrix only that direction.
     """
     for i in prange(tensors.shape[1]):
         xx, xy, yy = np.float64(tensors[0, i]), np.float64(tensors[1, i]), np.float64(tensors[2, i])

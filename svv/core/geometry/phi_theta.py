@@ -13,19 +13,12 @@ Array = NDArray[np.float64]
 
 
 def paraview_rotations(phi: ArrayLike, theta: ArrayLike) -> Array:
-    """Return the rotations of ParaView's image extractors.
+    """Return the rotations of ParaView's image extractors, R = R_y(phi) R_x(-theta), from angles in degrees. (n, 3, 3)
 
-    From (0, 0, distance) with the y axis up, the camera goes to ``Azimuth(phi)`` and then to ``Elevation(theta)``, and
-    its view-up turns with it (``vtkSMImageExtractWriterProxy::WriteInternal``): R = R_y(phi) R_x(-theta). Beyond
-    theta = 90 degrees, it is therefore upside down: (phi, theta) and (phi + 180, 180 - theta) are one direction, and
-    one image is the other turned by 180 degrees.
-
-    Args:
-        phi: Degrees about the y axis, from z towards x. (n,)
-        theta: Degrees above the xz plane. (n,)
-
-    Returns:
-        The rotations. (n, 3, 3)
+    From (0, 0, distance) with the y axis up, the camera goes to ``Azimuth(phi)``, from z towards x, and then to
+    ``Elevation(theta)``, and its view-up turns with it (``vtkSMImageExtractWriterProxy::WriteInternal``). Beyond theta
+    = 90 degrees, it is therefore upside down: (phi, theta) and (phi + 180, 180 - theta) are one direction, and one
+    image is the other turned by 180 degrees.
     """
     return _about(1, phi) @ _about(0, -np.asarray(theta, np.float64))
 
@@ -33,8 +26,7 @@ def paraview_rotations(phi: ArrayLike, theta: ArrayLike) -> Array:
 def ascent_rotations(phi: ArrayLike, theta: ArrayLike) -> Array:
     """Return the rotations of Ascent's Cinema databases, R = R_z(phi) R_x(theta), from angles in degrees. (n, 3, 3)
 
-    At theta = 0 the camera stands on the z axis; phi turns it about that axis (``CinemaManager`` in Ascent's rendering
-    filters).
+    At theta = 0 the camera stands on the z axis; phi turns it about that axis (Ascent's ``CinemaManager``).
     """
     return _about(2, phi) @ _about(0, theta)
 

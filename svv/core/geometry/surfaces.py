@@ -22,19 +22,11 @@ TRUNCATED = 4.0
 def surface_normals(
     field: NDArray[np.floating], places: NDArray[np.integer], inner: float, outer: float
 ) -> NDArray[np.float32]:
-    """Return the directions in which a field changes most, around given voxels.
+    """Return the directions in which a field (X, Y, Z) changes most around voxels, zero where it is constant. (V, 3)
 
-    The principal eigenvector of the structure tensor, which averages g g^T over a neighbourhood (Förstner and
-    Gülch 1987): the gradient g on both sides of a thin shell is opposite, and only their squares add up.
-
-    Args:
-        field: Values on a grid. (X, Y, Z)
-        places: Indices of V voxels. (V, 3)
-        inner: Standard deviation in voxels of the Gaussian whose derivatives give the gradient.
-        outer: Standard deviation in voxels of the neighbourhood.
-
-    Returns:
-        Unit vectors of either sign; zero where the field is constant. (V, 3)
+    The principal eigenvector, of either sign, of the structure tensor, which averages g g^T over a neighbourhood
+    (Förstner and Gülch 1987): the gradient g on both sides of a thin shell is opposite, and only their squares add up.
+    ``inner`` and ``outer``: standard deviations in voxels of the Gaussians of the gradient and of the neighbourhood.
     """
     at = tuple(places.T)
     values = np.ascontiguousarray(field, np.float32)
@@ -49,16 +41,10 @@ def surface_normals(
 def blurred(
     values: NDArray[np.float32], deviation: float, along: int | None = None, beyond: bool = True
 ) -> NDArray[np.float32]:
-    """Return a grid blurred with a Gaussian, or the derivative of that along an axis.
+    """Return a grid (X, Y, Z) blurred with a Gaussian, or with the derivative of that ``along`` an axis.
 
-    Args:
-        values: Values, in raster order. (X, Y, Z)
-        deviation: Standard deviation in voxels, > 0.
-        along: Axis of the derivative; None for none.
-        beyond: Whether the grid's outermost values go on beyond it; otherwise nothing is there.
-
-    Returns:
-        Values. (X, Y, Z)
+    ``deviation``: in voxels, > 0; ``beyond``: whether the outermost values go on beyond the grid; else nothing is
+    there.
     """
     weights, signs = filters(deviation, along)
     out = np.empty_like(values)
@@ -67,14 +53,9 @@ def blurred(
 
 
 def filters(deviation: float, along: int | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the filters along the three axes of a Gaussian, or of its derivative along one of them.
+    """Return the filters of :func:`blurred` along the axes: the middle of each and what follows (3, N), and signs (3,).
 
-    Args:
-        deviation: Standard deviation in voxels, > 0.
-        along: Axis of the derivative; None for none.
-
-    Returns:
-        The middle of each filter and what follows it (3, N), and 1 if it is even, or -1 if it is odd (3,).
+    The sign is 1 if a filter is even, or -1 if it is odd.
     """
     distance = np.arange(int(TRUNCATED * deviation + 0.5) + 1)
     even = np.exp(-0.5 * np.square(distance / deviation))

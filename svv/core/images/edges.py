@@ -1,13 +1,11 @@
 """Edges in the depth, alpha and regions of a scene's image: the lines that a draughtsman would draw.
 
-These are edges of the visible surfaces rather than of colours (Saito and Takahashi 1990): places where alpha ends, the
-region changes, depth jumps or the surface turns sharply. An edge is a ridge of a measure of such change, located to a
-fraction of a pixel with the line detector of Steger (1998). Strengths are averaged along the ridge, which makes lines
-even and suppresses very short ones. Nothing is random, and strengths and positions vary smoothly with the images, so
-lines move with the shapes that they outline.
+Places where alpha ends, the region changes, depth jumps or the surface turns sharply (Saito and Takahashi 1990) are
+ridges of a measure of such change, located to a fraction of a pixel (Steger 1998). Strengths are averaged along a
+ridge. Nothing is random, and all varies smoothly with the images, so lines move with the shapes that they outline.
 
-Constant lengths in this module are in pixels of an image whose shorter side has :data:`VIEW` pixels; ``scale`` is the
-shorter side of the actual image divided by that. Letters: H, W rows and columns of an image, E points of edges.
+Constant lengths are in pixels of an image whose shorter side has :data:`VIEW`; ``scale`` is the actual shorter side
+divided by that. Letters: H, W rows and columns of an image, E points of edges.
 """
 
 from __future__ import annotations
@@ -110,13 +108,9 @@ def lines_of(
 ) -> tuple[tuple[Edges, Floats], tuple[Edges, Floats]]:
     """Find silhouettes and creases, each with the strength in [0, 1] of its points (E,).
 
-    Args:
-        alpha: Opacity in [0, 1]. (H, W)
-        depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
-        region: Number of the region, -1 where nothing is visible. (H, W)
-        pixel_at: Returns the width of pixels at distances (:meth:`svv.core.geometry.cameras.Camera.pixel_at`).
-        box: Longest side of the scene's box in world units.
-        scale: Shorter side of the whole image divided by :data:`VIEW`; the images may be a crop of it.
+    ``alpha``: in [0, 1]; ``depth``: distance from the camera in world units, nan where nothing is visible; ``region``:
+    its number, -1 where nothing is visible, all (H, W); ``box``: longest side of the scene's box in world units;
+    ``scale``: shorter side of the whole image, of which these may be a crop, divided by :data:`VIEW`.
     """
     sigma = max(LEAST_DEVIATION, CHANGE_DEVIATION * scale)
     share = _gauss(alpha, sigma)

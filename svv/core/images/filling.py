@@ -14,19 +14,11 @@ SMALLEST_HALF_SIDE = 3
 
 
 def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0) -> NDArray[np.float32]:
-    """Replace everything outside a mask by texture from inside it.
+    """Replace everything outside a mask (h, w), true for at least one pixel, by texture from inside it. (h, w, 3)
 
     Square pieces from inside the mask are laid row by row over the area outside, with soft edges. Each is one of the
-    three of :data:`CANDIDATE_PIECES` that best match the pixels they overlap (after Efros and Freeman 2001). If the
-    mask is too thin for pieces, each pixel outside gets the value of the nearest pixel inside.
-
-    Args:
-        picture: Colours. (h, w, 3)
-        mask: Area to take texture from; true for at least one pixel. (h, w)
-        seed: Seed of the choice of pieces.
-
-    Returns:
-        The picture, unchanged inside the mask. (h, w, 3)
+    three of :data:`CANDIDATE_PIECES`, chosen by ``seed``, that best match the pixels they overlap (after Efros and
+    Freeman 2001). If the mask is too thin for pieces, each pixel outside gets the value of the nearest pixel inside.
     """
     if mask.all():
         return picture

@@ -51,14 +51,9 @@ ROWS_AT_A_TIME = 160
 
 
 def error_map(test: NDArray[np.floating], reference: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return the FLIP error per pixel, Delta E = Delta E_c ^ (1 - Delta E_f) (section 4.3), at 67 pixels per degree.
+    """Return the FLIP error per pixel, Delta E = Delta E_c ^ (1 - Delta E_f) in [0, 1] (section 4.3). (h, w)
 
-    Args:
-        test: Gamma-encoded sRGB; values outside [0, 1] are clamped. (h, w, 3)
-        reference: The picture to compare with, in the same form. (h, w, 3)
-
-    Returns:
-        Errors in [0, 1]; 0 where the pictures are equal. (h, w)
+    A degree has 67 pixels. Both pictures (h, w, 3) are gamma-encoded sRGB; values outside [0, 1] are clamped.
     """
     # Farther from any difference than the filters reach, there is no error: often so on the background.
     errors, differs = np.zeros(reference.shape[:2], np.float32), (test != reference).any(axis=2)

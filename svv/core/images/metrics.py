@@ -38,8 +38,7 @@ class Likeness:
     def of(cls, shown: Image, truth: NDArray[np.uint8]) -> Likeness:
         """Compare a picture on white (h, w, 3) with the true view (h, w, 4), straight alpha.
 
-        Raises:
-            BadInput: The pictures differ in size or are smaller than 11 x 11 pixels.
+        Raises BadInput if the pictures differ in size or are smaller than 11 x 11 pixels.
         """
         white = on_white(truth)
         return cls(psnr(shown, white), psnr_foreground(shown, white, truth[..., 3]), ssim(shown, white))

@@ -1,9 +1,7 @@
 """Nearest-neighbour feature matching (NNFM) and related colour statistics.
 
 The loss of StyleRF-VolVis (eq. 8; Zhang et al. 2022, ARF, eq. 1): each feature vector of a render moves towards the
-most similar feature vector of the style. Pure torch; this module does not depend on the origin of the features.
-
-Letters: N feature vectors of the render, M of the style, C channels each.
+most similar one of the style. Letters: N feature vectors of the render, M of the style, C channels each.
 """
 
 from __future__ import annotations
@@ -20,17 +18,9 @@ VECTORS_AT_A_TIME = 2048
 
 @torch.no_grad()
 def nearest(features: Tensor, style: Tensor, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
-    """Return the index of the style vector with which each feature vector of the render is matched.
+    """Return the index of the style vector (M, C) at the smallest cosine distance of each vector of the render. (N,)
 
-    It is the vector with the smallest cosine distance.
-
-    Args:
-        features: Vectors of the render. (N, C)
-        style: Vectors of the style. (M, C)
-        chunk: Rows compared at a time; affects memory, not the result.
-
-    Returns:
-        Indices into ``style``, int64. (N,)
+    ``chunk``: rows compared at a time, which affects memory, not the result.
     """
     directions = F.normalize(style, dim=1).T
     parts = F.normalize(features, dim=1).split(chunk)
@@ -38,20 +28,13 @@ def nearest(features: Tensor, style: Tensor, chunk: int = VECTORS_AT_A_TIME) -> 
 
 
 def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
-    """Return the mean cosine distance of the render to its nearest style vectors (StyleRF-VolVis, eq. 8).
+    """Return the mean cosine distance in [0, 2] of a render to its nearest style vectors (StyleRF-VolVis, eq. 8).
 
-    L = sum_i w_i (1 - f_i . s_j / (|f_i| |s_j|)) / sum_i w_i,  j = nearest(i)
+    L = sum_i w_i (1 - f_i . s_j / (|f_i| |s_j|)) / sum_i w_i, j = nearest(i)
 
-    Differentiable in both arguments; the gradient of a minimum is that of the entry that attains it.
-
-    Args:
-        features: Vectors of the render. (N, C)
-        style: Vectors of the style. (M, C)
-        weights: Weight of each vector, >= 0; equal if not given. All zero gives a loss of 0. (N,)
-        chunk: Rows compared at a time; affects memory, not the result.
-
-    Returns:
-        Loss in [0, 2], a scalar.
+    ``features``: (N, C), ``style``: (M, C). Differentiable in both; the gradient of a minimum is that of the entry that
+    attains it. ``weights`` >= 0 (N,) are equal if not given; all zero gives a loss of 0. ``chunk``: as for
+    :func:`nearest`.
     """
     if len(features) == 0:
         return features.sum()
@@ -62,27 +45,17 @@ def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, ch
 
 
 def cell_weights(mask: Tensor, stride: int = 4) -> Tensor:
-    """Return the share of foreground in each cell of a feature map.
+    """Return the share of foreground in each cell of a feature map, in the order of ``features.flatten(2)``.
 
-    Args:
-        mask: Opacity of the render in [0, 1]; h and w are cropped to multiples of the stride, as in pooling. (h, w)
-        stride: Width of a cell in pixels.
-
-    Returns:
-        Weights in [0, 1], in the order of ``features.flatten(2)``. (h // stride * (w // stride),)
+    ``mask`` (h, w): opacity in [0, 1], cropped to multiples of the ``stride``, a cell's width in pixels, as in pooling.
     """
     return F.avg_pool2d(mask[None, None], stride).flatten()
 
 
 def total_variation(image: Tensor, mask: Tensor | None = None) -> Tensor:
-    """Return the mean squared difference of neighbouring pixels that are both foreground.
+    """Return the mean squared difference >= 0 of neighbouring pixels of an image (c, h, w) that are both foreground.
 
-    Args:
-        image: Image of c channels. (c, h, w)
-        mask: Weight of each pixel in [0, 1]; all pixels count if not given. (h, w)
-
-    Returns:
-        A scalar >= 0.
+    ``mask`` (h, w): weight of each pixel in [0, 1]; all count if not given.
     """
     across = (image[:, :, 1:] - image[:, :, :-1]).square().mean(0)
     down = (image[:, 1:] - image[:, :-1]).square().mean(0)
@@ -96,15 +69,9 @@ def total_variation(image: Tensor, mask: Tensor | None = None) -> Tensor:
 
 
 def luminance(colour: Tensor) -> Tensor:
-    """Return the relative luminance L = 0.2126 R^2.2 + 0.7152 G^2.2 + 0.0722 B^2.2 (StyleRF-VolVis, sec. 3.4).
+    """Return L = 0.2126 R^2.2 + 0.7152 G^2.2 + 0.0722 B^2.2 of sRGB (..., 3) (StyleRF-VolVis, sec. 3.4). (...,)
 
-    The result is linear light; do not apply the power to it again.
-
-    Args:
-        colour: sRGB in [0, 1]; values outside are clamped first. (..., 3)
-
-    Returns:
-        Luminance in [0, 1]. (...,)
+    Colours are clamped first. The result is linear light; do not apply the power to it again.
     """
     return (colour.clamp(0, 1) ** 2.2 @ colour.new_tensor(LUMA)).clamp(0, 1)
 
@@ -126,34 +93,20 @@ def _power(covariance: Tensor, exponent: float, floor: float) -> Tensor:
 def colour_transfer(
     source: tuple[Tensor, Tensor], target: tuple[Tensor, Tensor], floor: float = 1e-4
 ) -> tuple[Tensor, Tensor]:
-    """Return the affine map that gives colours the target's mean and covariance (ARF, sec. 3.3).
+    """Return the affine map that gives colours the target's mean and covariance (ARF, sec. 3.3), A (3, 3) and b (3,).
 
-    A = C_t^1/2 C_s^-1/2, b = m_t - A m_s; apply it as ``colours @ A.T + b``.
-
-    Args:
-        source: Mean and covariance of the colours to change (:func:`colour_statistics`).
-        target: Mean and covariance of the result.
-        floor: Added to every variance to avoid amplifying a flat source; 1e-4 is a standard deviation of 0.01.
-
-    Returns:
-        A (3, 3) and b (3,).
+    A = C_t^1/2 C_s^-1/2, b = m_t - A m_s; apply it as ``colours @ A.T + b``. Both are from :func:`colour_statistics`;
+    ``floor`` is added to every variance to avoid amplifying a flat source: 1e-4 is a standard deviation of 0.01.
     """
     matrix = _power(target[1], 0.5, floor) @ _power(source[1], -0.5, floor)
     return matrix, target[0] - matrix @ source[0]
 
 
 def statistics_loss(colours: Tensor, target: tuple[Tensor, Tensor], weights: Tensor | None = None) -> Tensor:
-    """Return the squared difference of mean and covariance (as deviations) between colours and a target.
+    """Return the squared difference >= 0 of mean and covariance (as deviations) between colours (N, 3) and a target.
 
-    It keeps a stylized region to the colours of its style, which could drift with features alone.
-
-    Args:
-        colours: Colours in [0, 1]. (N, 3)
-        target: Mean (3,) and covariance (3, 3) of the style.
-        weights: Weight of each colour, >= 0; equal if not given. (N,)
-
-    Returns:
-        A scalar >= 0.
+    It keeps a stylized region to the colours of its style, which could drift with features alone. ``target``: mean (3,)
+    and covariance (3, 3); ``weights`` >= 0 (N,) are equal if not given.
     """
     mean, covariance = colour_statistics(colours, weights)
     # The squared covariance is of fourth order in deviations: the scale keeps both terms comparable at any contrast.

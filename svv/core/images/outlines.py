@@ -51,21 +51,13 @@ class Pen:
 def outlined(
     rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], pixel_at: PixelSize, box: float
 ) -> tuple[Floats, Floats, NDArray[np.int16]]:
-    """Draw ink outlines over an image.
+    """Return an image, its depth and regions with ink outlines over them; as they are if no ink is drawn at all.
 
     A line is drawn if either side of an edge has a pen: the stronger pen, or of two equal ones that of the side in
     front. Half of a silhouette lies outside the shape that it outlines; there, pixels get its depth and region.
 
-    Args:
-        rgba: Image with straight alpha, in [0, 1]. (H, W, 4)
-        depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
-        region: Number of the region, -1 where nothing is visible. (H, W)
-        pens: One for each region.
-        pixel_at: Returns the width of pixels at distances (:meth:`svv.core.geometry.cameras.Camera.pixel_at`).
-        box: Longest side of the scene's box in world units.
-
-    Returns:
-        The three images; the given ones if no ink is drawn at all.
+    ``rgba``: straight alpha, in [0, 1] (H, W, 4); the others are as for :func:`svv.core.images.edges.lines_of`, with
+    one pen for each region.
     """
     strength = np.array([pen.strength for pen in pens], np.float32)
     visible = region >= 0

@@ -1,10 +1,8 @@
 """Segmentation of a picture: into regions of similar appearance, or into the part that a few points select.
 
-Both work on superpixels (SLIC), each described by its CIELAB colour and by the variation of its lightness, so that
-strokes of different size or contrast are distinguished even if their mean colour is the same. SLIC and CIELAB are those
-of scikit-image.
-
-Letters: h and w height and width in pixels, K superpixels, E pairs of neighbours.
+Superpixels (SLIC) are described by their CIELAB colour and by the variation of its lightness, which distinguishes
+strokes of different size or contrast. Letters: h and w height and width in pixels, K superpixels, E pairs of
+neighbours.
 """
 
 from __future__ import annotations
@@ -74,32 +72,19 @@ def neighbours(labels: Labels) -> NDArray[np.int64]:
 
 
 def regions(picture: NDArray[np.floating], count: int) -> Labels:
-    """Cut a picture into ``count`` regions by colour and texture; see :func:`partitions`.
-
-    Args:
-        picture: sRGB in [0, 1]. (h, w, 3)
-        count: Number of regions, at least 1; there are fewer if the picture has fewer superpixels.
-
-    Returns:
-        Region of each pixel, numbered by size from the largest, 0. (h, w)
-    """
+    """Cut a picture (h, w, 3) into ``count`` >= 1 regions by colour and texture; see :func:`partitions`. (h, w)"""
     return partitions(picture, [count])[0]
 
 
 def partitions(picture: NDArray[np.floating], counts: Sequence[int], pieces: int = SUPERPIXELS) -> list[Labels]:
     """Cut a picture into several numbers of regions by colour and texture, each a finer cut of the one below it.
 
-    Superpixels are joined pair by pair, always the pair with the lowest price (Ward 1963):
-    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Superpixels that do not touch can be joined, too; their price is multiplied by
-    :data:`APART_FACTOR`.
+    Superpixels are joined pair by pair, always the pair with the lowest price (Ward 1963): n_a n_b / (n_a + n_b) |f_a -
+    f_b|^2. Superpixels that do not touch can be joined, too; their price is multiplied by :data:`APART_FACTOR`.
 
-    Args:
-        picture: sRGB in [0, 1]. (h, w, 3)
-        counts: Numbers of regions, each at least 1; there are fewer if the picture has fewer superpixels.
-        pieces: Approximate number of superpixels.
-
-    Returns:
-        For each count the region of each pixel, numbered by size from the largest, 0. (h, w)
+    ``picture``: sRGB in [0, 1] (h, w, 3); ``counts``: numbers of regions >= 1, of which there are fewer if the picture
+    has fewer superpixels; ``pieces``: approximate number of those. For each count, returns the region of each pixel,
+    numbered by size from the largest, 0. (h, w)
     """
     labels = superpixels(picture, pieces)
     mean, size = looks(picture, labels), np.bincount(labels.ravel()).astype(np.float64)
@@ -148,22 +133,13 @@ def _prices(
 def selection(
     picture: NDArray[np.floating], positive: Points, negative: Points = (), start: Mask | None = None
 ) -> Mask:
-    """Return the part of a picture that points select.
+    """Return the part of a picture that points (x, y) select: true at every positive and at no negative one. (h, w)
 
-    A random walker on the graph of superpixels with a prior (Grady 2005): x solves
-    (L + g (p + q)) x = g p, with x = 1 at positive and 0 at negative points. L is the Laplacian of a graph that links
-    superpixels to those that they touch and to those most similar to them. p and q are the similarity of a superpixel
-    to positive and negative points or, with ``start``, the fractions of it inside and outside the mask. Superpixels
-    from which a walker is more likely to reach a positive point first, x > 1/2, are selected.
-
-    Args:
-        picture: sRGB in [0, 1]. (h, w, 3)
-        positive: Points to select, inside the picture.
-        negative: Points not to select, inside the picture.
-        start: A mask (h, w) to refine; without it at least one positive point is needed.
-
-    Returns:
-        True where selected: at every positive point and at no negative one. (h, w)
+    A random walker on the graph of superpixels with a prior (Grady 2005): x solves (L + g (p + q)) x = g p, with x = 1
+    at positive and 0 at negative points. L is the Laplacian of a graph that links superpixels to those that they touch
+    and to those most similar to them. p and q are the similarity of a superpixel to positive and negative points or,
+    with ``start``, a mask (h, w) to refine, the fractions of it inside and outside the mask; without, one positive
+    point is needed. Superpixels with x > 1/2 are selected. ``picture``: sRGB in [0, 1]. (h, w, 3)
     """
     labels = superpixels(picture)
     inside, outside = _places(positive, labels.shape), _places(negative, labels.shape)

@@ -28,12 +28,10 @@ class StructureTensor:
 
 
 def structure_tensor(picture: NDArray[np.floating], inner: float, outer: float) -> StructureTensor:
-    """Return the directions of a picture (H, W) or (H, W, C).
+    """Return the directions of a picture (H, W) or (H, W, C), both sides at least 2 pixels.
 
-    Args:
-        picture: Values; both sides at least 2 pixels.
-        inner: Standard deviation in pixels of the Gaussian by which the picture is smoothed before it is derived.
-        outer: Standard deviation in pixels of the neighbourhood over which squared gradients are averaged.
+    ``inner`` and ``outer``: standard deviations in pixels of the Gaussians by which the picture is smoothed before it
+    is derived, and over which squared gradients are averaged.
 
     >>> stripes = np.tile(np.sin(np.arange(64.0)), (64, 1))  # vertical stripes
     >>> tensor = structure_tensor(stripes, 1.0, 4.0)

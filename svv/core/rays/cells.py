@@ -17,13 +17,8 @@ def leaps(occupied: Tensor) -> Tensor:
 
     The octant 4 a + 2 b + c of a cell holds the cells that a ray reaches whose direction is negative along x, y or z
     where a, b or c is 1. A ray that only approaches a surface from the side is not held up by cells behind it: it needs
-    half as many leaps as with one distance for all directions (cf. Deakin & Knoll 2019).
-
-    Args:
-        occupied: uint8, on the CPU. (X, Y, Z)
-
-    Returns:
-        uint8; 0 in occupied cells, 255 where the octant holds none within 255 cells. (8, X, Y, Z)
+    half as many leaps as with one distance for all directions (cf. Deakin & Knoll 2019). (X, Y, Z) uint8 on the CPU ->
+    (8, X, Y, Z) uint8: 0 in occupied cells, 255 where the octant holds none within 255 cells.
     """
     sides = list(itertools.product((1, -1), repeat=3))
     there = np.stack([occupied.numpy()[::a, ::b, ::c] > 0 for a, b, c in sides])

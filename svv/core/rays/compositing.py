@@ -13,17 +13,12 @@ LEAST_ALPHA = 1.0 / 512.0
 
 
 def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the weight of each sample on a ray, ordered front to back.
+    """Return the weights in [0, 1] of samples front to back (..., S), and the transmittance behind them (...,).
 
-    w_i = T_i (1 - exp(-sigma_i delta_i)),  T_i = exp(-sum_{j<i} sigma_j delta_j)
-    (Mildenhall et al. 2020, eq. 3; optical model of Max 1995).
+    w_i = T_i (1 - exp(-sigma_i delta_i)), T_i = exp(-sum_{j<i} sigma_j delta_j)
 
-    Args:
-        sigma: Extinction, >= 0, in 1 / box unit. (..., S)
-        delta: Sample spacing, >= 0, in box units. (..., S)
-
-    Returns:
-        Weights in [0, 1], (..., S), and the transmittance behind the last sample, (...,). Together they sum to 1.
+    (Mildenhall et al. 2020, eq. 3; optical model of Max 1995.) ``sigma``: extinction >= 0 in 1 / box unit; ``delta``:
+    sample spacing >= 0 in box units. (..., S)
     """
     behind = torch.cumsum(sigma * delta, dim=-1)  # optical depth behind each sample (..., S)
     before = torch.cat([torch.zeros_like(behind[..., :1]), behind[..., :-1]], dim=-1)
@@ -33,21 +28,11 @@ def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
 def composite_samples(
     sigma: Tensor, values: Tensor, skipped: Tensor, start: Tensor, count: Tensor, tail: Tensor, step: float
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Composite values along R rays whose S samples are stored one after another.
+    """Return sums of weight times value (R, C), transmittance (R,) and weights (S,) of rays whose samples lie in a row.
 
-    Works as :func:`ray_weights`, with an optical depth ``skipped`` before each sample and ``tail`` behind the last.
-
-    Args:
-        sigma: Extinction, >= 0, in 1 / box unit. (S,)
-        values: Values to composite. (S, C)
-        skipped: Optical depth before each sample that contributes no value. (S,)
-        start: Index of the first sample of each ray, int64. (R,)
-        count: Number of samples of each ray, int64. (R,)
-        tail: Optical depth behind the last sample of each ray. (R,)
-        step: Sample spacing in box units.
-
-    Returns:
-        Sum of weight times value (R, C), transmittance behind the rays (R,), and weights (S,).
+    Works as :func:`ray_weights`. ``sigma`` >= 0 in 1 / box unit (S,); ``values`` (S, C); ``skipped`` (S,): optical
+    depth before each sample; ``start`` and ``count`` (R,) int64: first sample and number of samples of each ray;
+    ``tail`` (R,): optical depth behind the last; ``step``: sample spacing in box units.
     """
     k = torch.arange(int(count.max()) if len(count) else 0, device=sigma.device)
     there = k < count[:, None]  # (R, longest ray)

@@ -21,14 +21,9 @@ CORNERS = tuple(itertools.product((0, 1), repeat=3))
 
 
 def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
-    """Evaluate the real spherical harmonics of unit directions, bands 0 to ``degree`` - 1.
+    """Return the real spherical harmonics, orthonormal on the sphere, of unit directions (..., 3). (..., degree ** 2)
 
-    Args:
-        directions: Unit vectors. (..., 3)
-        degree: 1 to 4; StyleRF-VolVis and Instant-NGP use 4.
-
-    Returns:
-        Values of basis functions that are orthonormal on the sphere. (..., degree ** 2)
+    Bands 0 to ``degree`` - 1, of 1 to 4; StyleRF-VolVis and Instant-NGP use 4.
     """
     if degree not in SH_DEGREES:
         raise ValueError(f"degree must be one of {SH_DEGREES}, not {degree}")
@@ -59,15 +54,7 @@ def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
 
 
 def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
-    """Return the spherical harmonics of degree 4 of each sample's ray.
-
-    Args:
-        directions: Unit vectors of R rays. (R, 3)
-        ray: Ray of each of S samples. (S,)
-
-    Returns:
-        Values of the basis functions. (S, 16)
-    """
+    """Return the spherical harmonics of degree 4 of each sample's ray: unit vectors (R, 3) and rays (S,) -> (S, 16)."""
     if len(ray) < len(directions):
         return spherical_harmonics(directions[ray.long()], 4)
     return spherical_harmonics(directions, 4)[ray.long()]
@@ -78,20 +65,14 @@ VERTICES_A_WORD = 32
 
 
 def stored_rows(vertices: Tensor, shape: Tensor, base: Tensor | int, index: Tensor) -> Tensor:
-    """Return the table rows of a level's stored vertices.
+    """Return the table rows of a level's vertices (S, 3); those of vertices that are not stored mean nothing. (S,)
 
     Rows are numbered in raster order. A word of the index tells of :data:`VERTICES_A_WORD` vertices along z which are
     stored, in its lower 32 bits, and the row of the first, in the upper ones; the others' rows follow by counting bits.
     A row per vertex would take 16 times the memory, and every look-up would miss the caches.
 
-    Args:
-        vertices: Coordinates, int64. (S, 3)
-        shape: Number of vertices of the level along x, y, z, int64. (3,)
-        base: First word of the level in ``index``.
-        index: Words of all levels in raster order, int64.
-
-    Returns:
-        Rows, int64. (S,) Those of vertices that are not stored mean nothing.
+    ``shape`` (3,): number of vertices of the level along x, y, z; ``base``: its first word in ``index``, the words of
+    all levels in raster order, all int64.
     """
     x, y, z = vertices.unbind(1)
     word = index[
@@ -104,17 +85,9 @@ def stored_rows(vertices: Tensor, shape: Tensor, base: Tensor | int, index: Tens
 
 
 def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the rows of the eight vertices around positions on a lattice level, and their trilinear weights.
+    """Return rows and trilinear weights of the eight vertices around positions on a lattice level. (S, 8) each
 
-    Args:
-        x: Box coordinates, in the lattice's occupied cells. (S, 3)
-        shape: Number of vertices of the level along x, y, z, int64. (3,)
-        scale: Cells per box unit.
-        base: First word of the level in ``index``, int64.
-        index: See :func:`stored_rows`.
-
-    Returns:
-        Rows, int64, (S, 8), and weights, (S, 8).
+    ``x`` (S, 3): box coordinates in occupied cells; ``scale``: cells per box unit; the rest as in :func:`stored_rows`.
     """
     f = x * scale
     i = torch.minimum(f.long(), shape - 2)
@@ -128,18 +101,10 @@ def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index
 
 
 def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, index: Tensor, table: Tensor) -> Tensor:
-    """Interpolate trilinearly on sparse vertex lattices and concatenate the levels.
+    """Interpolate trilinearly on L sparse vertex lattices and concatenate the levels' features. (S, L * F)
 
-    Args:
-        x: Box coordinates, in the lattice's occupied cells. (S, 3)
-        shapes: Number of vertices of each level along x, y, z, int64. (L, 3)
-        scales: Cells per box unit of each level. (L,)
-        bases: First word of each level in ``index``, int64. (L,) What follows is not used.
-        index: See :func:`stored_rows`.
-        table: Features. (V, F)
-
-    Returns:
-        Features of all levels. (S, L * F)
+    ``x`` (S, 3): box coordinates in occupied cells; ``shapes`` (L, 3), ``scales`` (L,) and ``bases``, of which L are
+    used: of each level as in :func:`lattice_corners`; ``table``: features (V, F).
     """
     levels = []
     for level in zip(shapes, scales, bases[: len(shapes)], strict=True):
@@ -149,17 +114,9 @@ def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, i
 
 
 def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
-    """Return the rows of integer vertices in a level's table: direct if all vertices fit, hashed otherwise.
+    """Return the rows of vertices (S, 3) int64 in a level's table: direct if all fit, hashed otherwise (S,) int64.
 
-    (Müller et al. 2022, eq. 4.)
-
-    Args:
-        vertices: Integer coordinates in [0, ``resolution``], int64. (S, 3)
-        resolution: Cells along each axis.
-        entries: Number of rows of the level's table, a power of two if it is hashed.
-
-    Returns:
-        Rows, int64. (S,)
+    (Müller et al. 2022, eq. 4.) Coordinates are in [0, ``resolution``]; hashed ``entries`` are a power of two.
     """
     side = resolution + 1
     if side**3 <= entries:
@@ -172,16 +129,9 @@ def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
 
 
 def hash_corners(x: Tensor, resolution: int, first: int, entries: int) -> tuple[Tensor, Tensor]:
-    """Return the rows of the eight vertices around positions on a hash grid level, and their trilinear weights.
+    """Return rows and trilinear weights of the eight vertices around positions on a hash grid level. (S, 8) each
 
-    Args:
-        x: Box coordinates in [0, 1]. (S, 3)
-        resolution: Cells along each axis.
-        first: First row of the level in the table.
-        entries: Number of rows of the level.
-
-    Returns:
-        Rows, int64, (S, 8), and weights, (S, 8).
+    ``x`` (S, 3): box coordinates in [0, 1]; ``resolution``: cells along each axis; ``first`` of its ``entries`` rows.
     """
     f = x * resolution
     i = f.long().clamp(0, resolution - 1)
@@ -195,16 +145,10 @@ def hash_corners(x: Tensor, resolution: int, first: int, entries: int) -> tuple[
 
 
 def hash_features(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
-    """Evaluate the multiresolution hash encoding (Müller et al. 2022, section 3).
+    """Return the multiresolution hash encoding (Müller et al. 2022, section 3) of box coordinates in [0, 1]. (S, L * F)
 
-    Args:
-        x: Box coordinates in [0, 1]. (S, 3)
-        resolutions: Cells along each axis of each level, int64. (L,)
-        offsets: First row of each level in ``table``, and the end of the last, int64. (L + 1,)
-        table: Features. (V, F)
-
-    Returns:
-        Features of all levels. (S, L * F)
+    ``resolutions`` (L,) int64: cells along each axis; ``offsets`` (L + 1,) int64: first row of each level in ``table``
+    (V, F), and the end of the last.
     """
     levels = []
     ends = offsets.tolist()

@@ -12,12 +12,7 @@ from torch.nn.functional import linear
 def relu_layers(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """Apply linear layers without biases, with ReLU between them, as in Instant-NGP (Müller et al. 2022, section 4).
 
-    Args:
-        x: Inputs of S samples. (S, I)
-        weights: Weights of each layer, from the inputs on. (to, from) each
-
-    Returns:
-        Outputs of the last layer. (S, O)
+    (S, I) -> (S, O); ``weights``: those of each layer, (to, from).
     """
     for weight in weights[:-1]:
         x = torch.relu_(linear(x, weight))

@@ -14,17 +14,10 @@ def representatives(
 ) -> tuple[Tensor, Tensor]:
     """Sample the weights along each ray systematically; see :func:`svv.fields.radiance.rendering.representatives`.
 
-    Args:
-        own: Optical depth of each sample. (S,)
-        skipped: Optical depth left out before each sample. (S,)
-        ray: Ray of each sample. (S,)
-        start: Index of each ray's first sample. (R,)
-        count: Number of each ray's samples. (R,)
-        every: Fraction of a pixel's weight between two cuts.
-        shift: Shift of each ray's cuts, in [0, 1). (R,)
-
-    Returns:
-        Rows of the chosen samples, ascending (K,), and for each sample the index in them of its representative (S,).
+    ``own`` and ``skipped`` (S,): optical depth of each sample, and left out before it; ``start`` and ``count`` (R,):
+    first sample and number of samples of each ray; ``every``: fraction of a pixel's weight between two cuts; ``shift``
+    (R,): of each ray's cuts, in [0, 1). Returns rows of the chosen samples, ascending (K,), and for each sample the
+    index in them of its representative (S,).
     """
     ray = ray.long()
     both = (skipped + own).double()

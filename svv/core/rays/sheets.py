@@ -1,11 +1,8 @@
-"""Sheets: what a viewer sees of a region along a ray, and where.
+"""Sheets: what a viewer sees of a region along a ray, and where. :mod:`svv.kernels.numba.sheets` computes it quickly.
 
-The samples of a region that follow one another on a ray without a gap are one sheet of paint or glass. A viewer sees
-it at its mean position, weighted by how visible its samples are. Paint has one colour there: through its depth, a
-stroke would be mixed with what lies below it, and with the noise of the samples.
-
-This module is the definition and a plain reference; :mod:`svv.kernels.numba.sheets` computes the same quickly.
-Letters: S samples in the order of their rays, front to back; G regions; K sheets.
+The samples of a region that follow one another on a ray without a gap are one sheet of paint or glass, seen at its mean
+position, weighted by how visible its samples are. Paint has one colour there: through its depth, a stroke would be
+mixed with what lies below it. Letters: S samples in the order of their rays, front to back; G regions; K sheets.
 """
 
 from __future__ import annotations
@@ -21,19 +18,11 @@ def sheets(
     region: NDArray[np.integer],
     apart: NDArray[np.floating],
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the sheet of each sample, and where each sheet is seen.
+    """Return the number of each sample's sheet, -1 for none (S,), and where each sheet is seen: mean positions (K, 3).
 
-    Args:
-        position: Box coordinates. (S, 3)
-        weight: Weight of each sample in its pixel, >= 0. (S,)
-        ray: Ray of each sample. (S,)
-        region: Region of each sample. (S,)
-        apart: Distance of two successive samples of a region above which they belong to different sheets, in box
-            units; 0 for a region whose samples belong to no sheet. (G,)
-
-    Returns:
-        Number of each sample's sheet, -1 for none (S,), and mean positions (K, 3). Sheets are numbered in the order of
-        their first samples.
+    Sheets are numbered in the order of their first samples. ``position`` (S, 3); ``weight`` (S,): in the pixel, >= 0;
+    ``apart`` (G,): distance of two successive samples of a region above which they belong to different sheets, in box
+    units; 0 for a region whose samples belong to no sheet.
 
     >>> x = np.array([0.1, 0.11, 0.5, 0.12])
     >>> position = np.stack([x, x * 0, x * 0], 1)

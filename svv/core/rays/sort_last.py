@@ -1,9 +1,7 @@
 """Sort-last compositing: images of the parts of a volume become the image of the whole (Molnar et al. 1994).
 
-The parts are boxes of the volume's grid that touch but do not overlap. A ray passes through one after the other, so the
-images are composited in that order with the operator *over* (Porter and Duff 1984).
-
-Letters: N parts.
+The N parts are boxes of the volume's grid that touch but do not overlap. A ray passes through one after the other, so
+the images are composited in that order with the operator *over* (Porter and Duff 1984).
 """
 
 from __future__ import annotations
@@ -22,18 +20,11 @@ CYCLE = (
 
 
 def front_to_back(low: Array, high: Array, eye: Array, parallel: bool) -> list[int]:
-    """Return the order in which rays from a camera pass through boxes.
+    """Return the order in which rays from a camera pass through boxes with lower and upper corners (N, 3).
 
-    A plane between two boxes decides: the box on the camera's side may hide the other one, but not vice versa.
-
-    Args:
-        low: Lower corners of the boxes. (N, 3)
-        high: Upper corners. (N, 3)
-        eye: Position of the camera; if its rays are parallel, their direction. (3,)
-        parallel: Whether the camera's rays are parallel.
-
-    Raises:
-        BadInput: Boxes overlap, or hide each other in a circle.
+    A plane between two boxes decides: the box on the camera's side may hide the other one, but not vice versa. ``eye``:
+    position of the camera, or direction of parallel rays. (3,) BadInput if boxes overlap, or hide each other in a
+    circle.
     """
     upward, downward = ((eye > 0) & (low < high), (eye < 0) & (low < high)) if parallel else (eye < high, eye > low)
     # If a box lies below another, it hides that one only from rays that go upward, and vice versa.
@@ -53,12 +44,7 @@ def front_to_back(low: Array, high: Array, eye: Array, parallel: bool) -> list[i
 def over(layers: NDArray[np.uint16], full: int) -> NDArray[np.uint16]:
     """Composite premultiplied images, front to back: C = sum_i c_i prod_{j<i} (1 - a_j), and likewise for alpha.
 
-    Args:
-        layers: Images from the first to the last, from 0 to ``full``. (N, ..., 4)
-        full: The value that stands for 1.
-
-    Returns:
-        The image, in the same numbers. (..., 4)
+    (N, ..., 4) -> (..., 4). ``full``: the value that stands for 1, in the layers and in the image.
     """
     total = np.zeros(layers.shape[1:], np.float32)
     behind = np.ones((*layers.shape[1:-1], 1), np.float32)

@@ -1,10 +1,8 @@
 """The paint of brush strokes at positions: the definition, and a plain reference for the compiled kernels.
 
-At a position near a stroke, the nearest point's frame gives coordinates along and across it, and these its outline,
-bristle marks and relief. Paint with body covers what is below; glazes filter it (Beer's law: their density is an
-exponent of what they let through). Strokes of wet brushes flow into one wash, with one outline, whose rim dries darker
-(Curtis et al. 1997). The tooth of the paper is noise in space, so it stays where it is on the surface. Letters: N
-strokes, P positions. Lengths are in box units.
+Paint with body covers what is below; glazes filter it (Beer's law: their density is an exponent of what they let
+through). Strokes of wet brushes flow into one wash, with one outline, whose rim dries darker (Curtis et al. 1997). The
+tooth of the paper is noise in space. Letters: N strokes, P positions. Lengths are in box units.
 """
 
 from __future__ import annotations
@@ -67,16 +65,9 @@ def twice(place: NDArray[np.floating], size: float, soft: float, first: int) -> 
 
 
 def paint_at(strokes: Strokes, brush: Brush, position: ArrayLike, soft: float) -> NDArray[np.float64]:
-    """Return the paint at positions: a plain reference, stroke by stroke.
+    """Return colour times coverage, and coverage, in [0, 1], at box coordinates (P, 3), stroke by stroke. (P, 4)
 
-    Args:
-        strokes: The strokes.
-        brush: How their paint looks.
-        position: Box coordinates. (P, 3)
-        soft: Width of the soft edges: the cell or pixel in which the paint is shown. Finer marks fade out.
-
-    Returns:
-        Colour times coverage, and coverage, from 0 to 1. (P, 4)
+    ``soft``: width of the soft edges, the cell or pixel in which the paint is shown; finer marks fade out.
 
     >>> from svv.core.strokes.strokes import straight_stroke
     >>> stroke = straight_stroke((0.2, 0.5, 0.5), (0.8, 0.5, 0.5), 0.05)

@@ -1,12 +1,9 @@
 """Brush strokes as primitives: curved bands on surfaces, and the paint that they leave at any position.
 
-A stroke is a row of points with normals and half widths. At a position near it, the nearest point's frame gives
-coordinates along and across the stroke, from which follow its outline (round where the brush is set down, ragged where
-it is lifted), the marks of bristles and the relief of thick paint. Strokes lie over one another in order, as in
-Hertzmann (1998), and on the surface, as in Meier (1996), so they are the same from every side.
-
-:mod:`svv.core.strokes.stroke_reference` defines what they look like; :mod:`svv.kernels.numba.strokes` computes it
-quickly. Letters: N strokes, K points of strokes, P positions. Lengths are in box units.
+A stroke is a row of points with normals and half widths. The frame of the point nearest to a position gives coordinates
+along and across the stroke, and these its outline, the marks of bristles and the relief. Strokes lie over one another
+in order (Hertzmann 1998), and on the surface (Meier 1996). :mod:`svv.core.strokes.stroke_reference` defines what they
+look like. Letters: N strokes, K points of strokes, P positions. Lengths are in box units.
 """
 
 from __future__ import annotations

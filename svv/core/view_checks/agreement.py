@@ -1,8 +1,8 @@
 """How well cameras agree with pictures, by the silhouettes of whatever is denser or brighter than some levels.
 
-The silhouette of everything visible may say nothing: a ball about the centre looks the same from everywhere. What is
-opaque inside of it, or bright, has a silhouette, too, which must agree with the cameras if it is seen from all sides.
-A level whose silhouettes disagree is no proof by itself: in fog, what is dense along one ray may be thin along another.
+The silhouette of everything visible may say nothing, as that of a ball about the centre; what is opaque inside of it,
+or bright, has one, too. A level whose silhouettes disagree is no proof by itself: in fog, what is dense along one ray
+may be thin along another.
 """
 
 from __future__ import annotations
@@ -77,15 +77,10 @@ class Outlines:
         return Outlines(self.chosen[own], taken, self.reach[which], self.of_alpha[which], self.inner[which], self.cut)
 
     def residuals(self, views: Views, most: int = MOST_PAIRS) -> tuple[Array, NDArray[np.intp]]:
-        """Return by how many pixels the silhouettes of each level differ with these cameras.
+        """Return by how many pixels the silhouettes of each level differ with cameras of the chosen views.
 
-        Args:
-            views: Cameras of the chosen views.
-            most: Most pairs of views that are compared.
-
-        Returns:
-            Medians in pixels, infinite where fewer than :data:`LEAST_FOUND` can be compared, and how many can.
-            (levels,), (levels,)
+        Compares at most ``most`` pairs of views. Returns medians in pixels, infinite where fewer than
+        :data:`LEAST_FOUND` can be compared, and how many can. (levels,), (levels,)
         """
         medians, counts = np.full(len(self.levels), np.inf), np.zeros(len(self.levels), np.intp)
         for k, silhouettes in enumerate(self.levels):

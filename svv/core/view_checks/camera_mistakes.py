@@ -1,8 +1,7 @@
 """Usual mistakes in the cameras of a set of pictures, each undone: which cameras would be meant.
 
-Programs store cameras in many ways: camera-to-world or world-to-camera matrices, of cameras that look along -z with y
-up (OpenGL, Blender) or along z with y down (OpenCV, COLMAP), in worlds of either hand, and in the order of frames or
-of file names. Each mistake here says what the file would hold, and how to mend it.
+Programs store camera-to-world or world-to-camera matrices, of cameras that look along -z with y up (OpenGL, Blender) or
+along z with y down (OpenCV, COLMAP), in worlds of either hand, and in the order of frames or of file names.
 """
 
 from __future__ import annotations
@@ -40,11 +39,9 @@ class Mistake:
 
 
 def mistakes(matrices: Array, names: Sequence[str]) -> Iterator[Mistake]:
-    """Yield the usual mistakes, likely ones first.
+    """Yield the usual mistakes, likely ones first, of camera-to-world matrices (n, 4, 4) as a file gives them.
 
-    Args:
-        matrices: Camera-to-world matrices as a file gives them. (n, 4, 4)
-        names: Names of the pictures in the same order.
+    ``names``: those of the pictures, in the same order.
     """
     axes = list(_axes())
     for base_said, base_mend, base in _bases(matrices):

@@ -1,8 +1,7 @@
 """What stands still on the screen while the cameras move: colour bars, axes, logos and text.
 
-Such pixels are filled in all views, in the same place, and yet no point of the world is seen there: following the ray
-of such a pixel, every point is seen somewhere empty by other views. What does pass this test, such as a ball about the
-centre, whose picture is the same from everywhere, is an object.
+Such pixels are filled in all views, in the same place, and yet every point along their rays is seen somewhere empty by
+other views. What passes this test, such as a ball about the centre, is an object.
 """
 
 from __future__ import annotations
@@ -48,15 +47,10 @@ OBJECT = 0.5
 
 
 def fixed_pixels(images: Sequence[Images], views: Views, step: int = 1) -> Mask:
-    """Return the pixels of things that stand still on the screen.
+    """Return the pixels of things that stand still on the screen. (height, width)
 
-    Args:
-        images: RGBA, every ``step``-th pixel from ``step // 2`` on. (n) x (height, width, 4)
-        views: Their cameras, in pixels of the whole image.
-        step: See there.
-
-    Returns:
-        True where something stands still. (height, width)
+    ``images``: RGBA, every ``step``-th pixel from ``step // 2`` on, n x (height, width, 4); ``views``: their cameras,
+    in pixels of the whole image.
     """
     filled = np.stack([image[..., 3] > VISIBLE for image in images])
     found = np.zeros(filled.shape[1:], bool)

@@ -1,9 +1,8 @@
 """Whether silhouettes agree with their cameras, and the angle of view with which they agree best.
 
-For two views of one object, a plane through both camera positions that touches the object touches both silhouettes:
-the epipolar tangency constraint (Porrill and Pollard 1991; Wong and Cipolla 2001 calibrate turntables with it). Every
-pair of views therefore gives two numbers that must agree, one on either side of the object. They need nothing but the
-convex hulls of the silhouettes.
+A plane through two camera positions that touches an object touches both silhouettes: the epipolar tangency constraint
+(Porrill and Pollard 1991; Wong and Cipolla 2001). Every pair of views therefore gives two numbers that must agree, one
+on either side of the object.
 """
 
 from __future__ import annotations
@@ -92,15 +91,10 @@ class Silhouettes:
 
 
 def outermost(ends: NDArray[np.integer], step: int) -> Array:
-    """Return the outermost point of a silhouette in each direction.
+    """Return the outermost point of a silhouette in each direction, in pixels of the whole picture. (TANGENTS, 2)
 
-    Args:
-        ends: Column and row of its pixels, at least of all that may be outermost: first those on the left, then those
-            on the right, each from the top down. (pixels, 2)
-        step: Every so many-th pixel of the picture is counted (:meth:`Silhouettes.of`).
-
-    Returns:
-        Column and row, in pixels from the upper left corner of the whole picture. (TANGENTS, 2)
+    ``ends`` (pixels, 2): column and row of its pixels, at least of all that may be outermost: first those on the left,
+    then those on the right, each from the top down; ``step``: as for :meth:`Silhouettes.of`.
     """
     pixels = ends * step + step // 2 + 0.5
     return pixels[(pixels @ OUTWARDS).argmax(axis=0)] + (INSET + 0.5 * (step - 1)) * OUTWARDS.T
@@ -147,14 +141,10 @@ class Fit:
 
 
 def disagreement(cameras: Sequence[Camera], silhouettes: Silhouettes) -> Array:
-    """Return by how many pixels the silhouettes of pairs of views disagree, two signed numbers a pair; may be empty.
+    """Return by how many pixels the silhouettes of pairs of views disagree, two signed numbers a pair. (pairs * 2,)
 
-    Args:
-        cameras: One camera a view. Pairs of a pinhole and an orthographic camera are left out.
-        silhouettes: The silhouettes of the views.
-
-    Returns:
-        Differences in pixels; NaN where the line between two cameras runs through the object. (pairs * 2,)
+    NaN where the line between two cameras runs through the object. Pairs of a pinhole and an orthographic camera are
+    left out, so there may be none.
     """
     return differences(Views.of(cameras), silhouettes)
 
@@ -164,13 +154,9 @@ LEAST_OF_A_VIEW = 6
 
 
 def differences(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS, paired: Views | None = None) -> Array:
-    """Return what :func:`disagreement` returns, of cameras that may be mirrored.
+    """Return what :func:`disagreement` returns, of cameras that may be mirrored, for at most ``most`` pairs of views.
 
-    Args:
-        views: The cameras.
-        silhouettes: Their silhouettes.
-        most: Most pairs of views that are compared.
-        paired: Cameras by which pairs are chosen; by default the same.
+    ``paired``: cameras by which pairs are chosen; by default the same.
     """
     return _differences(views, silhouettes, _pairs(paired or views, silhouettes, most))
 
@@ -178,10 +164,7 @@ def differences(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS, 
 def differences_by_view(views: Views, silhouettes: Silhouettes, most: int) -> Array:
     """Return by how many pixels the silhouette of each view differs from the others': medians, NaN if unknown. (n,)
 
-    Args:
-        views: The cameras.
-        silhouettes: Their silhouettes.
-        most: Most pairs of views that are compared.
+    Compares at most ``most`` pairs of views.
     """
     pairs = _pairs(views, silhouettes, most)
     medians = np.full(len(views.matrices), np.nan)
@@ -198,16 +181,10 @@ def differences_by_view(views: Views, silhouettes: Silhouettes, most: int) -> Ar
 
 
 def best_fov(cameras: Sequence[Camera], silhouettes: Silhouettes) -> Fit | None:
-    """Return the angle of view with which the silhouettes of pinhole cameras at known positions agree best.
+    """Return the angle of view with which silhouettes agree best; None if too few pairs of views can be compared.
 
-    A sphere about the point that all cameras look at agrees with any angle; :attr:`Fit.uncertainty` tells.
-
-    Args:
-        cameras: Pinhole cameras of one angle of view, which is not used.
-        silhouettes: The silhouettes of the views.
-
-    Returns:
-        The angle, or None if too few pairs of views can be compared.
+    The cameras are pinhole cameras of one angle of view, which is not used, at known positions. A sphere about the
+    point that all of them look at agrees with any angle; :attr:`Fit.uncertainty` tells.
     """
     views = Views.of(cameras)
     pairs = _pairs(views, silhouettes)
@@ -244,10 +221,7 @@ def _best_of(found: Array) -> int | None:
 
     The wider the angle, the nearer the object seems to the cameras, and the fewer pairs are left whose planes do not
     run through it: a few may agree by chance. Two angles are therefore compared with the pairs that both leave, and of
-    angles that are equally good the narrowest, which explains most pairs, wins.
-
-    Args:
-        found: Differences in pixels, NaN where they cannot be compared, angles from narrow to wide. (angles, pairs * 2)
+    angles that are equally good the narrowest wins. ``found``: as from :func:`differences`. (angles, pairs * 2)
     """
     finite = np.isfinite(found)
     costs = np.array([_cost(each) if own.sum() >= LEAST_PAIRS else np.inf for each, own in zip(found, finite)])
@@ -267,15 +241,9 @@ def _best_of(found: Array) -> int | None:
 
 
 def disagreement_of(cameras: Sequence[Camera], silhouettes: Silhouettes, angles: Sequence[float]) -> Array:
-    """Return by how many pixels silhouettes disagree for each of some angles of view, over the same pairs of views.
+    """Return by how many pixels silhouettes disagree for some angles of view in radians, over the same pairs of views.
 
-    Args:
-        cameras: Pinhole cameras, whose own angle is not used.
-        silhouettes: The silhouettes of the views.
-        angles: Full horizontal angles of view in radians.
-
-    Returns:
-        Medians in pixels; NaN if no pair can be compared with all of the angles. (angles,)
+    Medians; NaN if no pair can be compared with all of the angles. (angles,) The cameras' own angle is not used.
     """
     each = [Views.of([replace(camera, fov_x=fov) for camera in cameras]) for fov in angles]
     pairs = _pairs(each[0], silhouettes)

@@ -13,17 +13,11 @@ AHEAD = 0.05
 
 @njit(cache=True)
 def compare_tangents(positions, units, focal, pairs, found):  # type: ignore[no-untyped-def]
-    """Compare the outermost planes through both positions of each pair of pinhole cameras.
+    """Compare the outermost planes through both positions of each pair of pinhole cameras; angles name them.
 
-    The angle about the line between the positions names a plane.
-
-    Args:
-        positions: Camera positions. (n, 3)
-        units: Unit vectors of rays to the outermost points of each silhouette. (n, tangents, 3)
-        focal: Focal lengths in pixels. (n,)
-        pairs: The views of each pair. (pairs, 2)
-        found: Result: differences on either side in pixels, or NaN: cameras at one point, which have no line between
-            them, or a plane that runs through the object. (pairs, 2)
+    ``units`` (n, tangents, 3): unit vectors of rays to the outermost points of each silhouette; ``focal`` (n,): in
+    pixels; ``found`` (pairs, 2): differences on either side in pixels, or NaN for cameras at one point, which have no
+    line between them, or a plane that runs through the object.
     """
     count = units.shape[1]
     middle = np.zeros((len(units), 3))

@@ -1,8 +1,7 @@
 """A classified volume: the extinction and range that the transfer function gives each point, before any training.
 
-A view shows overlapping structures only as a sum, so a field learned from views alone has to discover where a faint
-shell is, and it finds noise where the views say little. If the volume is available, this is known: its scalar value
-determines the extinction of a point and the range of the transfer function that the point belongs to.
+A view shows overlapping structures only as a sum, so a field learned from views alone finds noise where they say
+little. If the volume is available, its scalar value determines the extinction of a point and its range.
 """
 
 from __future__ import annotations
@@ -44,11 +43,7 @@ def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class ValueRange:
-    """Scalar values that the transfer function shows alike: a region of the scene.
-
-    Raises:
-        BadInput: A value is not finite, the interval is empty, or the colour is outside [0, 1].
-    """
+    """Scalar values that the transfer function shows alike: a region of the scene. BadInput if something is invalid."""
 
     low: float
     """Smallest scalar value of the range."""
@@ -68,10 +63,7 @@ class ValueRange:
 class ValueGrid:
     """Scalar values on the vertices of a grid over the visible box, and the extinction that belongs to each value.
 
-    Values count from 0 to 1 over an interval that contains all that are visible, with some space on both sides.
-
-    Raises:
-        BadInput: The number of cells, the codes, the visible part or the integral are invalid.
+    Values count from 0 to 1 over an interval that contains all visible ones. BadInput if something is invalid.
     """
 
     cells: int
@@ -233,13 +225,9 @@ class ClassifiedVolume:
 
 
 def cells_with(there: NDArray[np.bool_], own: int, shape: NDArray[np.int64], cells: int) -> NDArray[np.uint8]:
-    """Mark the cells that have a marked vertex of another grid. (X, Y, Z)
+    """Mark the cells that have a marked vertex of another grid, which has ``own`` cells per box unit. (X, Y, Z)
 
-    Args:
-        there: Marked vertices of a grid with ``own`` cells per box unit.
-        own: Cells of that grid, a power of two.
-        shape: Number of cells along each side, as from :func:`grid_shape`. (3,)
-        cells: Their number per box unit, a power of two.
+    ``shape`` is from :func:`grid_shape` for ``cells`` per box unit. Both numbers per box unit are powers of two.
     """
     parts = max(1, own // cells)  # cells of the other grid per cell of this one, along an axis
     copies = max(1, cells // own)

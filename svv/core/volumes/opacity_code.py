@@ -1,14 +1,11 @@
 """Extinction as one byte of a volume that other programs draw, and the opacity function that turns it back.
 
-A byte cannot hold an opacity: between fog that a ray crosses in hundreds of voxels and a surface that one voxel shows
-lie five orders of magnitude. A code is therefore linear in the logarithm of the optical depth of one *unit distance*,
-and the opacity function with which the volume is drawn is the inverse. That is also what fields interpolate
-(:mod:`svv.core.rays.extinction`), so a program that interpolates codes linearly finds the same extinction between
-voxels.
+Between fog that a ray crosses in hundreds of voxels and a surface that one voxel shows lie five orders of magnitude, so
+a code is linear in the logarithm of the optical depth of one *unit distance*, the one that ParaView assumes by default.
+Interpolated codes give the extinction that fields have between voxels (:mod:`svv.core.rays.extinction`).
 
-The unit distance is the one that ParaView assumes unless it is told another: it depends on the grid alone. The largest
-code, 255, stands for the densest point that a volume shows, because VTK's mappers scale a component of bytes by the
-range that the volume has of it, and not all of them scale the opacity function by the same.
+Code 255 stands for the densest point that a volume shows, because VTK's mappers scale a component of bytes by the range
+that the volume has of it, and not all of them scale the opacity function by the same.
 """
 
 from __future__ import annotations
@@ -31,11 +28,8 @@ CODES = 255
 def unit_distance(cells: ArrayLike, spacing: ArrayLike) -> float:
     """Return ParaView's default opacity unit distance: diagonal of the bounds / cube root of the number of cells.
 
-    It is in world units; sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode approximate_cell_length).
-
-    Args:
-        cells: Number of cells along each axis, one less than of points. (3,)
-        spacing: Distance between points along each axis, world units. (3,)
+    It is in world units, as is ``spacing`` (3,); sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode
+    approximate_cell_length). ``cells`` (3,): along each axis, one less than points.
     """
     count = np.asarray(cells, np.float64)
     return float(np.linalg.norm(count * np.asarray(spacing)) / np.cbrt(count.prod()))
@@ -48,14 +42,9 @@ def most_of(log_depth: NDArray[np.float32]) -> float:
 
 
 def codes_of(log_depth: NDArray[np.float32], most: float) -> NDArray[np.uint8]:
-    """Return the codes of optical depths of one unit distance.
+    """Return the codes of optical depths of one unit distance, given as logarithms; -inf is empty. (S,)
 
-    Args:
-        log_depth: Logarithm of each optical depth; -inf is empty. (S,)
-        most: What code 255 stands for, :func:`most_of`.
-
-    Returns:
-        Codes; what is fainter than code 1 becomes 0, what is denser than code 255 becomes 255. (S,)
+    What is fainter than code 1 becomes 0, what is denser than code 255, which stands for :func:`most_of`, becomes 255.
     """
     step = (most - LEAST_LOG_DEPTH) / (CODES - 1)
     codes = (log_depth - np.float32(LEAST_LOG_DEPTH)) * np.float32(1.0 / step) + np.float32(1.0)

@@ -26,11 +26,7 @@ def packed(numbers: NDArray[np.int16] | NDArray[np.uint16]) -> NDArray[np.uint8]
 
 
 def unpacked(content: NDArray[np.uint8], shape: Sequence[int]) -> NDArray[np.uint16]:
-    """Return the numbers of a grid of this shape, from :func:`packed`.
-
-    Raises:
-        ValueError: The content is damaged or of another shape.
-    """
+    """Return the numbers of a grid of this shape, from :func:`packed`; ValueError if the content does not fit."""
     count = int(np.prod(shape))
     stream = zlib.decompressobj()
     try:

@@ -1,8 +1,7 @@
 """Whether the GPU can be used here, and why not: its driver, its memory, and a check of the kernels on its first use.
 
-The check compares every kernel with plain torch, in value and gradient (:mod:`svv.fields.devices.gpu_check`). It takes
-about 25 seconds, once: its result is kept for this card, driver, versions and code. It runs in a process of its own,
-because a fault in a kernel makes all further work of its process on the GPU fail.
+The check (:mod:`svv.fields.devices.gpu_check`) takes about 25 seconds, once: its result is kept for this card, driver,
+versions and code. A process of its own runs it, because a fault in a kernel makes all its later work on the GPU fail.
 """
 
 from __future__ import annotations
@@ -195,11 +194,9 @@ def _usable(device: torch.device) -> Verdict:
 def device_named(name: str) -> torch.device:
     """Return the device for the option ``auto``, ``cpu`` or ``cuda``.
 
-    ``auto`` is the GPU if there is one whose kernels pass a check, which takes 25 seconds on its first use;
-    one line says which device it is and why if there is a GPU. ``cuda`` is not checked.
-
-    Raises:
-        BadInput: The name is unknown, or it is ``cuda`` and torch cannot use a GPU.
+    ``auto`` is the GPU if there is one whose kernels pass a check, which takes 25 seconds on its first use; one line
+    says which device it is and why if there is a GPU. ``cuda`` is not checked. Raises BadInput if the name is unknown,
+    or it is ``cuda`` and torch cannot use a GPU.
     """
     if name not in ("auto", "cpu", "cuda"):
         raise BadInput(f"There is no device '{name}'; choose auto, cpu or cuda.")

@@ -1,9 +1,7 @@
 """The check of a GPU on its first use: every kernel against plain torch, compiled and in parallel.
 
-:mod:`svv.fields.devices.gpu` runs it in a process of its own and keeps its result. One image and one training step
-would not do: of the faults of ``tests/test_kernel_checks.py``, most change them by less than the half precision of
-networks does (a look-up off by 1e-4 changes a picture by 6e-5, a gradient off by 1e-3 a table by 5e-7), or not at all,
-as those of the kernels that find regions.
+:mod:`svv.fields.devices.gpu` runs it in a process of its own. One image and one training step would not do: most of the
+faults of ``tests/test_kernel_checks.py`` change them by less than the half precision of networks does, or not at all.
 """
 
 from __future__ import annotations

@@ -62,10 +62,6 @@ def _ended(own: ImageKernels, at: Inputs) -> list[Tensor]:
     return [samples.sigma, samples.tail]
 
 
-def _features(own: ImageKernels, at: Inputs) -> list[Tensor]:
-    return list(own.features(at.samples, at.facing, at.lattice, at.tables))
-
-
 def _material(own: ImageKernels, at: Inputs) -> list[Tensor]:
     surface = _surface(own, at)
     return [surface.colour, surface.region.float()]
@@ -101,7 +97,7 @@ def _composite(own: ImageKernels, at: Inputs) -> list[Tensor]:
 
 PARTS: dict[str, Part] = {
     "depth behind": _ended,
-    "features of both": _features,
+    "features of both": lambda own, at: list(own.features(at.samples, at.facing, at.lattice, at.tables)),
     "material": _material,
     "paint": _overpaint,
     "light": _light,

@@ -1,10 +1,8 @@
 """Checks of a set of kernels against plain torch, in value and gradient: whether a GPU computes what it should.
 
 Each check makes its inputs from a seed, runs both, and raises AssertionError if they differ by more than rounding can
-make of it (:mod:`svv.core.rounding`). The tests call them with a few samples in Triton's interpreter, ``svv bench gpu``
-and the check on a GPU's first use (:mod:`svv.fields.devices.gpu_check`) with enough to fill a GPU.
-
-Letters: S samples, R rays, F features.
+make of it (:mod:`svv.core.rounding`). Tests call them with a few samples in Triton's interpreter, ``svv bench gpu`` and
+the check on a GPU's first use with enough to fill a GPU. Letters: S samples, R rays, F features.
 """
 
 from __future__ import annotations
@@ -320,8 +318,7 @@ def check_network(
 ) -> None:
     """Compare a network whose precision does not matter with plain torch, in value and gradient.
 
-    It may be exact, or as exact as plain torch whose operands are rounded to float16. ``exponent``: the gradient of the
-    loss is 2 to its power times numbers about 1.
+    It may be exact, or as exact as plain torch with operands of float16. The loss has gradients of 2 ** ``exponent``.
     """
     generator, weights = torch.Generator().manual_seed(seed), weights_of(shape, seed)
     x = torch.randn(count, shape[0], generator=generator)
@@ -351,11 +348,9 @@ Check = Callable[[Kernels, torch.device, int], None]
 def checks(samples: int = 150) -> Mapping[str, Check]:
     """Return all checks by name, to be called with kernels, their device and a seed.
 
-    Args:
-        samples: Number of samples of each check: 1 << 17 fill a large GPU.
+    ``samples``: how many each has; 1 << 17 fill a large GPU.
 
-    Example:
-        >>> checks()["adam"](reference, CPU, 0)
+    >>> checks()["adam"](reference, CPU, 0)
     """
     rays = max(40, samples // 8)
     counts = tuple(np.random.default_rng(0).integers(0, 9, rays).tolist())

@@ -54,18 +54,10 @@ def _normal_equations(own: RegionKernels, at: Inputs) -> list[Tensor]:
     return [total[:, : -len("RGB")].tril().float(), total[:, -len("RGB") :].float()]
 
 
-def _errors(own: RegionKernels, at: Inputs) -> list[Tensor]:
-    return [own.errors(at.rays, kept, at.light, at.ahead) for kept in (1.0, 0.1)]
-
-
 def _descent(own: RegionKernels, at: Inputs) -> list[Tensor]:
     member, following, regions = at.member.clone(), torch.empty_like(at.member), len(at.light)
     own.descend(at.vertices, at.error, at.light, at.step, (0.3, 0.6), at.ahead, member, following)
     return [found[:, :regions] for found in (member, following)]
-
-
-def _blurred(own: RegionKernels, at: Inputs) -> list[Tensor]:
-    return [own.blurred(at.grid, 0.6)]
 
 
 def _normals(own: RegionKernels, at: Inputs) -> list[Tensor]:
@@ -75,9 +67,9 @@ def _normals(own: RegionKernels, at: Inputs) -> list[Tensor]:
 
 PARTS: dict[str, Callable[[RegionKernels, Inputs], list[Tensor]]] = {
     "light": _normal_equations,
-    "errors": _errors,
+    "errors": lambda own, at: [own.errors(at.rays, kept, at.light, at.ahead) for kept in (1.0, 0.1)],
     "descent": _descent,
-    "blurred": _blurred,
+    "blurred": lambda own, at: [own.blurred(at.grid, 0.6)],
     "normals": _normals,
 }
 """Each kernel."""

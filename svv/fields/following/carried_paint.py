@@ -41,14 +41,9 @@ def carried(
 ) -> UnrestrictedField:  # fmt: skip
     """Return paint on the vertices of other cells, where its matter has moved, on the CPU.
 
-    Args:
-        network: The paint as it was laid.
-        scene: The scene that it was laid on.
-        over: The other cells, and the values there.
-        step: Number of the scene's step that this is; for another volume what gives the strokes that live there, or
-            None: all do.
-        matter: Where the matter at box coordinates of the other cells was, in the same coordinates.
-        owners: The regions of places in the other cells.
+    ``over``: the other cells, and the values there; ``step``: number of the scene's step that this is; for another
+    volume what gives the strokes that live there, or None: all do; ``matter``: where the matter at box coordinates of
+    the other cells was, in the same coordinates; ``owners``: the regions of places in the other cells.
     """
     laid = network.brushed
     brushed = None if laid is None or scene.steps is None else _moved(laid, scene, over, step, matter)

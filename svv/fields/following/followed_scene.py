@@ -1,8 +1,7 @@
 """A scene at another time step of its volume, without views and without training.
 
 In a scene of the encoding ``values``, extinction, colour and light are functions of the volume's values
-(:mod:`svv.fields.radiance.of_values`), and a transfer function shows other values in the same way. At another time
-step, only the values are new.
+(:mod:`svv.fields.radiance.of_values`): at another time step, only the values are new.
 """
 
 from __future__ import annotations
@@ -43,15 +42,8 @@ Matter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 def at_step(scene: S, step: int, anew: bool = False) -> S:
     """Return the scene as one of its time steps makes it, with the same palette, edits and paint.
 
-    Paint moves with the matter. The result has no other time steps.
-
-    Args:
-        scene: A scene with time steps.
-        step: Number of the step.
-        anew: Whether the own step is made from its values, too.
-
-    Raises:
-        BadInput: The scene has no such step, or is not one that can follow a volume (:func:`check_follows`).
+    Paint moves with the matter. The result has no other time steps. ``anew``: whether the own step is made from its
+    values, too. Raises BadInput if the scene has no such step, or cannot follow a volume (:func:`check_follows`).
     """
     steps = scene.steps
     if steps is None or not 0 <= step < len(steps):
@@ -93,17 +85,11 @@ def at_volume(
 ) -> S:  # fmt: skip
     """Return the scene as another volume's values make it, with the same palette, edits and paint.
 
-    Where there was no paint before, it is that of the nearest place, or strokes are born.
-
-    Args:
-        scene: A scene of the encoding ``values``, with a palette network and without regions that were split off.
-        volume: The other volume, classified by the scene's transfer function.
-        time: Its time.
-        matter: Where the matter at positions in the world was when the scene was painted; by default at rest.
-        alive: The strokes that live in this volume (:meth:`svv.fields.strokes.flocks.Flocks.at`); by default all.
-
-    Raises:
-        BadInput: The scene is not one of these, or the volume comes without its values or without ones between.
+    Where there was no paint before, it is that of the nearest place, or strokes are born. The scene has the encoding
+    ``values``, a palette network and no regions that were split off; the volume, classified by its transfer function,
+    has its values and ones between: otherwise, raises BadInput. ``matter``: where the matter at positions in the world
+    was when the scene was painted, by default at rest; ``alive``: the strokes that live in this volume
+    (:meth:`svv.fields.strokes.flocks.Flocks.at`), by default all.
     """
     scene = without_undone_splits(scene)
     function, _ = check_follows(scene)
@@ -119,8 +105,7 @@ def at_volume(
 def check_follows(scene: Model) -> tuple[ValueFunction, PaletteField]:
     """Return what a scene needs to follow its volume.
 
-    Raises:
-        BadInput: It is no function of its volume's values, or has parts or paint that cannot follow.
+    Raises BadInput if it is no function of its volume's values, or has parts or paint that cannot follow.
     """
     if scene.values is None or scene.palette_network is None:
         raise BadInput(
@@ -176,15 +161,9 @@ def _over(
 
 
 def on_cells_of(scene: Model, network: UnrestrictedField, painted: Model) -> UnrestrictedField:
-    """Return paint of a scene on the cells that the same scene has with other opacities.
+    """Return paint, laid on the scene ``painted``, on the cells that the same scene has with other opacities.
 
-    Args:
-        scene: The scene with other opacities, not painted yet.
-        network: The paint.
-        painted: The scene that it was laid on.
-
-    Raises:
-        BadInput: It is not paint that can follow a volume (:func:`check_paint_follows`).
+    ``scene`` is that one, not painted yet. Raises BadInput for paint that cannot follow (:func:`check_paint_follows`).
     """
     if np.array_equal(scene.occupancy.occupied, painted.occupancy.occupied):
         return network

@@ -1,9 +1,7 @@
 """A scene of learned features with another extinction, on the cells that this one fills.
 
-What was learned stays at its vertices. A vertex without any features has those of the nearest one that has some: matter
-and its light change slowly from a place to the next, while a network can make anything of features that it never saw.
-
-Letters: V vertices.
+A vertex without any features has those of the nearest one that has some: matter and its light change slowly from a
+place to the next, while a network can make anything of features that it never saw. Letters: V vertices.
 """
 
 from __future__ import annotations
@@ -30,13 +28,9 @@ from svv.fields.scene.model import S
 def on_cells(scene: S, occupancy: Occupancy, density: SparseLattice) -> S:
     """Return a scene with another extinction, and its palette, edits and paint.
 
-    Args:
-        scene: A scene of the encoding ``lattice`` with a palette network, and without parts that were split off.
-        occupancy: The cells that the other extinction fills, in the box of the scene.
-        density: Logarithms of that extinction, on those cells, on any device.
-
-    Raises:
-        BadInput: The scene is not one of these, or has paint that cannot be laid on other cells.
+    The scene has the encoding ``lattice``, a palette network, and neither parts that were split off nor paint that
+    cannot be laid on other cells: otherwise, raises BadInput. ``density``: logarithms of that extinction on the cells,
+    in the scene's box, that it fills, on any device.
     """
     scene = without_undone_splits(scene)
     palette = scene.palette_network
@@ -71,12 +65,9 @@ def on_cells(scene: S, occupancy: Occupancy, density: SparseLattice) -> S:
 
 
 def _fill(new: nn.Module, old: nn.Module, cells: tuple[Occupancy, Occupancy]) -> None:
-    """Fill a lattice with the features of another one of the same levels, or with those of the nearest vertex.
+    """Fill a lattice on the CPU with the features of another of the same levels, or with those of the nearest vertex.
 
-    Args:
-        new: The lattice to fill, on the CPU.
-        old: The other one.
-        cells: The cells of the old lattice, and those of the new one.
+    ``cells``: those of the old lattice, and those of the new one.
     """
     assert isinstance(new, SparseLattice) and isinstance(old, SparseLattice)
     table, (before, after) = old.table.detach().cpu(), cells

@@ -22,18 +22,9 @@ from svv.kernels.types import Samples
 def march_uncut(
     rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, cuts: Sequence[Cut]
 ) -> Samples:
-    """Sample the parts of rays that no cut of all regions takes away.
+    """Sample the parts of rays that no cut of all regions takes away, as :func:`march` does.
 
-    Args:
-        rays: R rays.
-        occupancy: As for :func:`march`, like the two that follow.
-        density: The lattice of extinction, or None.
-        how: Sample distance and thresholds.
-        cuts: Cuts in world units. Those of some regions only are left to who knows the regions of the samples: all
-            samples are there for them.
-
-    Returns:
-        The samples of all rays, as :func:`march` returns them.
+    Cuts, in world units, of some regions only are left to who knows the regions of the samples: all are there for them.
     """
     whole = [cut.in_box(occupancy.box) for cut in cuts if not cut.regions]
     if not whole:

@@ -1,8 +1,7 @@
 """Position encodings behind one interface: a sparse vertex lattice (default) and a hash grid (the paper's).
 
-An encoding is a module that maps box coordinates (S, 3) to features (S, width). The kernels of its device read and
-write its table: the backward pass adds to ``gradient`` and marks the vertices it touched in ``used``, and
-:class:`LatticeAdam` then steps only those. Plain references are in :mod:`svv.core.rays.encodings`.
+An encoding maps box coordinates (S, 3) to features (S, width). Its backward pass adds to ``gradient`` and marks the
+vertices it touched in ``used``; :class:`LatticeAdam` steps only those.
 """
 
 from __future__ import annotations
@@ -67,8 +66,7 @@ class Encoding(nn.Module):
     def unpacked(self, arrays: Mapping[str, NDArray[np.generic]]) -> Tensor:
         """Return the table from the result of :meth:`packed`, or from the full-precision numbers of a file. (V, F)
 
-        Raises:
-            ValueError: The arrays do not have the table's shape.
+        Raises ValueError if the arrays do not have the table's shape.
         """
         return torch.from_numpy(arrays[""].astype(np.float32))
 
@@ -119,14 +117,9 @@ class SparseLattice(Encoding):
         features: int,
         device: torch.device = CPU,
     ) -> None:
-        """Lay out the lattice.
+        """Lay out the vertices of cells that hold something visible (X, Y, Z), with ``features`` per level.
 
-        Args:
-            occupied: Cells that hold something visible. (X, Y, Z)
-            cells: Cells per box unit of ``occupied``.
-            resolutions: Cells per box unit of each level; each divides ``cells`` or is a multiple of it.
-            features: Features per level.
-            device: Where the lattice is to lie.
+        ``cells``: those of ``occupied`` per box unit; ``resolutions``: those of each level, divisors or multiples.
         """
         levels = [_parts_of(occupied, cells, resolution) for resolution in resolutions]
         shapes = [_vertices_along(*level) for level in levels]
@@ -189,8 +182,7 @@ class SparseLattice(Encoding):
     def unpacked(self, arrays: Mapping[str, NDArray[np.generic]]) -> Tensor:
         """Return the table before :meth:`packed`, to within half a 255th of a feature's range. (V, F)
 
-        Raises:
-            ValueError: The arrays do not have this lattice's shape.
+        Raises ValueError if the arrays do not have this lattice's shape.
         """
         codes = arrays[""]
         if codes.dtype != np.uint8:
@@ -284,12 +276,10 @@ class LatticeAdam:
         self.age = [e.table.new_zeros(len(e.table), dtype=torch.int32) for e in self.encodings]
 
     def step(self, rates: Sequence[float | Tensor], pulls: Sequence[float | Tensor] | None = None) -> None:
-        """Take one step, and clear the gradients it used.
+        """Take one step with a learning rate for each encoding, and clear the gradients it used.
 
-        Args:
-            rates: Learning rate of each encoding: a number, or a tensor (1,) on its device.
-            pulls: Weight in the loss of half the squared values of each encoding's finer levels, likewise; by default
-                0.
+        ``pulls``: weight in the loss of half the squared values of finer levels, by default 0; numbers, or tensors
+        (1,).
         """
         pulls = [0.0] * len(self.encodings) if pulls is None else pulls
         for k, (encoding, rate) in enumerate(zip(self.encodings, rates, strict=True)):
@@ -358,16 +348,10 @@ def vertices_of(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDA
 def places_of(
     occupied: NDArray[np.uint8], cells: int, resolution: int, vertices: NDArray[np.int64] | None = None
 ) -> NDArray[np.float32]:
-    """Return box coordinates for looking up vertices of a resolution, moved as by ``SparseLattice.places_of_level``.
+    """Return box coordinates for looking up vertices of a resolution. (V, 3)
 
-    Args:
-        occupied: Cells that hold something visible. (X, Y, Z)
-        cells: Cells per box unit of ``occupied``.
-        resolution: Cells per box unit of the vertices.
-        vertices: Integer coordinates (V, 3), by default of all from :func:`vertices_of`.
-
-    Returns:
-        (V, 3)
+    They are moved as by ``SparseLattice.places_of_level``. ``vertices`` (V, 3): integer coordinates, by default all
+    from :func:`vertices_of`.
     """
     chosen = vertices_of(occupied, cells, resolution) if vertices is None else vertices
     level = _parts_of(occupied, cells, resolution)

@@ -21,12 +21,9 @@ FEW = 8
 
 @njit(parallel=True, cache=True)
 def summed(masks, side, tables):  # type: ignore[no-untyped-def]
-    """Write the summed-area tables of masks whose pixels are squares of pixels, set if any pixel of the square is.
+    """Write the summed-area tables of masks (N, H, W) uint8 in squares of ``side`` pixels, set if any pixel is > 0.
 
-    Args:
-        masks: uint8, > 0 where something is visible. (N, H, W)
-        side: Pixels along a side of a square.
-        tables: Result, zeros, int32. (N, H / side + 1, W / side + 1), rounded up
+    ``tables``: result, zeros, int32. (N, H / side + 1, W / side + 1), rounded up
     """
     _, height, width = masks.shape
     for n in prange(masks.shape[0]):
@@ -91,9 +88,7 @@ def _carve_block(  # type: ignore[no-untyped-def]
 ):
     """Leave only those cells of a block in its list ``left`` (C, 4) that views keep, each with how many views decide.
 
-    Returns:
-        The number of these cells, and the view that left out the last if none is left, otherwise ``begin``: the view
-        to begin with.
+    Returns their number, and the view to begin with: that which left out the last cell, or ``begin`` if some are left.
     """
     views, count, shown = tables.shape[0], left.shape[0], 0
     x, y, z = (block[0] + 0.5 * BLOCK) / cells, (block[1] + 0.5 * BLOCK) / cells, (block[2] + 0.5 * BLOCK) / cells
@@ -170,15 +165,8 @@ def mark_unexplained(  # type: ignore[no-untyped-def]
     Rays run through visible pixels, about a cell apart in the middle of the box. Where none of a ray's cells is
     contained by ``enough`` views, those are marked that at least half as many views contain as any other of them.
 
-    Args:
-        tables: As for :func:`visual_hull`, like the four that follow.
-        rotations: See there.
-        positions: See there.
-        lenses: See there.
-        cells: See there.
-        counts: How many views contain a cell, or 0, uint8: the largest of each cell and its neighbours. (X, Y, Z)
-        enough: Number of views.
-        marked: Result, zeros, uint8. (X, Y, Z)
+    ``counts`` (X, Y, Z): how many views contain a cell, or 0, uint8: the largest of each cell and its neighbours;
+    ``marked`` (X, Y, Z): result, zeros, uint8. The others are as for :func:`visual_hull`.
     """
     middle = np.array(counts.shape) / (2.0 * cells)
     for n in prange(tables.shape[0]):

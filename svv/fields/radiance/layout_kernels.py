@@ -30,12 +30,9 @@ def _any_of(cells, x0, x1, y0, y1, row):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def coarser(cells, side, out):  # type: ignore[no-untyped-def]
-    """Mark the cells that are ``side`` times as long if any of their parts is occupied.
+    """Mark the cells that are ``side`` times as long as others (X, Y, Z) if any of their parts is occupied.
 
-    Args:
-        cells: uint8. (X, Y, Z)
-        side: Parts along each side.
-        out: Result, zeros, uint8. (X / side, Y / side, Z / side), rounded up
+    ``out``: result, zeros, uint8. (X / side, Y / side, Z / side), rounded up
     """
     nx, ny, nz = cells.shape
     for x in prange(out.shape[0]):
@@ -49,13 +46,10 @@ def coarser(cells, side, out):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def lay_out(cells, parts, first, words):  # type: ignore[no-untyped-def]
-    """Write the words of the vertices of occupied cells, and return the number of these vertices.
+    """Write the words of the vertices of occupied cells (X, Y, Z), and return the number of these vertices.
 
-    Args:
-        cells: uint8. (X, Y, Z)
-        parts: Each cell consists of ``parts`` of the lattice's cells along each side.
-        first: Row of the first vertex.
-        words: Result, zeros, int64. (parts X + 1, parts Y + 1, W)
+    Each cell consists of ``parts`` of the lattice's cells along each side; ``first``: row of the first vertex;
+    ``words``: result, zeros, int64. (parts X + 1, parts Y + 1, W)
     """
     nx, ny, nz = cells.shape
     counts = np.zeros(words.shape[0] + 1, np.int64)
@@ -85,13 +79,7 @@ def lay_out(cells, parts, first, words):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def vertices_in(words, first, out):  # type: ignore[no-untyped-def]
-    """Write the coordinates of the vertices in some rows.
-
-    Args:
-        words: Words of a level, int64. (X, Y, W)
-        first: The first of the rows.
-        out: Result. (V, 3)
-    """
+    """Write the coordinates (V, 3) of the vertices in rows from ``first`` on, from a level's words (X, Y, W)."""
     planes, last = words.shape[0], first + out.shape[0]
     for x in prange(planes):
         if words[x, 0, 0] >> BITS >= last or (x + 1 < planes and words[x + 1, 0, 0] >> BITS <= first):
@@ -113,13 +101,8 @@ def vertices_in(words, first, out):  # type: ignore[no-untyped-def]
 def into_cells(cells, parts, vertices, ahead, behind, out):  # type: ignore[no-untyped-def]
     """Write places of vertices a little within an occupied cell: of the eight around each, the first from the far end.
 
-    Args:
-        cells: uint8. (X, Y, Z)
-        parts: As in :func:`lay_out`.
-        vertices: Coordinates. (V, 3)
-        ahead: Place for each coordinate along an axis, a little towards the next, float32.
-        behind: The same towards the one before, float32.
-        out: Result, float32. (V, 3)
+    ``parts``: as in :func:`lay_out`; ``ahead`` and ``behind``: place for each coordinate along an axis, a little
+    towards the next, and towards the one before. Numbers are float32; ``out``: (V, 3).
     """
     nx, ny, nz = cells.shape
     for v in prange(vertices.shape[0]):
@@ -139,13 +122,7 @@ def into_cells(cells, parts, vertices, ahead, behind, out):  # type: ignore[no-u
 
 @njit(parallel=True, cache=True)
 def rows_left(before, after, out):  # type: ignore[no-untyped-def]
-    """Write the row that each vertex had before, and return how many had none.
-
-    Args:
-        before: Words of a lattice, int64. (W,)
-        after: Words of one with fewer vertices, for the same places. (W,)
-        out: Result, in the order of the rows after, int64. (V,)
-    """
+    """Write the row that each vertex had before (V,), and return how many had none, by words (W,) before and after."""
     missing = np.int64(0)
     for w in prange(before.shape[0]):
         old, left = np.uint64(before[w] & STORED), np.uint64(after[w] & STORED)
@@ -161,16 +138,10 @@ def rows_left(before, after, out):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def sum_levels(words, shapes, steps, bases, index, table, out):  # type: ignore[no-untyped-def]
-    """Write the sum of all levels of a lattice at vertices of the finest.
+    """Write the sum of all levels of a lattice at vertices of the finest, ``out``, zeros, float32. (V of ``words``, F)
 
-    Args:
-        words: Words of the vertices, whose first row is 0, int64. (X, Y, W)
-        shapes: Layout of the lattice, as the next ones; see :class:`svv.kernels.types.Lattice`. (L, 3)
-        steps: Cells of the finest level along a cell of each level. (L,)
-        bases: First word of each level. (L + 1,)
-        index: Words of the lattice.
-        table: Features, float32. (V, F)
-        out: Result, zeros, float32. (V of ``words``, F)
+    ``words`` (X, Y, W): those of the vertices, whose first row is 0; ``steps`` (L,): cells of the finest level along a
+    cell of each; ``shapes``, ``bases``, ``index`` and ``table``: see :class:`svv.kernels.types.Lattice`.
     """
     for x in prange(words.shape[0]):
         for y in range(words.shape[1]):

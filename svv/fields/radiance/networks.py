@@ -100,12 +100,7 @@ class Layers(nn.Sequential):
 def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) -> Layers:
     """Build linear layers without biases and with ReLU between them, as in Instant-NGP.
 
-    Args:
-        inputs: Inputs per sample.
-        width: Width of the hidden layers.
-        hidden: Number of hidden layers.
-        outputs: Outputs per sample.
-        rough: Whether three digits are enough, as for colours.
+    There are ``hidden`` layers of a ``width``; ``rough``: whether three digits are enough, as for colours.
     """
     layers: list[nn.Module] = []
     for _ in range(hidden):
@@ -217,11 +212,7 @@ class PaletteColours:
         return self.weights.argmax(dim=1)
 
     def diffuse(self, colours: Tensor) -> Tensor:
-        """Mix offset colours (S, P, 3) into the diffuse one; see :func:`svv.core.colour.palette_shading.diffuse`.
-
-        Returns:
-            Diffuse colour. (S, 3)
-        """
+        """Mix offset colours (S, P, 3) into the diffuse one; see :mod:`svv.core.colour.palette_shading`. (S, 3)"""
         return palette_shading.diffuse(self.intensity, self.weights, colours)
 
 
@@ -282,15 +273,11 @@ class PaletteField(nn.Module):
         beams: Beams | None = None,
         coefficients: Tensor | None = None,
     ) -> PaletteColours:
-        """Return all parts of eq. 4 at samples.
+        """Return all parts of eq. 4 at box coordinates (S, 3).
 
-        Args:
-            position: Box coordinates. (S, 3)
-            geometry: Geometry features, for the lighting MLP. (S, G)
-            directions: Encoded directions, for the lighting MLP. (S, 16)
-            beams: S beams, required by an explicit light.
-            coefficients: Reflection coefficients of the palette's colours under an explicit light, (P, 4) or for each
-                sample (S, P, 4); by default as learned.
+        ``geometry`` features (S, G) and encoded ``directions`` (S, 16) are for the lighting MLP; ``beams`` (S) and
+        ``coefficients`` of reflection, of palette colours (P, 4) or of each sample (S, P, 4), by default as learned,
+        for an explicit light.
         """
         material = self.material(position)
         if self.phong is None:
@@ -372,9 +359,7 @@ class UnrestrictedField(nn.Module):
     def bake_later(self, brushed: Brushed, baked: Callable[[Floats, float], Floats]) -> None:
         """Set the strokes of which the lattice is made, and compute its colours when they are first needed.
 
-        Args:
-            brushed: The strokes.
-            baked: Returns the colours of vertices at box coordinates (V, 3) of a lattice with cells of a side. (V, 3)
+        ``baked`` returns the colours of vertices at box coordinates (V, 3) of a lattice with cells of a side. (V, 3)
         """
         self.brushed, self._unbaked = brushed, baked
 

@@ -17,6 +17,7 @@ from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.rays.cells import widened
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
+from svv.core.volumes.classified import grid_shape
 from svv.errors import BadInput
 from svv.fields.radiance.hull_kernels import mark_unexplained, summed, visual_hull
 from svv.kernels.dispatch import kernels_for, kernels_of
@@ -76,16 +77,13 @@ class Occupancy:
     @classmethod
     def full(cls, box: Box, cells: int) -> Occupancy:
         """Return an occupancy with every cell occupied."""
-        return cls(box, cells, np.ones(_shape(box, cells), np.uint8))
+        return cls(box, cells, np.ones(grid_shape(box, cells), np.uint8))
 
     def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
         """Return the occupancy without the cells in which a step never reaches the optical depth ``least``.
 
-        Args:
-            optical_depth: Largest optical depth of a step found in each occupied cell, in raster order, on the device
-                that is to do the work.
-            least: Threshold.
-            grow: Whether to keep the neighbours of visible cells as well (while surfaces still move).
+        ``optical_depth``: the largest of a step found in each occupied cell, in raster order, on the device that is to
+        do the work; ``grow``: whether to keep the neighbours of visible cells as well (while surfaces still move).
         """
         occupied = self.occupied_on(optical_depth.device)
         visible = torch.zeros_like(occupied, dtype=torch.bool)
@@ -126,19 +124,14 @@ class _Masks:
 
 
 def carve(masks: NDArray[np.bool_] | NDArray[np.uint8] | Tensor, cameras: Sequence[Camera], cells: int) -> Occupancy:
-    """Return the visual hull of the views' masks and the box around it.
+    """Return the visual hull of the views' masks and the box around it, with ``cells`` along its longest side.
 
     A view says nothing about points outside its frame, so subjects may extend beyond the frames of some or all views.
     Cells that only few views contain are left out unless these views cannot do without them (:func:`_believed`).
 
-    Args:
-        masks: Pixels in which something is visible, or the alpha of the views; what a GPU holds, it carves, if it has
-            kernels for that. (N, H, W)
-        cameras: One per mask.
-        cells: Cells along the longest side of the box.
-
-    Raises:
-        BadInput: The masks have no common hull: every view is empty, or cameras and images do not fit together.
+    ``masks`` (N, H, W): pixels in which something is visible, or the alpha of the views; what a GPU holds, it carves,
+    if it has kernels for that. BadInput if they have no common hull: every view is empty, or cameras and images do not
+    fit.
     """
     small = _Masks.of(masks)
     box = _grown(_first_box(cameras), small, cameras)
@@ -169,8 +162,7 @@ def largest_in(
 ) -> Tensor:
     """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)
 
-    It is that of 27 points of a cell, or of its ``corners``, which are enough if the exponent is interpolated between
-    them.
+    It is that of 27 points of a cell, or of its ``corners``, which are enough if the exponent is linear between them.
     """
     device = corner.device
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
@@ -209,10 +201,6 @@ def _grown(box: Box, masks: _Masks, cameras: Sequence[Camera]) -> Box:
     return box
 
 
-def _shape(box: Box, cells: int) -> NDArray[np.int64]:
-    return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
-
-
 def _hull(masks: _Masks, cameras: Sequence[Camera], box: Box, cells: int) -> NDArray[np.uint8]:
     lenses, side = np.zeros((len(cameras), 4)), masks.side
     for lens, c in zip(lenses, cameras, strict=True):
@@ -221,7 +209,7 @@ def _hull(masks: _Masks, cameras: Sequence[Camera], box: Box, cells: int) -> NDA
         lens[:] = focal / side, column / side, row / side, c.is_orthographic
     rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])
     positions = box.to_box(np.stack([c.camera_to_world[:3, 3] for c in cameras]))
-    reach, shape, tables = float(np.sqrt(0.75) / cells), _shape(box, cells), masks.tables
+    reach, shape, tables = float(np.sqrt(0.75) / cells), grid_shape(box, cells), masks.tables
     if isinstance(tables, Tensor):
         there = kernels_for(tables).TOMOGRAPHY
         assert there is not None
@@ -243,12 +231,7 @@ def _believed(
 
     What lies outside most frames is left by chance: hardly any view cuts the cones of the few that contain it, although
     nothing need be there. It is kept only where a visible pixel shows none of the cells that enough views contain.
-
-    Args:
-        counts: How many views contain each cell, 0 outside of the hull. (X, Y, Z)
-        tables: Of the masks.
-        views: Rotations, positions and lenses, as for :func:`svv.fields.radiance.hull_kernels.visual_hull`.
-        cells: Cells per box unit.
+    Arguments are as in :func:`svv.fields.radiance.hull_kernels.mark_unexplained`.
     """
     number = len(tables)
     enough = min(max(min(SURE_VIEWS, 0.5 * number), SURE_SHARE * number), MOST_SEEN)

@@ -1,12 +1,9 @@
 """What a scene's lattices hold if it is a function of its volume's values: extinctions, features and normals.
 
-A scene's extinction lives on the vertices of a lattice, with trilinear logarithms between them. Which logarithm at a
-vertex gives the views' transmittance along rays depends on the transfer function between this vertex and the next, so
-on the value there and on its slope: where the field is locally linear, on nothing else. One small table of both thus
-stands for all vertices (learned by :mod:`svv.train.base.extinction_table`). Colours are functions of the value, and
-light of the normal, so a volume's values determine every table of such a scene.
-
-Letters: V vertices.
+Which log extinction at a vertex gives the views' transmittance depends on the transfer function between this vertex and
+the next, so on the value there and on its slope: one small table of both stands for all vertices (learned by
+:mod:`svv.train.base.extinction_table`). Colours are functions of the value, and light of the normal. Letters: V
+vertices.
 """
 
 from __future__ import annotations

@@ -156,15 +156,10 @@ def gradient_of(
 def softened_extinction(
     density: SparseLattice, occupancy: Occupancy, resolution: int
 ) -> tuple[SparseLattice, NDArray[np.int64], NDArray[np.float32]]:
-    """Return the power :data:`EXTINCTION_POWER` of the extinction on the vertices of a lattice of one level.
+    """Return a lattice of zeros of one level, its vertices (V, 3), and the softened extinction on its whole grid.
 
-    Args:
-        density: Lattice whose levels sum to the logarithm of the extinction.
-        occupancy: Occupied cells.
-        resolution: Cells per box unit of the new lattice.
-
-    Returns:
-        The lattice, with a table of zeros; its vertices in storage order (V, 3); and the field on the whole grid.
+    That is the extinction to the power :data:`EXTINCTION_POWER`; the levels of ``density`` sum to its logarithm.
+    ``resolution``: cells per box unit of the new lattice. Vertices are in storage order.
     """
     lattice = SparseLattice(occupancy.occupied, occupancy.cells, (resolution,), 1).requires_grad_(False)
     vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)

@@ -75,9 +75,7 @@ class RayCaster:
     def in_sight(self, occupancy: Occupancy) -> Tensor:
         """Return the pixels of the first view that may show something, as flat indices, int64. (R,)
 
-        If all pixels may, they are in ascending order.
-
-        See :meth:`svv.kernels.types.Kernels.pixels_in_sight`.
+        If all pixels may, they are in ascending order. See :meth:`svv.kernels.types.Kernels.pixels_in_sight`.
         """
         camera = self._rotations[0], self._positions[0], self._lenses[0]
         distance = occupancy.distance_on(self.device)
@@ -136,9 +134,6 @@ def march(
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
         first_ray: Number of the first ray in its batch: a ray's random numbers depend on its number.
         room: Room for the samples on a GPU, for which nothing waits; see :attr:`svv.kernels.types.Samples.total`.
-
-    Returns:
-        The samples of all rays.
     """
     lattice = density if density is not None else _constant(rays.origins.device)
     limits = (how.least_weight, how.keep, how.stop, how.fade) if density is not None else (-1.0, 0.0, 0.0, 0.0)
@@ -174,13 +169,8 @@ def ended(samples: Samples) -> Samples:
 def not_hidden(samples: Samples, sigma: Tensor, how: Marching) -> tuple[Samples, Tensor]:
     """Leave out the samples behind which :func:`march` would have ended a ray, had it known their extinction.
 
-    Args:
-        samples: S samples of a march without a density.
-        sigma: Their extinction in 1 / box unit. (S,)
-        how: The optical depth ``stop`` at which a ray ends, and ``fade``.
-
-    Returns:
-        The K samples that are left, with the optical depth of the others in ``tail``, and their indices (K,).
+    ``sigma`` (S,): that extinction of samples of a march without a density, in 1 / box unit. Returns the K samples that
+    are left, with the optical depth of the others in ``tail``, and their indices (K,).
     """
     own = (samples.skipped + sigma * samples.step).double()
     total = own.cumsum(0)
@@ -201,17 +191,11 @@ def not_hidden(samples: Samples, sigma: Tensor, how: Marching) -> tuple[Samples,
 def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
     """Choose samples whose colour can stand for that of the samples around them on their ray.
 
-    The cumulative weight along a ray is cut at k * ``every``, shifted by a random fraction of ``every`` (systematic
-    sampling). A sample that contains a cut is chosen, so any sample that weighs more than ``every`` is. It represents
-    the samples to which its cut is the nearest. On a ray without a cut, the last sample represents all.
-
-    Args:
-        samples: S samples with their extinction.
-        every: Fraction of a pixel for which one colour is enough, > 0.
-        shift: What shifts the cuts of each ray, in [0, 1). (R,)
-
-    Returns:
-        Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
+    The cumulative weight along a ray is cut at k * ``every``, a fraction of a pixel > 0, shifted by a random fraction
+    of it, ``shift`` in [0, 1) of each ray (R,) (systematic sampling). A sample that contains a cut is chosen, so any
+    sample that weighs more than ``every`` is. It represents the samples to which its cut is the nearest. On a ray
+    without a cut, the last sample represents all. Returns rows of the chosen samples (K,), ascending, and for each
+    sample the index in them of its representative (S,).
     """
     return kernels_for(shift).representatives(samples, every, shift)
 
@@ -219,9 +203,7 @@ def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tens
 def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Composite values along rays, differentiable in ``sigma`` (S,) and ``values`` (S, C).
 
-    Returns:
-        Sum of weight times value (R, C), transmittance behind the ray (R,), and the weights (S,), which carry no
-        gradient.
+    Returns sums of weight times value (R, C), transmittance behind the ray (R,), and weights (S,) without a gradient.
     """
     return _Composite.apply(sigma, values, samples)
 

@@ -30,11 +30,7 @@ MOST_CELLS, MOST_VERTICES = 1 << 14, 1 << 31
 
 @dataclass(frozen=True, eq=False)
 class TimeSteps:
-    """Time steps of a volume, over one box.
-
-    Raises:
-        BadInput: Times do not increase, or the parts do not fit each other.
-    """
+    """Time steps of a volume, over one box; BadInput if times do not increase, or the parts do not fit each other."""
 
     box: Box
     """Box of the grids, in world units."""
@@ -89,11 +85,7 @@ class TimeSteps:
         return TimeSteps(self.box, self.cells, self.interval, (time,), (codes,), (None,), 0, self.edges)
 
     def grid(self, step: int, visible: tuple[float, float]) -> ValueGrid:
-        """Return the values of a step, of which the part ``visible`` counts as visible.
-
-        Raises:
-            ValueError: They are damaged.
-        """
+        """Return the values of a step, of which the part ``visible`` is visible; ValueError if they are damaged."""
         codes = unpacked(self.codes[step], self.shape)
         codes = np.where(codes > 0, 1 + COARSE * (np.minimum(codes, 1024) - 1), 0).astype(np.uint16)
         return ValueGrid(self.cells, codes, self.interval, visible, edges=self.edges)
@@ -101,8 +93,7 @@ class TimeSteps:
     def place(self, step: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
         """Return a function from positions in the box to where their matter was in the own step, (S, 3) -> (S, 3).
 
-        Raises:
-            BadInput: The displacements are damaged.
+        Raises BadInput if the displacements are damaged.
         """
         content = self.moves[step]
         if content is None:

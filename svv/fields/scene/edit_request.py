@@ -8,12 +8,9 @@ from svv.options.editing import SPLIT_LEVEL, SceneEdit
 
 
 def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Scene:
-    """Return the scene with everything in the request applied, as one step that can be undone.
+    """Return the scene with everything in the request applied, as one step that can be undone; BadInput as its edits.
 
     Resets are applied first, then a split, visibility, cuts, regions, light, occlusion, paint and outlines.
-
-    Raises:
-        BadInput: One of the edits cannot be made (:mod:`svv.fields.scene.edits`).
     """
     result, seen = scene, edit.visibility
     if seen.reset is not None:

@@ -1,16 +1,13 @@
-"""Edits of a scene's regions. Editing trains nothing: an edit is a few numbers.
+"""Edits of a scene's regions, which train nothing; :class:`svv.fields.scene.scene.Scene` has them as methods.
 
-Each function returns a new scene that shares the networks and can undo the edit. :class:`svv.fields.scene.scene.Scene`
-has them as methods, which document arguments and errors.
-
-Every field of a :class:`svv.fields.scene.region.Region` is an edit except those that identify the region
-(:data:`svv.fields.scene.history.IDENTITY`). A new kind of edit is therefore a new field there; undo, reset and the
-scene file handle it without further changes.
+Each function returns a new scene that shares the networks and can undo the edit. Every field of a
+:class:`svv.fields.scene.region.Region` is an edit except :data:`svv.fields.scene.history.IDENTITY`: a new kind of edit
+is a new field there; undo, reset and the scene file handle it without further changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,20 +26,36 @@ from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, validate_name, validate_space
 from svv.fields.scene.splitting import piece_at
 from svv.fields.scene.stroke_edits import describe_stroke_edits, validate_stroke_edits
-from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, RecolourName
 
 
 def edited(
     scene: S,
     region: int,
-    colour: Sequence[float] | None,
-    factors: Mapping[str, float | None],
-    texts: Mapping[str, str | None],
-    reflects: Mapping[str, float | None],
+    colour: Sequence[float] | None = None,
+    opacity: float | None = None,
+    lighting: float | None = None,
+    name: str | None = None,
+    recolour_in: RecolourName | None = None,
+    matcap: str | None = None,
+    **reflects: float | None,
 ) -> S:
-    """Return a scene with one region changed; see :meth:`svv.Scene.edited`.
+    """Return a scene with one region's colour, opacity, lighting or name changed (photorealistic style editing).
 
-    ``factors`` are its ``opacity`` and ``lighting``, ``texts`` its ``recolour_in``, ``name`` and ``matcap``.
+    Args:
+        scene: The scene.
+        region: Number of the region.
+        colour: New palette colour of the region, RGB in [0, 1]; its shades change with it.
+        opacity: Factor on the extinction, >= 0; 1 is as trained.
+        lighting: Factor on the lighting, >= 0; 1 is as trained, 0 shows the flat material.
+        name: What the region shows, such as ``bone``; empty takes its name away.
+        recolour_in: Space in which its shades follow its colour, ``hsb`` or ``oklab``.
+        matcap: Name of a MatCap, file of a square picture of a lit sphere, or ``none``.
+        reflects: Under an explicit light, ``ambient``, ``diffuse`` and ``specular``, fractions of the light, >= 0, and
+            ``shininess``, the highlight's exponent, >= 1.
+
+    Raises:
+        BadInput: Something does not exist or is out of range, or the region or its light cannot be changed so.
     """
     check_regions(scene, region)
     changes, said = Edits(), list[str]()
@@ -58,16 +71,17 @@ def edited(
         r, g, b = (float(c) for c in colour)
         changes["edited_colour"] = (r, g, b)
         said.append(f"colour {to_hex((r, g, b))}")
-    for what, factor in factors.items():
+    for what, factor in {"opacity": opacity, "lighting": lighting}.items():
         if factor is not None:
             if not (np.isfinite(factor) and factor >= 0):
                 raise BadInput(f"The {what} factor must be a number of at least 0, not {factor}.")
             changes[what] = float(factor)
             said.append(f"{what} {factor:g}")
-    if texts["matcap"] is not None:
+    if matcap is not None:
         check_has_normals(scene)
-    for what, validate in (("recolour_in", validate_space), ("name", validate_name), ("matcap", validate_matcap)):
-        if (text := texts[what]) is not None:
+    validators = (validate_space, recolour_in), (validate_name, name), (validate_matcap, matcap)
+    for what, (validate, text) in zip(("recolour_in", "name", "matcap"), validators, strict=True):
+        if text is not None:
             changes[what] = validate(text)
             said.append(f"{what.replace('_', ' ')} {describe_matcap(changes[what])}")
     if given := validate_coefficients(reflects):
@@ -78,9 +92,19 @@ def edited(
 
 
 def with_light(
-    scene: S, azimuth: float, elevation: float, direction: Sequence[float] | None, intensity: float | None
+    scene: S,
+    azimuth: float = 0.0,
+    elevation: float = 0.0,
+    direction: Sequence[float] | None = None,
+    intensity: float | None = None,
 ) -> S:
-    """Return a scene with the light moved; see :meth:`svv.Scene.with_light`."""
+    """Return a scene with the light moved; without arguments it becomes a headlight of the same brightness again.
+
+    ``azimuth`` and ``elevation``: degrees to the right, in [-180, 180], and above the camera, in [-90, 90], which the
+    light follows; ``direction``: world direction that the light comes from instead, x, y and z; ``intensity``: factor
+    on its brightness, >= 0; 1 is the light of the views, and it is unchanged by default. Raises BadInput if the
+    lighting comes from a network, the scene has no light, or a number is out of range.
+    """
     _check_light(scene.every_layer)
     if direction is not None and (azimuth or elevation):
         raise BadInput("Give the light either angles relative to the camera or a direction in the world, not both.")
@@ -90,20 +114,23 @@ def with_light(
     return after(scene, lamp.describe(), scene.regions, lamp)
 
 
-def hidden(scene: S, regions: Sequence[int]) -> S:
-    """Return a scene in which these regions are hidden; their opacities are kept."""
+def hidden(scene: S, *regions: int) -> S:
+    """Return a scene in which these regions are hidden; their opacities are kept for when they are shown again.
+
+    Raises BadInput if no region is named, or a region does not exist; so do :func:`shown` and :func:`isolated`.
+    """
     check_regions(scene, *regions)
     return changed(scene, f"hide {_listed(regions)}", {region: {"hidden": True} for region in regions})
 
 
-def shown(scene: S, regions: Sequence[int]) -> S:
-    """Return a scene in which these regions, or all if none is named, are visible again."""
+def shown(scene: S, *regions: int) -> S:
+    """Return a scene in which these regions, by default all, are visible again, as opaque as they were."""
     check_regions(scene, *(chosen := regions or range(len(scene.regions))))
     return changed(scene, f"show {_listed(regions) or 'all'}", {region: {"hidden": False} for region in chosen})
 
 
-def isolated(scene: S, regions: Sequence[int]) -> S:
-    """Return a scene in which only these regions are visible."""
+def isolated(scene: S, *regions: int) -> S:
+    """Return a scene in which only these regions are visible; all opacities are kept."""
     check_regions(scene, *regions)
     rest = {k: {"hidden": k not in regions} for k in range(len(scene.regions))}
     return changed(scene, f"isolate {_listed(regions)}", rest)
@@ -118,13 +145,13 @@ def split_at(scene: S, point: Sequence[float], level: float, progress: Progress)
 
 
 def with_part(scene: S, region: int, share: float) -> S:
-    """Return the scene with one more region; see :meth:`svv.Scene.with_part`."""
+    """Return the scene with one more region, a part of this one; ``share``: fraction of the region's opacity."""
     whole = scene.regions[region]
     part = replace(whole, part_of=region, share=share * whole.share, name=None)
     return replace(after(scene, f"split region {region}", (*scene.regions, part)), unsplit=())
 
 
-def with_amount(scene: S, field: str, amount: float, regions: Sequence[int], said: str, least: float = 0.0) -> S:
+def _with_amount(scene: S, field: str, amount: float, regions: Sequence[int], said: str, least: float = 0.0) -> S:
     """Return the scene with one number, from ``least`` to 1, of these regions, or of all if none is named."""
     if not least <= amount <= 1.0:
         raise BadInput(f"{said} must lie between {least:g} and 1, not {amount}.")
@@ -135,22 +162,65 @@ def with_amount(scene: S, field: str, amount: float, regions: Sequence[int], sai
     return changed(scene, f"{short} {amount:g}", {k: {field: float(amount)} for k in every})
 
 
-def with_occlusion(scene: S, amount: float, regions: Sequence[int]) -> S:
-    """Return a scene with darkened cavities; see :meth:`svv.Scene.with_occlusion`."""
+def with_strength(scene: S, strength: float, *regions: int) -> S:
+    """Return a scene with the styles of these regions, by default all, at a strength of 0 (palette colours) to 1.
+
+    Raises BadInput if the strength is outside [0, 1], or a region does not exist.
+    """
+    return _with_amount(scene, "strength", strength, regions, "The strength of a style")
+
+
+def with_paint_light(scene: S, amount: float, *regions: int) -> S:
+    """Return a scene with more or less light on the paint of these regions, by default of all that are painted.
+
+    Its mean brightness stays, because a fraction ``amount`` of the light's deviation from its mean is shown. Raises
+    BadInput if the amount is outside [0, 1], or a region does not exist.
+    """
+    return _with_amount(scene, "paint_light", amount, regions, "The light on paint")
+
+
+def with_stroke_opacity(scene: S, amount: float, *regions: int) -> S:
+    """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.
+
+    Nothing becomes more opaque (:mod:`svv.fields.scene.stroke_opacity`): above 0 pale paint becomes clearer, below 0
+    dark paint. Regions without paint or of one colour stay. BadInput for amounts outside [-1, 1], or if a region does
+    not exist.
+    """
+    return _with_amount(scene, "stroke_opacity", amount, regions, "The opacity of strokes", least=-1.0)
+
+
+def with_occlusion(scene: S, amount: float, *regions: int) -> S:
+    """Return a scene in which cavities of these regions, by default of all, are darkened by an amount up to 1.
+
+    Raises BadInput if the amount is outside [0, 1], a region does not exist, or the extinction is in a hash grid.
+    """
     for layer in scene.every_layer:
         check_has_extinction(layer)
-    return with_amount(scene, "occlusion", amount, regions, "The ambient occlusion")
+    return _with_amount(scene, "occlusion", amount, regions, "The ambient occlusion")
 
 
 def with_strokes(
     scene: S,
-    regions: Sequence[int],
-    relief: float | None,
-    width: float | None,
-    light: Sequence[float] | None,
-    palette: Sequence[Sequence[float]] | None,
+    *regions: int,
+    relief: float | None = None,
+    width: float | None = None,
+    light: Sequence[float] | None = None,
+    palette: Sequence[Sequence[float]] | None = None,
 ) -> S:
-    """Return a scene with other strokes in these regions; see :meth:`svv.Scene.with_strokes`."""
+    """Return a scene with other strokes in these regions, by default in all that have any, without laying them.
+
+    Args:
+        scene: The scene.
+        regions: Numbers of the regions.
+        relief: Factor on the relief of thick paint, in [0, 4]. What is None does not change.
+        width: Factor on the width of strokes, in [0.5, 2].
+        light: World direction from which the relief is lit, x, y and z; empty for the painting's own.
+        palette: Colours that strokes of the same tone get, RGB in [0, 1] (C, 3), for example of another picture
+            (:func:`svv.styles.stroke_palette.palette_of`); empty for the painting's own.
+
+    Raises:
+        BadInput: A number, direction or colour is out of range, or a region does not exist or has no strokes.
+    """
     edits = validate_stroke_edits(relief, width, light, palette)
     there = scene.regions_with_strokes
     if regions:
@@ -164,9 +234,25 @@ def with_strokes(
 
 
 def with_outline(
-    scene: S, strength: float | None, regions: Sequence[int], width: float | None, colour: Sequence[float] | None
+    scene: S,
+    strength: float | None = None,
+    *regions: int,
+    width: float | None = None,
+    colour: Sequence[float] | None = None,
 ) -> S:
-    """Return a scene with these regions drawn in ink; see :meth:`svv.Scene.with_outline`."""
+    """Return a scene with the silhouettes and creases of these regions, by default of all, drawn in ink.
+
+    Args:
+        scene: The scene.
+        strength: Opacity of the ink, from 0 (invisible) to 1. Unchanged by default, or 1 where it is 0.
+        regions: Numbers of the regions.
+        width: Width of silhouettes in (0, 16], in pixels of an image whose shorter side has 800; it scales with the
+            image, and creases are thinner. Unchanged by default.
+        colour: RGB in [0, 1]. Unchanged by default; initially nearly black.
+
+    Raises:
+        BadInput: A strength, width or colour is out of range, or a region does not exist.
+    """
     ink = None if colour is None else tuple(float(c) for c in colour)
     wide = OUTLINE_WIDTH if width is None else width
     Pen(1.0 if strength is None else strength, wide, ink or OUTLINE_COLOUR)
@@ -182,23 +268,32 @@ def with_outline(
     return changed(scene, ", ".join(said), changes)
 
 
-def cut(scene: S, cuts: Sequence[Cut]) -> S:
-    """Return a scene with more cuts; see :meth:`svv.Scene.cut`."""
-    for one in cuts:
+def cut(scene: S, *cuts: Cut | str) -> S:
+    """Return a scene cut open: what is inside a shape, or outside of it, is not shown; nothing is trained.
+
+    Cuts are shapes in world units, or texts that :meth:`svv.Cut.parse` reads, such as ``"x>50%&y>50%"``. Raises
+    BadInput if a text is no cut, a region does not exist, or there are too many.
+    """
+    bounds = scene.bounds
+    new = [Cut.parse(one, bounds) if isinstance(one, str) else one for one in cuts]
+    for one in new:
         check_regions(scene, *(one.regions or range(len(scene.regions))))
-    every = (*scene.cuts, *(one for one in dict.fromkeys(cuts) if one not in scene.cuts))
+    every = (*scene.cuts, *(one for one in dict.fromkeys(new) if one not in scene.cuts))
     if len(every) > MOST_CUTS:
         raise BadInput(f"A scene has at most {MOST_CUTS} cuts, not {len(every)}: take some away with --uncut.")
-    return after(scene, "; ".join(one.describe() for one in cuts), scene.regions, cuts=every)
+    return after(scene, "; ".join(one.describe() for one in new), scene.regions, cuts=every)
 
 
 def uncut(scene: S) -> S:
-    """Return a scene without cuts."""
+    """Return the scene without its cuts, as one edit."""
     return after(scene, "uncut", scene.regions, cuts=())
 
 
-def reset(scene: S, regions: Sequence[int]) -> S:
-    """Return a scene with these regions as trained and painted; see :meth:`svv.Scene.reset`."""
+def reset(scene: S, *regions: int) -> S:
+    """Return a scene with these regions, by default all and the light, as trained and painted, with their names.
+
+    Raises BadInput if there is no such region.
+    """
     chosen = regions or tuple(range(len(scene.regions)))
     check_regions(scene, *chosen)
     plain = tuple(with_edits(r, named_alone(r)) if k in chosen else r for k, r in enumerate(scene.regions))
@@ -215,7 +310,7 @@ def undone(scene: S) -> S:
 
 
 def redone(scene: S) -> S:
-    """Return the scene with the edit undone last applied again; raises BadInput if there is none."""
+    """Return the scene with the most recently undone edit applied again; raises BadInput if there is none."""
     if not scene.history.future:
         raise BadInput("There is nothing to redo: no edit was undone since the last one.")
     *future, step = scene.history.future
@@ -228,7 +323,7 @@ def as_step(scene: Model, what: str) -> Step:
 
 
 def as_one_step(scene: S, before: Model) -> S:
-    """Return the scene with all its edits since ``before``, an earlier state of it, as one step."""
+    """Return the scene with all its edits since ``before``, an earlier state of it, as one step of the history."""
     known = {id(step) for step in before.history.past}
     steps = [step.what for step in scene.history.past if id(step) not in known]
     if len(steps) < 2:
@@ -239,7 +334,10 @@ def as_one_step(scene: S, before: Model) -> S:
 
 
 def with_edits_of(scene: S, other: Model) -> S:
-    """Return the scene with another's edits; see :meth:`svv.Scene.with_edits_of`."""
+    """Return the scene with the edits, and their history, of another scene that has the same regions.
+
+    Which regions are styled, and how strongly, does not change.
+    """
     regions = (
         replace(restyled(theirs, own.style, own.glaze), strength=own.strength, mean_light=own.mean_light)
         for own, theirs in zip(scene.regions, other.regions, strict=True)

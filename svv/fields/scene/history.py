@@ -118,9 +118,7 @@ class History:
     def from_json(cls, content: dict[str, Any], regions: Sequence[Region]) -> History:
         """Invert :meth:`to_json`; raises KeyError, TypeError or ValueError if the content does not fit the regions.
 
-        Args:
-            content: Result of :meth:`to_json`.
-            regions: All regions of the scene, also those whose split was undone.
+        ``regions``: all of the scene, also those whose split was undone.
         """
         fewest = sum(region.part_of is None for region in regions)
 

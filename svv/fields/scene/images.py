@@ -16,9 +16,10 @@ from torch import Tensor
 
 from svv.core.colour.palette_shading import lit
 from svv.core.geometry.cameras import Camera
+from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
-from svv.errors import BadInput, Progress
+from svv.errors import BadInput, Progress, silent
 from svv.fields.devices.gpu import gpu_errors
 from svv.fields.radiance.cutting import march_uncut
 from svv.fields.radiance.networks import PaletteColours, encode_directions
@@ -77,7 +78,7 @@ class Rendering:
 
 
 def while_moving(scene: S) -> S:
-    """Return the scene as it is drawn while a camera moves; see :meth:`svv.Scene.while_moving`."""
+    """Return the scene as it is drawn while a camera moves, with fewer colours along each ray."""
     layers = tuple(while_moving(layer) for layer in scene.layers)
     return replace(scene, joined=max(scene.joined, MOVING_JOINED), layers=layers, still=False)
 
@@ -100,10 +101,26 @@ def resolving(scene: S, camera: Camera) -> S:
 
 
 def render(
-    scene: Model, camera: Camera, network: str | None, background: Sequence[float] | None, progress: Progress
+    scene: Model,
+    camera: GivenCamera,
+    network: str | None = None,
+    background: Sequence[float] | None = None,
+    progress: Progress = silent,
 ) -> Rendering:
-    """Render one image; see :meth:`svv.Scene.render`."""
-    network = network or scene.networks[-1]
+    """Render one image.
+
+    Args:
+        scene: The scene.
+        camera: Camera in world units, also a plotter's, or the name of a side such as ``xy``
+            (:func:`svv.core.geometry.given_cameras.camera_of`).
+        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
+        background: RGB in [0, 1] to blend over (alpha becomes 1); None keeps straight alpha.
+        progress: Called before every chunk of rays and at the end.
+
+    Raises:
+        BadInput: The scene does not have that network, or the camera is none.
+    """
+    camera, network = camera_of(camera, scene), network or scene.networks[-1]
     if network not in scene.networks:
         raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")
     if network == "styled" and scene.still:
@@ -173,27 +190,38 @@ def _render_rays(
     samples = visible_samples(scene, rays, network)
     if not len(samples):
         return
-    rgba, depth, region = images
     colour, of, sigma = shade(scene, samples, rays, network, beams())
     distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
-    values = [colour, distance[:, None]]
-    if scene.palette_network is not None:
-        values.append(torch.nn.functional.one_hot(of, len(scene.regions)).float())
+    _show(samples, sigma, (colour, distance, of), max(len(scene.regions), 1), scene.occupancy.box.size, images)
+
+
+def _show(
+    samples: Samples, sigma: Tensor, seen: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
+    images: tuple[Tensor, Tensor, Tensor],
+) -> None:  # fmt: skip
+    """Composite colours (S, 3), distances (S,), of which ``size`` is a unit, and regions (S,) into the images."""
+    (colour, distance, of), (rgba, depth, region) = seen, images
+    values = [colour, distance[:, None], torch.nn.functional.one_hot(of, regions).float()]
     out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
     alpha = 1.0 - transmittance
-    seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
-    mean = out[seen] / alpha[seen, None]
-    rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
-    rgba[seen, 3] = alpha[seen]
-    depth[seen] = mean[:, 3] * scene.occupancy.box.size
-    region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if scene.palette_network is not None else 0
+    shown = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
+    mean = out[shown] / alpha[shown, None]
+    rgba[shown, :3] = mean[:, :3].clamp(0.0, 1.0)
+    rgba[shown, 3] = alpha[shown]
+    depth[shown] = mean[:, 3] * size
+    region[shown] = mean[:, 4:].argmax(1).to(torch.int16)
 
 
 @torch.no_grad()
 def point_at(
-    scene: Model, camera: Camera, pixel: tuple[float, float], network: str | None
+    scene: Model, camera: GivenCamera, pixel: tuple[float, float], network: str | None = None
 ) -> tuple[float, float, float]:
-    """Return the point that a pixel shows; see :meth:`svv.Scene.point_at`."""
+    """Return the world point that a pixel shows, where the region that it belongs to is most visible, for ``split_at``.
+
+    ``pixel``: column from the left and row from the top of the picture; ``camera`` and ``network``: as for
+    :func:`render`. Raises BadInput if the pixel is outside the picture, or nothing is visible there.
+    """
+    camera = camera_of(camera, scene)
     column, row = (int(np.floor(value)) for value in pixel)
     if not (0 <= column < camera.width and 0 <= row < camera.height):
         raise BadInput(f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels.")
@@ -303,11 +331,10 @@ class Together:
         return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
 
     def samples(self, pixels: Tensor) -> Seen | None:
-        """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
+        """Return the samples of all members along the rays of pixels (R,), in the order of their distances, if any.
 
-        Returns:
-            The samples, whose ``sigma`` is their edited optical depth and whose step is 1; their colours (S, 3),
-            regions (S,) and distances from the camera in world units (S,). None if there are none.
+        The samples' ``sigma`` is their edited optical depth, and their step is 1; their colours are (S, 3), regions
+        (S,), and distances from the camera in world units (S,).
         """
         parts: list[tuple[Tensor, ...]] = []
         tail = torch.zeros(len(pixels), device=pixels.device)
@@ -337,19 +364,9 @@ class Together:
     def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
         """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
         found = self.samples(pixels)
-        if found is None:
-            return
-        samples, colour, of, distance = found
-        regions = torch.nn.functional.one_hot(of, self.count).float()
-        values = torch.cat([colour, distance[:, None], regions], dim=1)
-        out, transmittance, _ = composite(samples, samples.sigma, values)
-        alpha = 1.0 - transmittance
-        seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
-        mean = out[seen] / alpha[seen, None]
-        rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
-        rgba[seen, 3] = alpha[seen]
-        depth[seen] = mean[:, 3]
-        region[seen] = mean[:, 4:].argmax(1).to(torch.int16)
+        if found is not None:
+            samples, colour, of, distance = found
+            _show(samples, samples.sigma, (colour, distance, of), self.count, 1.0, (rgba, depth, region))
 
     @torch.no_grad()
     def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:

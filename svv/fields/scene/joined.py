@@ -1,10 +1,7 @@
 """Scenes of several transfer functions, arrays or members of an ensemble, joined into one, shown alone or together.
 
-Each member keeps its networks, and its regions become regions of the whole, so hiding and showing regions shows one
-function or another. Together, extinctions add: the samples of all members along a ray are composited in the order of
-their distances, so functions may overlap in space and in values.
-
-Letters: R rays, S samples.
+Each member keeps its networks, and its regions become regions of the whole. Together, extinctions add: the samples of
+all members along a ray are composited in the order of their distances. Letters: R rays, S samples.
 """
 
 from __future__ import annotations
@@ -19,28 +16,25 @@ from numpy.typing import NDArray
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.core.geometry.cuts import Cut
-from svv.errors import BadInput, Progress
+from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.edits import split_at as split_alone
 from svv.fields.scene.edits import with_part, without_undone_splits
 from svv.fields.scene.history import MOST_CUTS, History
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
 from svv.io.views.view_meta import VolumeGrid
+from svv.options.editing import SPLIT_LEVEL
 
 MOST = 8
 """Maximum number of joined scenes."""
 
 
 def joined(scenes: Sequence[S]) -> S:
-    """Return one scene of several, whose regions are those of all, in their order.
+    """Return one scene of several of one place, whose regions are those of all, in their order.
 
-    Args:
-        scenes: Scenes of one place. Each keeps its edits, its parts and the painting that it shows; histories are
-            dropped, and all are lit by the light of the first whose light can be moved (:func:`relit`).
-
-    Raises:
-        BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of
-            different places or have other time steps.
+    Each keeps its edits, its parts and the painting that it shows; histories are dropped, and all are lit by the light
+    of the first whose light can be moved (:func:`relit`). Raises BadInput if there are fewer than two or more than
+    ``MOST`` scenes, one has no palette network, or they are of different places or have other time steps.
     """
     scenes = [member for scene in scenes for member in members(without_undone_splits(scene))]
     if not 2 <= len(scenes) <= MOST:
@@ -189,10 +183,20 @@ def with_members(scene: S, changed: Sequence[S]) -> S:
     )  # fmt: skip
 
 
-def split_at(scene: S, point: Sequence[float], level: float, progress: Progress) -> S:
-    """Return a scene with a part as a region of its own, of the function that is the most opaque one at a point.
+def split_at(scene: S, point: Sequence[float], level: float = SPLIT_LEVEL, progress: Progress = silent) -> S:
+    """Return the scene with the connected part of a region at a point as a region of its own, the last one.
 
-    See :meth:`svv.Scene.split_at`.
+    It looks the same until one of the two is edited (:mod:`svv.fields.scene.splitting`). In a scene of several transfer
+    functions, the one that is the most opaque at the point is split.
+
+    Args:
+        scene: The scene.
+        point: World coordinates of a point in the part; :meth:`svv.fields.scene.scene.Scene.point_at` finds one.
+        level: Fraction of the region's mean opacity from which its cells connect, in (0, 1].
+        progress: Called several times a second.
+
+    Raises:
+        BadInput: Nothing is at the point, the region is in one piece, or the level is out of range.
     """
     if not scene.layers:
         return split_alone(scene, point, level, progress)

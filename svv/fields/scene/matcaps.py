@@ -1,9 +1,7 @@
 """MatCaps of regions (:mod:`svv.core.colour.matcaps`): where their pictures and normals come from.
 
-A region's MatCap is the name of one that ships, or a small picture as text, so that files, histories and looks hold it
-like any other edit. Normals are those of the explicit light, or the gradient of the extinction, computed once a scene.
-
-Letters: S samples, R rays.
+A region's MatCap is the name of one that ships, or a small picture as text, which files hold like any other edit.
+Normals are those of the explicit light, or the gradient of the extinction. Letters: S samples, R rays.
 """
 
 from __future__ import annotations
@@ -46,8 +44,7 @@ _known: WeakKeyDictionary[SparseLattice, tuple[int, SparseLattice]] = WeakKeyDic
 def validate_matcap(text: str) -> str | None:
     """Return a MatCap as a region holds it, from a name, a file, or what a region holds; None for none.
 
-    Raises:
-        BadInput: It is neither a name nor a file, or the picture is broken or not square.
+    Raises BadInput if it is neither a name nor a file, or the picture is broken or not square.
     """
     text = str(text).strip()
     if text.lower() in (NONE, ""):
@@ -127,15 +124,9 @@ def _gradient(scene: Model) -> SparseLattice:
 
 @torch.no_grad()
 def dress(scene: Model, colour: Tensor, position: Tensor, region: Tensor, ray: Tensor, beams: Beams) -> None:
-    """Replace the colours of samples whose regions have MatCaps, in place.
+    """Replace the lit colours (S, 3) of samples at box coordinates whose regions (S,) have MatCaps, in place.
 
-    Args:
-        scene: A scene with a palette network.
-        colour: Lit colours. (S, 3)
-        position: Box coordinates. (S, 3)
-        region: Region of each sample. (S,)
-        ray: Ray of each sample. (S,)
-        beams: Directions towards the viewer of the rays, and the camera's axis up. (R)
+    ``beams``: directions towards the viewer of the rays, and the camera's axis up. (R)
     """
     for number, one in enumerate(scene.regions):
         if one.matcap is None or one.seen_opacity == 0.0:

@@ -1,8 +1,4 @@
-"""The record of a scene, and what follows from its values alone.
-
-:mod:`svv.fields.scene.edits` changes its regions and its light, :mod:`svv.fields.scene.variants` its paintings,
-:mod:`svv.fields.scene.images` draws it; :class:`svv.fields.scene.scene.Scene` offers all of that as methods.
-"""
+"""The record of a scene, and what follows from its values alone; :mod:`svv.fields.scene.scene` offers the rest."""
 
 from __future__ import annotations
 
@@ -190,14 +186,16 @@ class Model:
 
     @property
     def rig(self) -> CameraRig:
-        """Its camera rig.
-
-        Raises:
-            BadInput: The scene has no camera rig because it was not trained from views.
-        """
+        """Its camera rig; raises BadInput if the scene has none because it was not trained from views."""
         if self.camera_rig is None:
             raise BadInput("The scene does not record where the cameras of its views stood; train it again.")
         return self.camera_rig
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of what it shows, with all its members, in world units. (2, 3)"""
+        every = np.stack([layer.occupancy.box.bounds for layer in self.every_layer])
+        return np.stack([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
 
     @property
     def device(self) -> torch.device:
@@ -246,11 +244,9 @@ class Model:
         return torch.where(edited.isnan(), learned, edited)
 
     def edited_colours(self, offsets: Tensor, here: Tensor | None = None) -> Tensor:
-        """Return palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)
+        """Return palette colours with their offsets (S, P, 3), recoloured by the regions' edits. (S, P, 3)
 
-        Args:
-            offsets: Offsets of the palette colours. (S, P, 3)
-            here: Region to which each palette colour belongs (:meth:`regions_at`). (S, P)
+        ``here``: region to which each palette colour belongs (:meth:`regions_at`). (S, P)
         """
         assert self.palette_network is not None
         colours = self.palette_network.colours + offsets
@@ -372,14 +368,9 @@ def of_colour(here: Tensor | None, colour: Tensor) -> Tensor:
 
 
 def for_colours(values: Tensor, here: Tensor | None) -> Tensor:
-    """Return values of regions as values of palette colours, for each sample if there are parts.
+    """Return values of regions (regions, ...) as those of palette colours: (P, ...), or of each sample (S, P, ...).
 
-    Args:
-        values: Values of each region. (regions, ...)
-        here: Region to which each palette colour belongs (:meth:`Model.regions_at`). (S, P)
-
-    Returns:
-        (P, ...) if ``here`` is None, otherwise (S, P, ...).
+    ``here``: region to which each palette colour belongs (:meth:`Model.regions_at`); None without parts. (S, P)
     """
     return values if here is None else values[here]
 
@@ -389,14 +380,9 @@ MOST_NAMES = 12
 
 
 def in_words(scene: Model, network: str | None = None) -> str:
-    """Return what a picture of a scene shows, for those who do not see it.
+    """Return what a picture of a scene shows, for those who do not see it: 'A rendering of 2 regions: core, region 1'.
 
-    Args:
-        scene: The scene.
-        network: Network that draws the picture; by default the last one that the scene has.
-
-    Returns:
-        Such as 'A rendering of 2 regions: core, region 1', without regions that are hidden.
+    Hidden regions are left out. ``network`` draws the picture; by default the last one of the scene.
     """
     kind = "painting" if (network or scene.networks[-1]) == "styled" else "rendering"
     names = [region.name or f"region {number}" for number, region in enumerate(scene.regions) if not region.hidden]

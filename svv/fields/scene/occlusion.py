@@ -1,11 +1,8 @@
 """Ambient occlusion: how much of the light that comes from everywhere reaches a place, from the scene's extinction.
 
-The mean transmittance over directions is computed once at the vertices of the scene's cells and interpolated between
-them (per vertex, as Zhukov et al. 1998 have it for polygons; for volumes, Hernell et al. 2010). It is a factor on the
-diffuse colour before it is lit, so highlights stay, and every kernel and every kind of image has the same. Hidden
-regions cast no shade, and fainter ones less.
-
-Letters: S samples, V vertices, D directions.
+The mean transmittance over directions is interpolated between the vertices of the scene's cells (Zhukov et al. 1998;
+for volumes, Hernell et al. 2010). It is a factor on the diffuse colour before it is lit, so highlights stay. Hidden
+regions cast no shade, and fainter ones less. Letters: S samples, V vertices, D directions.
 """
 
 from __future__ import annotations
@@ -89,14 +86,7 @@ def is_occluded(scene: Model) -> bool:
 
 @torch.no_grad()
 def occlude(scene: Model, colour: Tensor, position: Tensor, region: Tensor) -> None:
-    """Darken diffuse colours by the ambient occlusion of their regions, in place.
-
-    Args:
-        scene: A scene with a palette network.
-        colour: Diffuse colours, or those of MatCaps. (S, 3)
-        position: Box coordinates. (S, 3)
-        region: Region of each sample. (S,)
-    """
+    """Darken diffuse colours (S, 3), or those of MatCaps, by the ambient occlusion of their regions (S,), in place."""
     if is_occluded(scene) and len(colour):
         amount = numbers_on([r.occlusion for r in scene.regions], colour.device)[region.long()]
         open_to_light = _openness(scene).look_up(position)[:, 0]

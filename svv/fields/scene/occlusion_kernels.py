@@ -22,17 +22,11 @@ def _extinction(field, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def mean_transmittance(field, vertices, directions, start, reach, step, stop, found):  # type: ignore[no-untyped-def]
-    """Write how much of the light of all directions arrives at vertices.
+    """Write how much of the light of all directions (D, 3) arrives at vertices, ``found`` (V,) in [0, 1].
 
-    Args:
-        field: Optical depth of one cell. (X, Y, Z)
-        vertices: Indices of vertices in the field. (V, 3)
-        directions: Unit vectors. (D, 3)
-        start: Distance at which rays begin, in cells.
-        reach: Distance up to which matter counts, in cells; it counts the less, the farther away it is.
-        step: Distance between samples, in cells.
-        stop: Optical depth at which a ray ends.
-        found: Result, in [0, 1]. (V,)
+    ``field`` (X, Y, Z): optical depth of one cell; ``vertices`` (V, 3): their indices in it; ``start``: distance at
+    which rays begin; ``reach``: up to which matter counts, the less, the farther away it is; ``step``: between samples,
+    all in cells; ``stop``: optical depth at which a ray ends.
     """
     for n in prange(vertices.shape[0]):
         total = 0.0

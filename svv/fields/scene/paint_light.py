@@ -1,10 +1,8 @@
 """Light on paint: shading that keeps a style's brightness.
 
-A style picture has its own light and shade. The scene's shade m, whose mean is arbitrary because it was learned
-together with the palette's colours, would darken the paint, and its specular c_s would brighten it. On paint, only
-their deviations from the mean are therefore shown, and by default only a fraction of those.
-
-Letters: S samples, P regions.
+A style picture has its own light and shade. The scene's shade m, whose mean is arbitrary, would darken the paint, and
+its specular c_s would brighten it: only their deviations from the mean are shown, and by default only a fraction of
+those. Letters: S samples, P regions.
 """
 
 from __future__ import annotations
@@ -32,19 +30,12 @@ _known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakK
 
 
 def lights_of(scene: Model, network: str) -> Tensor:
-    """Return how each region responds to light: a factor f, a scale a of the shade, and b, subtracted from specular.
+    """Return how each region responds to light: a factor f, a scale a of the shade, and b. (regions, 3)
 
     The lit colour is (1 + f (a m - 1)) c_d + f (c_s - b) for a diffuse colour c_d, shade m and specular c_s. Without
-    paint, f is the region's lighting, a is 1 and b is 0. On paint, f is the lighting times the region's light on paint,
-    a is 1 / mean(m) and b is mean(c_s). Where a style is shown with a strength s below 1, the light is the mean of
-    both, weighted by s.
-
-    Args:
-        scene: A scene with a palette network.
-        network: ``pcn`` or ``styled``.
-
-    Returns:
-        f, a and b. (regions, 3)
+    paint, f is the region's lighting, a is 1 and b is 0. On paint, which ``styled`` of the networks ``pcn`` and
+    ``styled`` shows, f is the lighting times the region's light on paint, a is 1 / mean(m) and b is mean(c_s). Where a
+    style is shown with a strength s below 1, the light is the mean of both, weighted by s.
     """
     assert scene.palette_network is not None
     lights = [(r.lighting, 1.0, 0.0) for r in scene.regions]

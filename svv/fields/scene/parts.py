@@ -1,14 +1,9 @@
 """Parts: connected pieces of regions that were split off by a click and are regions of their own.
 
-The palette network divides samples by material: a sample's region is the palette colour of its largest weight, so two
-balls of one material are one region. A split divides a region by place: cells of the box belong to zones, and a table
-says for each zone to which region each palette colour belongs there. A sample thus costs one more look-up, and a scene
-without parts none. Zones divide the space between pieces half way, so that the soft edges of a piece, its haze and its
-faint mixtures with other materials belong to it as well.
-
-A region's number in each cell would be simpler, but cells on the border of two regions hold samples of both, and would
-leave shells of a hidden part behind. With a table over palette colours, the border within a cell stays where the
-network has it.
+A sample's region is the palette colour of its largest weight; a split divides a region by place. Cells of the box
+belong to zones, and a table says for each zone to which region each palette colour belongs there. Zones divide the
+space between pieces half way, so that soft edges, haze and faint mixtures belong to a piece as well. (With a region's
+number in each cell, those on the border of two regions would leave shells of a hidden part behind.)
 
 Letters: S samples, P palette colours, Z zones, N parts.
 """
@@ -61,12 +56,9 @@ class Parts:
         return digest(self.cells, self.zone, self.inside)
 
     def regions_at(self, position: Tensor, colours: int, parents: Sequence[int]) -> Tensor:
-        """Return the region to which each palette colour belongs at box coordinates. (S, 3) -> (S, P) int64
+        """Return the region to which each of P palette colours belongs at box coordinates. (S, 3) -> (S, P) int64
 
-        Args:
-            position: Box coordinates. (S, 3)
-            colours: Number of palette colours P.
-            parents: Region that each active part was split from.
+        ``parents``: region that each active part was split from.
         """
         if position.device not in self._moved:
             table = table_of(self.inside[:, : self.active], colours, parents)
@@ -82,13 +74,9 @@ class Parts:
         return regions[zone[(x * height + y) * depth + z].int()]
 
     def with_part(self, territory: NDArray[np.bool_]) -> Parts:
-        """Return the parts with one more after the active ones, in the cells of a territory; undone ones are dropped.
+        """Return the parts with one more after the active ones, in the cells of a territory (X, Y, Z).
 
-        Args:
-            territory: Cells of the new part. (X, Y, Z)
-
-        Raises:
-            OverflowError: There would be more than :data:`MOST_ZONES` zones.
+        Undone ones are dropped. Raises OverflowError if there would be more than :data:`MOST_ZONES` zones.
         """
         code = 2 * self.zone.astype(np.int32) + territory
         present = np.flatnonzero(np.bincount(code.ravel(), minlength=2))
@@ -111,12 +99,10 @@ def no_parts(shape: Sequence[int], cells: int) -> Parts:
 
 
 def table_of(inside: NDArray[np.bool_], colours: int, parents: Sequence[int]) -> NDArray[np.int64]:
-    """Return the region of each palette colour in each zone. (Z, P)
+    """Return the region of each of P palette colours in each zone. (Z, P)
 
-    Args:
-        inside: Whether each zone is inside each part's territory. (Z, N)
-        colours: Number of palette colours P.
-        parents: Region that each part was split from: a palette's, or an earlier part's.
+    ``inside`` (Z, N): whether each zone is inside each part's territory; ``parents``: region that each part was split
+    from: a palette's, or an earlier part's.
     """
     table = np.tile(np.arange(colours), (len(inside), 1))
     for number, parent in enumerate(parents):

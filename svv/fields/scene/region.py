@@ -148,19 +148,14 @@ def label_of(regions: Sequence[Region], number: int) -> str:
 
 
 def validate_name(name: str) -> str | None:
-    """Return a region's name without blanks at its ends; None if nothing is left.
-
-    Raises:
-        BadInput: It is too long, or has characters that cannot be shown, such as line breaks.
-    """
+    """Return a region's name without blanks at its ends, None if nothing is left; raises as :func:`validate_line`."""
     return validate_line(name, "The name of a region") or None
 
 
 def validate_line(line: str, what: str, longest: int = LONGEST_NAME) -> str:
     """Return a line of text without blanks at its ends; ``what`` it is begins the sentence of an error.
 
-    Raises:
-        BadInput: It is too long, has characters that cannot be shown or that turn what follows, or shows nothing.
+    Raises BadInput if it is too long, has characters that cannot be shown or that turn what follows, or shows nothing.
     """
     text = unicodedata.normalize("NFC", line).strip()
     if len(text) > longest:
@@ -184,8 +179,7 @@ def validate_space(name: str) -> str:
 def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:
     """Return a layer's regions as those of a scene of its own, numbered from 0.
 
-    Raises:
-        ValueError: A region is part of a later one, or of one of another layer.
+    Raises ValueError if a region is part of a later one, or of one of another layer.
     """
     own: dict[int, Region] = {}
     numbers: dict[int, int] = {}
@@ -203,9 +197,7 @@ def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:
 def swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[Region]) -> list[tuple[list[str], str]]:
     """Return three colours, as hex codes from dark to light, and a label for each region with a part of a picture.
 
-    Args:
-        divided: ``report["divided"]`` of :func:`svv.stylize_scene`.
-        regions: The scene's regions.
+    ``divided``: ``report["divided"]`` of :func:`svv.stylize_scene`.
     """
     return [
         (one["colours"], f"{label_of(regions, int(k))}: {one['part']} of {one['style']}")

@@ -34,8 +34,11 @@ from svv.fields.strokes.stored_strokes import Brushed
 Arrays = dict[str, NDArray[np.generic]]
 
 
-def arrays_of(scene: Model, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
-    """Return header and arrays of the file; see :meth:`svv.fields.scene.scene.Scene.to_arrays`."""
+def arrays_of(scene: Model, packed: bool = True, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
+    """Return header and arrays of the file, with tables that follow from strokes if ``whole``.
+
+    ``packed`` tables of lattices are bytes, and those of the hash grid in half precision.
+    """
     # Packed, tables that follow from the values would come back less exact than they are made again.
     given = TABLES if scene.steps is not None and scene.values is not None and packed else ()
     box, tensors = scene.occupancy.box, Arrays()

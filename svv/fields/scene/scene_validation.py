@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from svv.core.geometry.box import Box
 from svv.core.json_values import (
+    each_in,
     list_in,
     number_in,
     object_in,
@@ -42,23 +43,11 @@ BYTES_A_VERTEX = 6
 Arrays = Mapping[str, NDArray[np.generic]]
 
 
-def _pairs_in(value: object, name: str) -> tuple[tuple[float, float], ...]:
-    return tuple(pair_in(p, name) for p in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
-
-
-def _vectors_in(value: object, name: str) -> tuple[tuple[float, float, float], ...]:
-    return tuple(vector_in(v, name) for v in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
-
-
 def _planes_in(value: object, name: str) -> tuple[tuple[float, ...], ...]:
-    planes = list_in(value, len(value) if isinstance(value, list | tuple) else 0, name)
+    planes = each_in(value, lambda plane, name: list_in(plane, 4, name), name)
     if len(planes) > MOST_PLANES:
         raise ValueError(f"{name} has more than {MOST_PLANES} planes")
-    return tuple(tuple(float(number_in(v, name)) for v in list_in(plane, 4, name)) for plane in planes)
-
-
-def _wholes_in(value: object, name: str) -> tuple[int, ...]:
-    return tuple(whole_in(v, name) for v in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
+    return tuple(tuple(float(number_in(v, name)) for v in plane) for plane in planes)
 
 
 _KINDS: Mapping[str, Callable[[object, str], object]] = {
@@ -68,10 +57,10 @@ _KINDS: Mapping[str, Callable[[object, str], object]] = {
     "str": text_in,
     "tuple[float, float]": pair_in,
     "tuple[float, float, float]": vector_in,
-    "tuple[tuple[float, float], ...]": _pairs_in,
-    "tuple[tuple[float, float, float], ...]": _vectors_in,
+    "tuple[tuple[float, float], ...]": lambda value, name: each_in(value, pair_in, name),
+    "tuple[tuple[float, float, float], ...]": lambda value, name: each_in(value, vector_in, name),
     "tuple[tuple[float, float, float, float], ...]": _planes_in,
-    "tuple[int, ...]": _wholes_in,
+    "tuple[int, ...]": lambda value, name: each_in(value, whole_in, name),
 }
 """Annotation of a field -> what turns the value in a file into one of that type."""
 
@@ -134,7 +123,7 @@ def settings_of(told: Mapping[str, Any]) -> FieldSettings:
 
 
 def _levels(told: object, least: int = 1) -> tuple[int, ...]:
-    found = _wholes_in(told, "resolutions")
+    found = each_in(told, whole_in, "resolutions")
     if not least <= len(found) <= MOST_LEVELS or not all(1 <= n <= MOST_CELLS for n in found):
         raise ValueError(f"the resolutions {found} of a lattice are not valid")
     return found

@@ -82,15 +82,8 @@ def seen_in(
 ) -> dict[int, Seen]:
     """Return the colours of each region that is visible in some views, by its number.
 
-    Args:
-        scene: A scene with a palette network.
-        network: As for :meth:`svv.fields.scene.scene.Scene.render`.
-        background: RGB in [0, 1].
-        cameras: The views; by default five from all around.
-        progress: Called before each view.
-
-    Raises:
-        BadInput: The scene has no palette network, so no regions.
+    ``network``: as for :meth:`svv.fields.scene.scene.Scene.render`; ``background``: RGB in [0, 1]; ``cameras``: by
+    default five from all around. Raises BadInput if the scene has no palette network, so no regions.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
@@ -147,12 +140,7 @@ def pairs_of(seen: Sequence[Seen], visions: Sequence[VisionName] = VISIONS) -> l
 
 
 def look_alikes(scene: Scene, background: Sequence[float] = WHITE) -> list[Pair]:
-    """Return the pairs of regions of a painted scene that look alike, and less so in its volume rendering.
-
-    Args:
-        scene: A scene with a palette network.
-        background: RGB in [0, 1].
-    """
+    """Return the pairs of regions of a painted scene that look alike, and less so in its volume rendering."""
     painted = pairs_of(list(seen_in(scene, None, background).values()), VISIONS[:1])
     alike = [pair for pair in painted if pair.difference < LEAST_DIFFERENCE]
     if not alike:

@@ -48,23 +48,11 @@ _known: WeakKeyDictionary[torch.nn.Module, Cells] = WeakKeyDictionary()
 def piece_at(
     scene: Model, point: Sequence[float], level: float = SPLIT_LEVEL, progress: Progress = silent
 ) -> tuple[int, Parts, float]:
-    """Return the region at a point, the parts of the scene with the region's piece there, and the piece's share of it.
+    """Return the region at a world point, the parts with its piece there as the last one, and the piece's share of it.
 
-    Two cells of the region are connected if they touch and are both opaque enough: at least ``level`` times the
-    region's mean opacity. Cells between two pieces belong to the nearer one.
-
-    Args:
-        scene: A scene with a palette network.
-        point: World coordinates of a point in the region.
-        level: Opacity from which cells connect, in (0, 1].
-        progress: Called several times a second.
-
-    Returns:
-        Number of the region; the parts, the last of which is the piece; and the fraction of the region's opacity that
-        lies in the piece, in (0, 1).
-
-    Raises:
-        BadInput: Nothing is at the point, the region is in one piece, or there are too many parts.
+    Two cells of the region are connected if they touch and are both opaque enough: at least ``level``, in (0, 1], times
+    the region's mean opacity. Cells between two pieces belong to the nearer one. The share, in (0, 1), is of the
+    region's opacity. BadInput if nothing is at the point, the region is in one piece, or there are too many parts.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
@@ -84,14 +72,10 @@ def piece_at(
 
 
 def regions_in_cells(scene: Model, progress: Progress = silent) -> tuple[int, NDArray[np.int16], NDArray[np.float32]]:
-    """Return the region at the centre of each cell of the box, and the opacity of a ray through the cell, as edited.
+    """Return cells per box unit, and the region and the opacity of each cell of the box, as edited. (X, Y, Z)
 
-    Args:
-        scene: A scene; one without a palette network has the one region 0.
-        progress: Called several times a second.
-
-    Returns:
-        Cells per box unit; region, -1 where nothing was found (X, Y, Z); and opacity in [0, 1] (X, Y, Z).
+    The region is that at the cell's centre, -1 where nothing was found, 0 in a scene without a palette network; the
+    opacity in [0, 1] is that of a ray through the cell.
     """
     known = _cells_of(scene, progress)
     occupied = _refined(scene.occupancy.occupied > 0, known.cells // scene.occupancy.cells)

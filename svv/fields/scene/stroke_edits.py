@@ -1,8 +1,7 @@
 """Edits of strokes after they were laid: relief and its light, width, and the colours of another picture.
 
-The strokes of a painting stay as they were laid. An edit belongs to a region, like every other (:mod:`.edits`), and is
-applied to a copy of its strokes when their paint is evaluated, so it can be undone and takes no training. A part that
-was split off has the strokes of its whole and edits of its own.
+An edit belongs to a region and is applied to a copy of its strokes when their paint is evaluated. A part that was split
+off has the strokes of its whole and edits of its own.
 
 Letters: N strokes, C colours of a palette, V vertices of the paint's lattice, R regions.
 """
@@ -43,11 +42,7 @@ Owners = Callable[[Floats], NDArray[np.int64]]
 def validate_stroke_edits(
     relief: float | None, width: float | None, light: Sequence[float] | None, palette: Sequence[Sequence[float]] | None
 ) -> dict[str, Any]:
-    """Return edits of strokes by field, for a scene's ``with_strokes``; None changes nothing.
-
-    Raises:
-        BadInput: A number, the direction or a colour is out of range.
-    """
+    """Return edits of strokes by field, for ``with_strokes``; None changes nothing. Raises BadInput if out of range."""
     edits: dict[str, Any] = {}
     if relief is not None:
         if not 0.0 <= relief <= MOST_RELIEF:
@@ -137,15 +132,10 @@ def edited_strokes(strokes: Strokes, brush: Brush, region: Region) -> tuple[Stro
 
 
 def recoloured(strokes: Strokes, palette: Sequence[Sequence[float]], seed: int = 0) -> Strokes:
-    """Return strokes with colours of a palette, whose tones follow one another as theirs do.
+    """Return strokes with colours of a palette, RGB in [0, 1] from dark to light, whose tones follow as theirs do.
 
     A stroke that is lighter than a fraction of them gets a colour that is lighter than about that fraction of the
-    palette.
-
-    Args:
-        strokes: The strokes.
-        palette: Colours from dark to light, RGB in [0, 1]. (C, 3)
-        seed: Seed of the choice among colours of about the same tone.
+    palette (C, 3). ``seed``: of the choice among colours of about the same tone.
 
     >>> from svv.core.strokes.strokes import straight_stroke
     >>> stroke = straight_stroke((0.2, 0.5, 0.5), (0.8, 0.5, 0.5), 0.05)
@@ -167,9 +157,7 @@ def recoloured(strokes: Strokes, palette: Sequence[Sequence[float]], seed: int =
 def entries_of(regions: Sequence[Region], roots: Mapping[int, int]) -> dict[int, int]:
     """Return the regions whose edited strokes differ from those of their whole, each with the region that has them.
 
-    Args:
-        regions: The scene's regions.
-        roots: Region with strokes -> region of the painting whose strokes it has (:attr:`.model.Model.stroked`).
+    ``roots``: region with strokes -> region of the painting whose strokes it has (:attr:`.model.Model.stroked`).
     """
     found: dict[int, int] = {}
     for number, root in roots.items():
@@ -184,14 +172,9 @@ def entries_of(regions: Sequence[Region], roots: Mapping[int, int]) -> dict[int,
 def edited_field(
     network: UnrestrictedField, regions: Sequence[Region], entries: Mapping[int, int], key: object, owners: Owners
 ) -> UnrestrictedField:
-    """Return the paint with the edits of its strokes; the last results are remembered.
+    """Return the paint of a network with the edits of its strokes; the last results are remembered.
 
-    Args:
-        network: Paint with strokes.
-        regions: The scene's regions.
-        entries: Regions with strokes of their own, from :func:`entries_of`.
-        key: What ``owners`` depends on.
-        owners: Region of vertices near strokes, among the painted ones.
+    ``entries``: from :func:`entries_of`; ``owners``: painted region of vertices near strokes; it depends on ``key``.
     """
     every = (key, tuple((number, root, edits_of_strokes(regions[number])) for number, root in entries.items()))
     known = network.edited.get(every)

@@ -1,11 +1,8 @@
 """Opacity that follows strokes: between dark and vivid strokes a region becomes clearer, or between light ones.
 
-Paint only changes colours: a region is as dense between the strokes as in them. Here the extinction of a sample follows
-how far its paint is from white, or from black. Strokes are as opaque as the region itself, and the ground between them
-is clearer, like glazes on glass: nothing becomes denser than the region is, so a thin shell keeps its own profile, and
-the ground never so clear that holes show.
-
-Letters: S samples, P regions.
+The extinction of a sample follows how far its paint is from white, or from black. Strokes are as opaque as the region
+itself, and the ground between them is clearer, like glazes on glass: nothing becomes denser, so a thin shell keeps its
+profile, and the ground never so clear that holes show. Letters: S samples, P regions.
 """
 
 from __future__ import annotations
@@ -33,13 +30,9 @@ _known: WeakKeyDictionary[UnrestrictedField, dict[tuple[object, ...], Tensor]] =
 
 
 def followed(scene: Model, sigma: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
-    """Return the extinction of samples, in painted regions following the strokes; a new tensor if any region does.
+    """Return the extinction of samples (S,), in painted regions following the strokes; a new tensor if any region does.
 
-    Args:
-        scene: A scene with a palette network.
-        sigma: Extinction. (S,)
-        region: Region of each sample. (S,)
-        paint: Colour of the paint; None if no paint is shown. (S, 3)
+    ``region`` of each sample (S,); ``paint``: its colour (S, 3), or None if no paint is shown.
     """
     strokes = None if paint is None else strokes_of(scene)
     return sigma if strokes is None or paint is None else sigma * _factor(strokes, region, paint)
@@ -56,13 +49,9 @@ def fade_of(scene: Model, network: str) -> float:
 
 
 def paleness(colour: Tensor, amount: Tensor) -> Tensor:
-    """Return by how little colours differ from white paper, or, for negative amounts, how much from black. (S,)
+    """Return by how little encoded RGB (S, 3) differs from white paper, or, for amounts < 0, how much from black. (S,)
 
     The smallest of red, green and blue tells strokes of any hue from white; luma would take yellow for it.
-
-    Args:
-        colour: Encoded RGB. (S, 3)
-        amount: How much opacity follows the strokes, or a number of the same sign. (S,)
     """
     low, high = colour.clamp(0.0, 1.0).aminmax(dim=1)
     return torch.where(amount >= 0.0, low, high)
@@ -72,11 +61,7 @@ def strokes_of(scene: Model) -> Tensor | None:
     """Return how each region's extinction depends on its strokes: a gain g, a slope k, a middle y and a reach b.
 
     The factor on the extinction of a sample whose paint has the paleness v is exp(g + clip(k (y - v), -b, b)), and g is
-    -b: at most 1. For a region whose opacity does not follow strokes all four are 0. Measured once per painting and
-    edits.
-
-    Returns:
-        g, k, y and b (regions, 4); None if no region's opacity follows strokes.
+    -b: at most 1. Measured once. (regions, 4), 0 for a region whose opacity does not follow strokes; None if none does.
     """
     amounts = [0.0 if r.style is None else r.stroke_opacity * r.strength for r in scene.regions]
     paint = scene.paint_shown

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.json_values import list_in, number_in, object_in, text_in
+from svv.core.json_values import each_in, number_in, object_in, text_in
 from svv.io.files.keyed_results import digest
 from svv.io.pictures.picture_data import as_text, content_of
 
@@ -81,13 +81,9 @@ def _parts_in(told: object) -> dict[str, dict[str, object]]:
     found: dict[str, dict[str, object]] = {}
     for region, value in object_in(told, DIVIDED).items():
         one = object_in(value, DIVIDED)
-        texts = {key: _texts_in(one[key], key) for key in ("colours", "parts")}
+        texts = {key: list(each_in(one[key], text_in, key)) for key in ("colours", "parts")}
         if not (region.isascii() and region.isdigit() and all(map(CODE.fullmatch, texts["colours"]))):
             raise ValueError(f"{DIVIDED} needs regions' numbers and colours such as #ff8800")
         plain = {key: text_in(one[key], key) for key in ("style", "part")}
         found[region] = {**plain, **texts, "share": number_in(one["share"], "share")}
     return found
-
-
-def _texts_in(told: object, name: str) -> list[str]:
-    return [text_in(text, name) for text in list_in(told, len(told) if isinstance(told, list) else 0, name)]

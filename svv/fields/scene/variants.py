@@ -1,6 +1,6 @@
 """Several paintings of one scene: variants share its base, palette and edits; each has its own colour network.
 
-:class:`svv.fields.scene.scene.Scene` has these functions as methods, which document arguments and errors.
+:class:`svv.fields.scene.scene.Scene` has these functions as methods.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ LONGEST_NAME = 64
 
 
 def with_variant(scene: S, name: str) -> S:
-    """Return the scene showing this variant; raises BadInput if there is none of this name."""
+    """Return the scene showing this variant; raises BadInput if there is none of this name.
+
+    Edits are kept; paint hides the edited colour of a region.
+    """
     _check(scene, name)
     if name == scene.variant:
         return scene
@@ -32,7 +35,10 @@ def with_variant(scene: S, name: str) -> S:
 
 
 def without_variant(scene: S, name: str) -> S:
-    """Return the scene without this variant; raises BadInput if there is none of this name."""
+    """Return the scene without this variant; raises BadInput if there is none of this name.
+
+    If it was the one shown, the first remaining variant is shown.
+    """
     _check(scene, name)
     rest = tuple(other for other in scene.every_variant if other.name != name)
     if name != scene.variant:
@@ -51,7 +57,12 @@ def painted(
     name: str | None = None,
     glazes: Mapping[int, float] | None = None,
 ) -> S:
-    """Return the scene with a new variant, which is shown; see :meth:`svv.Scene.painted`."""
+    """Return the scene with a new variant, which is shown; it replaces an existing one of the same name.
+
+    The regions get the mean light that the light on paint starts from (:mod:`svv.fields.scene.paint_light`).
+    ``styles``: style name of each region that it paints; the other regions keep their palette colours; ``made``: record
+    of how it was painted; ``glazes``: how far opacity follows regions' strokes unless edited, by default as laid.
+    """
     name = name or UNNAMED
     rest = tuple(other for other in scene.every_variant if other.name != name)
     every = tuple(styles.get(region) for region in range(len(scene.regions)))
@@ -82,7 +93,10 @@ def _glazes_laid(scene: Model, network: UnrestrictedField, anew: set[int]) -> di
 
 
 def free_name(scene: Model, name: str | None) -> str:
-    """Return the name for a new variant, by default :data:`UNNAMED`; see :meth:`svv.Scene.free_name`."""
+    """Return the name for a new variant; by default :data:`UNNAMED`, which may be overwritten.
+
+    Raises BadInput if the name is taken, empty or too long, or has characters that are not printable.
+    """
     if name is None:
         return UNNAMED
     if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():

@@ -1,9 +1,7 @@
 """What the networks say of a view's samples, kept while a scene is edited: an edit changes neither rays nor networks.
 
-Most of an image's time goes into marching its rays and into the networks, and neither depends on the edits of regions,
-except for an opacity below 1, with which rays go deeper. Whoever edits a scene draws the same view again and again.
-From the third image of a view on, its samples and the networks' outputs are therefore those of the second. The image
-is the same, bit by bit.
+Whoever edits a scene draws the same view again and again, and most of the time goes into rays and networks. From the
+third image of a view on, both are therefore those of the second. The image is the same, bit by bit.
 """
 
 from __future__ import annotations
@@ -162,8 +160,7 @@ _COUNT = itertools.count()
 class View:
     """A view while it is drawn: its looks are taken from those that are kept, or made, and kept if it is worth it.
 
-    Args:
-        key: What the looks depend on, from :func:`key_of`; None if none may be kept.
+    ``key``: what the looks depend on, from :func:`key_of`; None if none may be kept.
     """
 
     def __init__(self, key: Hashable | None) -> None:

@@ -83,10 +83,7 @@ class Laid:
 def advected(laid: Laid, field: Field, backward: Places) -> tuple[Strokes, Points]:
     """Return strokes where their matter is now, and how far each point is from a surface of its value. (K,)
 
-    Args:
-        laid: The strokes as they were laid.
-        field: The values of now.
-        backward: Where the matter at places of now was in the painted step. (K, 3) -> (K, 3)
+    ``field``: the values of now; ``backward``: where the matter at places of now was in the painted step.
     """
     strokes, start = laid.strokes, laid.strokes.where.astype(np.float64)
     place, missed = _inverse(backward, laid.matter, start)

@@ -27,11 +27,9 @@ class Flocks:
     """
 
     def __init__(self, painted: float, times: Sequence[float] = ()) -> None:
-        """Begin with the painting.
+        """Begin with the painting at a time of a series.
 
-        Args:
-            painted: The time that is painted.
-            times: The times of the series; if none are known, each that is shown beyond the others is the next one.
+        ``times``: those of the series; if none are known, each that is shown beyond the others is the next one.
         """
         self.painted, self._times = painted, sorted({*times, painted}) if times else [painted]
         self._grows = not times

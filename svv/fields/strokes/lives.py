@@ -1,10 +1,9 @@
 """The lives of strokes in a series of time steps: laid once, moved with the matter, born and removed.
 
-From the step that was painted, strokes are followed to both ends of the series. One whose matter is gone, or that is
-stretched too far, is removed; where a surface is left bare, a copy of a stroke that lies near is set down, which lives
-on from there. No stroke is laid again, and none appears or vanishes at once: they grow and shrink over a few steps. A
-place counts as bare only from well beyond the largest gap of the painting, and a stroke as gone only if it is so in two
-steps in a row, so that nothing comes and goes. Letters: K points of strokes, N strokes, B places on a surface.
+From the painted step, strokes are followed to both ends of the series. One whose matter is gone, or that is stretched
+too far, is removed; where a surface is left bare, a copy of a stroke that lies near is set down. They grow and shrink
+over a few steps. A place counts as bare only from well beyond the largest gap of the painting, and a stroke as gone
+only if it is so twice in a row, so that nothing comes and goes. Letters: K points of strokes, N strokes, B places.
 """
 
 from __future__ import annotations
@@ -124,13 +123,9 @@ def living(
 ) -> Strokes:  # fmt: skip
     """Return the strokes that live at a step of ``count``, each as large as it is then.
 
-    Args:
-        groups: Of the strokes laid at each step, the painted one first: the step, the strokes, and the first and the
-            last step of each. (N, 2)
-        step: The step.
-        count: Number of steps; strokes that live at the first or the last one have always lived, or always will.
-        field: The values of the step.
-        matter: Where the matter at places of the step was in the painted one.
+    ``groups``: of the strokes laid at each step, the painted one first: the step, the strokes, and the first and the
+    last step of each (N, 2). Those that live at the first or the last step of all have always lived, or always will.
+    ``matter``: where the matter at places of the step was in the painted one.
     """
     left: list[Strokes] = []
     for laid, group, ends in groups:
@@ -170,14 +165,9 @@ class Flock:
     def __init__(
         self, strokes: Strokes, painted: Field, steps: tuple[int, int], seed: int, later: int = 0
     ) -> None:  # fmt: skip
-        """Begin with the painting.
+        """Begin with the painting of some values, at the first of ``steps``; the second is their number.
 
-        Args:
-            strokes: The strokes as they were painted.
-            painted: The values that were painted.
-            steps: Number of the painted step, and how many there are.
-            seed: For what is random.
-            later: Steps that a stroke lives on after it was found to be gone, where it is shown before.
+        ``later``: steps that a stroke lives on after it was found to be gone, where it is shown before.
         """
         self.painted, self.count = steps
         self.seed, self.later = seed, later
@@ -289,13 +279,9 @@ class _Bare:
     def covered(
         self, place: Points, living: Strokes | None, now: tuple[Field, Places], generator: np.random.Generator
     ) -> Strokes | None:  # fmt: skip
-        """Return strokes for those places of a surface that are bare among strokes that live; None if none are.
+        """Return strokes for those places of a surface (B, 3) that are bare among strokes that live; None if none are.
 
-        Args:
-            place: Places on the surface of now. (B, 3)
-            living: The strokes that live.
-            now: The values of now, and where the matter was in the painted step.
-            generator: For what is random.
+        ``now``: the values of now, and where the matter was in the painted step.
         """
         if living is not None and len(place):
             place = place[cKDTree(living.where).query(place)[0] > self.far]

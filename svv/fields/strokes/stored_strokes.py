@@ -73,13 +73,10 @@ class Brushed:
     def baked(
         self, place: Floats, cell: float, progress: Progress = silent, known: tuple[Brushed, Floats] | None = None
     ) -> Floats:
-        """Return the colours of vertices of a lattice. (V, 3)
+        """Return the colours of vertices at box coordinates (V, 3) of a lattice with cells of a side. (V, 3)
 
-        Args:
-            place: Box coordinates of the vertices. (V, 3)
-            cell: Side of the lattice's cells in box units.
-            progress: Called several times a second.
-            known: Another painting and its colours, from which regions with the same strokes are copied. (V, 3)
+        ``progress`` is called several times a second; ``known``: another painting and its colours (V, 3), from which
+        regions with the same strokes are copied.
         """
         owner = self.owner
         assert owner is not None
@@ -104,14 +101,10 @@ class Brushed:
     ) -> Tensor:  # fmt: skip
         """Return colours (S, 3) of samples with the strokes over them; a sheet of samples has one colour.
 
-        Args:
-            colours: Colours of the lattice, where no stroke reaches; None if all paint is strokes, so that it is not
-                needed.
-            samples: Samples of rays.
-            region: Region of each sample. (S,)
-            roots: Region with strokes -> region whose strokes it has: parts that were split off have the whole's.
-            wholes: For each region of the scene, the region of which it is a part, or itself.
-            pixel: Width of a pixel in box units.
+        ``colours``: those of the lattice, where no stroke reaches; None if all paint is strokes, so that it is not
+        needed; ``region`` of each sample (S,); ``roots``: region with strokes -> region whose strokes it has: parts
+        that were split off have the whole's; ``wholes``: for each region of the scene, the region of which it is a
+        part, or itself; ``pixel``: its width in box units.
         """
         kernels = kernels_for(region).STROKES
         if kernels is not None:
@@ -200,13 +193,7 @@ class Brushed:
 def sheets_of(
     samples: Samples, region: NDArray[np.int64], apart: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Return each sample's sheet, -1 for none (S,), and mean positions (K, 3); see :mod:`svv.core.rays.sheets`.
-
-    Args:
-        samples: Samples of rays.
-        region: Region of each sample. (S,)
-        apart: Gap in box units that separates sheets of each region; 0 for a region without sheets. (G,)
-    """
+    """Return each sample's sheet, -1 for none (S,), and mean positions (K, 3); see :mod:`svv.core.rays.sheets`."""
     position, sigma, skipped, start, count = (
         getattr(samples, name).cpu().numpy() for name in ("position", "sigma", "skipped", "start", "count")
     )

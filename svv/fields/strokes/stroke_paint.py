@@ -43,9 +43,7 @@ def shared_width(width: float) -> float:
 class Bins:
     """The points whose paint may reach into each bin of a grid, for paint of any width up to ``soft``.
 
-    Args:
-        around: See :func:`svv.kernels.numba.strokes.surroundings`, for edges of the width ``narrow``. (K, 16)
-        radius: Median radius of the strokes. All in box units.
+    ``around`` (K, 16): :func:`svv.kernels.numba.strokes.surroundings`, ``narrow`` edges; ``radius``: the median of all.
     """
 
     def __init__(self, around: Floats, radius: float, narrow: float) -> None:
@@ -74,11 +72,8 @@ class Bins:
 class StrokePaint:
     """The paint of one region, everywhere: where no stroke reaches, the ground shows.
 
-    Args:
-        strokes: The strokes; at least one.
-        brush: How their paint looks.
-        soft: Width of soft edges in box units: the cell or pixel in which the paint is shown.
-        like: Paint of the same strokes with edges of another width, whose bins are used again if they suit.
+    ``soft``: width of soft edges in box units, the cell or pixel in which the paint is shown; ``like``: paint of the
+    same strokes with edges of another width, whose bins are used again if they suit.
     """
 
     def __init__(self, strokes: Strokes, brush: Brush, soft: float, like: StrokePaint | None = None) -> None:

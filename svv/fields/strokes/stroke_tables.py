@@ -19,16 +19,10 @@ from svv.kernels.types import StrokeTables
 
 
 def look_of(brush: Brush, unit: float, soft: float, side: float) -> Floats:
-    """Return a brush as the kernels take it.
+    """Return a brush as the kernels take it; lengths are in box units, of which ``unit`` is the strokes' median width.
 
     Relief, dry, mixed, rim, body, grain, tooth, flow, feather, blunt, length and raggedness of lifted ends, size of the
     irregularities of wet paint, width of rims, soft edges, side of bins, light (3) and paper (3).
-
-    Args:
-        brush: The brush.
-        unit: Median width of strokes.
-        soft: Width of soft edges.
-        side: Side of the bins. All in box units.
     """
     sharp = max(0.5 * RIM * unit, soft)
     numbers = [
@@ -43,16 +37,11 @@ def tables_of(
     strokes: Strokes, brush: Brush, around: Floats, bins: tuple[int, Tensor, Tensor], widths: tuple[float, float],
     ground: tuple[float, float], device: torch.device,
 ) -> StrokeTables:  # fmt: skip
-    """Return the tables of strokes for a device.
+    """Return the tables of N strokes of K points for a device.
 
-    Args:
-        strokes: N strokes of K points.
-        brush: How their paint looks.
-        around: See :func:`svv.kernels.numba.strokes.surroundings`. (K, 16)
-        bins: How many along the box, first entry of each, and the points (:func:`bins_of`).
-        widths: Width of soft edges, and how far from points there is ground, in box units.
-        ground: Brightness of the ground relative to the nearest stroke, and the coverage below which it shows.
-        device: Where they are used.
+    ``around`` (K, 16): see :func:`svv.kernels.numba.strokes.surroundings`; ``bins``: how many along the box, first
+    entry of each, and the points (:func:`bins_of`); ``widths``: of soft edges, and how far from points there is ground,
+    in box units; ``ground``: its brightness relative to the nearest stroke, and the coverage below which it shows.
     """
     size, soft, reach = bins[0], *widths
     _, arc, _, widen = strokes.frames
@@ -74,10 +63,7 @@ def tables_of(
 def bins_of(around: Floats, wider: float, size: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """List the points whose paint may reach into each bin of a grid, the last points first, on a device.
 
-    The same as :func:`svv.kernels.numba.strokes.sort_into_bins`, which describes it.
-
-    Returns:
-        First entry of each bin (size^3 + 1,) int64, and entries (B,) int32.
+    The same as :func:`svv.kernels.numba.strokes.sort_into_bins`, which describes it, int64 and int32.
     """
     table = torch.from_numpy(around[::-1].copy()).to(device, torch.float64)
     side, where, long = 1.0 / size, table[:, :3], table[:, 11] + wider
@@ -123,11 +109,7 @@ def _cells_of(where: Floats, reach: float) -> tuple[int, NDArray[np.bool_], NDAr
 
 
 def cells_near(where: Floats, reach: float) -> tuple[int, NDArray[np.bool_]]:
-    """Return the number of cells along the box, and which of them are, or are beside, cells with points (K, 3).
-
-    Returns:
-        Cells along the box, and a grid of two more along each axis.
-    """
+    """Return cells along the box, and a grid, two larger, of those with points (K, 3) or beside such cells."""
     cells = max(int(1.0 / reach), 1)
     grid = np.zeros((cells + 2,) * 3, bool)
     grid[tuple((where * cells).astype(np.int64).clip(0, cells).T)] = True

@@ -27,11 +27,7 @@ KERNELS_VARIABLE = "SVV_KERNELS"
 
 @cache
 def kernels_of(kind: str) -> Kernels:
-    """Return the kernels for a kind of device, ``cpu`` or ``cuda``.
-
-    Raises:
-        BadInput: The variable ``SVV_KERNELS`` is neither ``reference`` (or ``torch``, its former name) nor empty.
-    """
+    """Return the kernels for a kind of device, ``cpu`` or ``cuda``; BadInput if ``SVV_KERNELS`` is not valid."""
     wanted = os.environ.get(KERNELS_VARIABLE, "")
     if wanted not in ("", "reference", "torch"):
         raise BadInput(f"{KERNELS_VARIABLE} can be 'reference', for plain torch, or unset, not '{wanted}'.")

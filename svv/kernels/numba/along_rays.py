@@ -27,15 +27,8 @@ ZERO32, ONE32 = np.float32(0.0), np.float32(1.0)
 def normal_equations(first, vertex, weight, cosine, pixel, region, sums):  # type: ignore[no-untyped-def]
     """Add up the normal equations of what regions reflect of light from everywhere and of a headlight.
 
-    Args:
-        first: First sample of each ray. (R + 1,)
-        vertex: Vertex of each sample. (S,)
-        weight: Weight of each sample. (S,)
-        cosine: Cosine of each sample. (S,)
-        pixel: Colours of pixels, float32. (R, 3)
-        region: Region of each vertex, int64. (V,)
-        sums: One sum per block of rays, zeros before: of products of what a ray sees of each of 2 P unknowns, of which
-            the entries above the diagonal are left out, and of their products with its pixel. (B, 2 P, 2 P + 3)
+    ``sums`` (B, 2 P, 2 P + 3): one sum per block of rays, zeros before: of products of what a ray sees of each of 2 P
+    unknowns, of which the entries above the diagonal are left out, and of their products with its pixel.
     """
     size = sums.shape[1]
     for block in prange(sums.shape[0]):
@@ -56,21 +49,9 @@ def normal_equations(first, vertex, weight, cosine, pixel, region, sums):  # typ
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def errors(first, vertex, weight, cosine, pixel, along, kept, light, member, error):  # type: ignore[no-untyped-def]
-    """Write the errors of pixels, of which only a part is left along directions.
+    """Write the ``error`` of pixels (R, 3); see :meth:`svv.kernels.types.RegionKernels.errors`.
 
     Two regions are added up at a time, in registers.
-
-    Args:
-        first: First sample of each ray, like the next four; see :func:`normal_equations`.
-        vertex: Vertices.
-        weight: Weights.
-        cosine: Cosines.
-        pixel: Pixels.
-        along: Unit vectors. (R, 3)
-        kept: The part that is left.
-        light: What regions reflect of light from everywhere, and of a headlight. (P, 6)
-        member: Memberships of vertices in an even number of regions. (V, P)
-        error: Result. (R, 3)
     """
     rays = np.uint32(pixel.shape[0])
     for block in prange((rays + BLOCK - 1) // BLOCK):
@@ -98,15 +79,10 @@ def errors(first, vertex, weight, cosine, pixel, along, kept, light, member, err
 
 @njit(fastmath=FAST_MATH, inline="always")
 def excess(values, i, count):  # type: ignore[no-untyped-def]
-    """Return what the first values of a row have too much each for memberships, >= 0 with sum 1 (Michelot 1986).
+    """Return what the first values of row i have too much each for memberships >= 0 with sum 1 (Michelot 1986).
 
     It is the mean excess of all values at first, and then of those that are above it. Branches that no one can predict
     would take longer than passes over values that are known already.
-
-    Args:
-        values: Values. (V, P)
-        i: The row.
-        count: How many of its values are meant, uint32.
     """
     shift = -ONE32
     for p in range(count):
@@ -127,25 +103,10 @@ def descend(  # type: ignore[no-untyped-def]
     first, ray, weight, lit, error, neighbours, root, least, light, step, smoothness, momentum, count, ahead, member,
     following,
 ):  # fmt: skip
-    """Take a step down the slope of the errors, back to memberships, and look ahead.
+    """Take a step down the slope of the errors; see :meth:`svv.kernels.types.RegionKernels.descend`.
 
-    Args:
-        first: First sample of each vertex: here, samples are in the order of their vertices. (V + 1,)
-        ray: Ray of each sample. (S,)
-        weight: Weight of each sample. (S,)
-        lit: Weight times cosine. (S,)
-        error: Errors of pixels. (R, 3)
-        neighbours: Vertices beside each; itself where there is none. (V, 6)
-        root: Square root of each vertex's light: neighbours must agree by the product of both. (V,)
-        least: What is added to that product.
-        light: What regions reflect of light from everywhere, and of a headlight. (P, 6)
-        step: Length of each vertex's step. (V,)
-        smoothness: Weight of the differences of neighbours.
-        momentum: How far to look ahead, in units of the step taken.
-        count: Number of regions; P is the next even number, and there is nothing in the last of them. uint32
-        ahead: Where the slope is taken. (V, P)
-        member: Memberships, before and after. (V, P)
-        following: Where to take the next slope. (V, P)
+    Here, samples are in the order of their vertices (:class:`svv.kernels.types.VertexSamples`). ``smoothness`` and
+    ``momentum`` are the ``pace``; there are ``count`` regions, and nothing in a last one if P is the next even number.
     """
     vertices = np.uint32(member.shape[0])
     for block in prange((vertices + BLOCK - 1) // BLOCK):

@@ -20,10 +20,9 @@ POSITION_ERROR = 1e-5
 
 @njit(cache=True)
 def _ray(column, row, lens):  # type: ignore[no-untyped-def]
-    """Return the ray through a point in pixels from the centre of the first pixel, in camera axes.
+    """Return the ray through a point in camera axes: its origin's x and y (z is 0) and its unit direction.
 
-    Returns:
-        The origin's x and y (its z is 0), and the unit direction (x, y, z).
+    The point is in pixels from the centre of the first one.
     """
     u = (column + lens[1]) / lens[0]
     v = -(row + lens[2]) / lens[0]

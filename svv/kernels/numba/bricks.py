@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
-from svv.core.fast_math import FAST_MATH
-from svv.kernels.numba.trilinear import ONE32, row_at
+from svv.kernels.numba.trilinear import row_at
 from svv.kernels.types import Lattice, Limits
 
 CELLS = 8
@@ -54,27 +53,6 @@ NO_BRICKS = np.zeros((0, 0, 0), np.int32), np.zeros(0, np.float32)
 """Stands for bricks that do not exist."""
 
 _KNOWN = WeakTensorKeyDictionary()
-
-
-@njit(fastmath=FAST_MATH, inline="always")
-def value_in_brick(x, y, z, scale, last, slots, values):  # type: ignore[no-untyped-def]
-    """Return the trilinear interpolation at box coordinates in an occupied cell.
-
-    ``last``: number of the last cell along each axis, int32; ``slots`` (bricks along x, y, z): place of each brick in
-    ``values`` (B * VERTICES,).
-    """
-    fx, fy, fz = x * scale, y * scale, z * scale
-    ix, iy, iz = min(np.int32(fx), last[0]), min(np.int32(fy), last[1]), min(np.int32(fz), last[2])
-    slot = np.uint64(slots[np.uint64(ix >> SHIFT), np.uint64(iy >> SHIFT), np.uint64(iz >> SHIFT)])
-    inside = (ix & MASK) * np.int32(PLANE) + (iy & MASK) * np.int32(SIDE) + (iz & MASK)
-    a = slot * np.uint64(VERTICES) + np.uint64(inside)
-    b, c, d = a + np.uint64(SIDE), a + np.uint64(PLANE), a + np.uint64(PLANE + SIDE)
-    one = np.uint64(1)
-    wx, wy, wz = fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
-    ux, uy, uz = ONE32 - wx, ONE32 - wy, ONE32 - wz
-    near = uy * (uz * values[a] + wz * values[a + one]) + wy * (uz * values[b] + wz * values[b + one])
-    far = uy * (uz * values[c] + wz * values[c + one]) + wy * (uz * values[d] + wz * values[d + one])
-    return ux * near + wx * far
 
 
 @njit(cache=True)
@@ -121,13 +99,8 @@ def _fill(shape, index, table, slots, values):  # type: ignore[no-untyped-def]
 def made(where: Lattice, table: NDArray[np.float32], most_room: float) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Return slots and values of the bricks of a lattice of one level; none if they would take too much memory.
 
-    Args:
-        where: Layout of the lattice.
-        table: Its values. (V,)
-        most_room: Most values in the bricks per value in the table.
-
-    Returns:
-        Slot of each brick (bricks along x, y, z), and values (B * VERTICES,); a vertex that is not stored has 0.
+    ``table`` (V,): its values; ``most_room``: most values in the bricks per value in the table. Slots are of each brick
+    (bricks along x, y, z), values (B * VERTICES,); a vertex that is not stored has 0.
     """
     shape, index = where.shapes[0].numpy(), where.index.numpy()
     slots = np.empty([-(-(n - 1) // CELLS) for n in shape], np.int32)
@@ -144,14 +117,8 @@ def bricks_for(
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Return the bricks through which rays of an image are marched, made when enough rays have been.
 
-    They are kept until the table changes or is no longer used. There are none where they would be of no use: in
-    training, for several levels, for a few rays.
-
-    Args:
-        where: Layout of the lattice.
-        table: Log extinction of its vertices. (V, 1)
-        limits: How the rays are marched.
-        rays: Number of rays.
+    They are kept until the table, log extinction (V, 1), changes or is no longer used. There are none where they would
+    be of no use: in training, for several levels, for a few rays.
     """
     if not limits.merge or table.requires_grad or len(where.scales) != 1 or table.is_inference():
         return NO_BRICKS

@@ -13,23 +13,10 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.kernels.numba.trilinear import NEXT_ROW, ONE32, cell_at
+from svv.kernels.numba.trilinear import ONE32
 
 RAYS_A_BLOCK = 64
 """Number of rays in a block, which one thread marches; the samples of a block are written contiguously."""
-
-
-@njit(fastmath=FAST_MATH)
-def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
-    """Return the sum over levels of the trilinear interpolation of a one-channel table."""
-    total = np.float32(0.0)
-    for level in range(shapes.shape[0]):
-        a, b, c, d, wx, wy, wz = cell_at(x, y, z, level, shapes, scales, bases, index)
-        ux, uy, uz = ONE32 - wx, ONE32 - wy, ONE32 - wz
-        near = uy * (uz * table[a] + wz * table[a + NEXT_ROW]) + wy * (uz * table[b] + wz * table[b + NEXT_ROW])
-        far = uy * (uz * table[c] + wz * table[c + NEXT_ROW]) + wy * (uz * table[d] + wz * table[d + NEXT_ROW])
-        total += ux * near + wx * far
-    return total
 
 
 @njit(fastmath=FAST_MATH)

@@ -143,14 +143,10 @@ def _forward_part(part, x, weights, widths, wide, out):  # type: ignore[no-untyp
 
 @njit(parallel=True, cache=True)
 def forward(x, weights, widths, wide, out):  # type: ignore[no-untyped-def]
-    """Compute the outputs of a network.
+    """Compute the outputs of a network, ``out`` (S, O).
 
-    Args:
-        x: Inputs. (S, I)
-        weights: Weights of each layer, (from, to) in a square of the widest layer, padded with zeros.
-        widths: I, the widths of the hidden layers, and O, int64.
-        wide: The same, padded.
-        out: Result. (S, O)
+    ``weights``: those of each layer, (from, to) in a square of the widest layer, padded with zeros; ``widths``: I, the
+    widths of the hidden layers, and O, int64; ``wide``: the same, padded.
     """
     for part in prange(PARTS):
         _forward_part(part, x, weights, widths, wide, out)

@@ -10,19 +10,12 @@ from svv.core.fast_math import FAST_MATH
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def pixel_rays(pixels, rotations, positions, lenses, width, height, origins, directions):  # type: ignore[no-untyped-def]
-    """Compute the rays through pixel centres.
+    """Compute the origins in box coordinates and unit directions (R, 3) of rays through pixel centres, all in float32.
 
-    Args:
-        pixels: Flat indices (view * height + row) * width + column, row 0 at the top. (R,)
-        rotations: Camera-to-box rotations, float32. (N, 3, 3)
-        positions: Camera positions in box coordinates, float32. (N, 3)
-        lenses: For each camera the focal length in pixels (pixels per box unit if it is orthographic), what is added to
-            a pixel's column and row to count them from the principal point, and 1 if it is orthographic, otherwise 0;
-            float32. (N, 4)
-        width: Image width in pixels.
-        height: Image height in pixels.
-        origins: Result, box coordinates, float32. (R, 3)
-        directions: Result, unit vectors, float32. (R, 3)
+    ``pixels`` (R,): flat indices (view * height + row) * width + column, row 0 at the top; ``rotations`` (N, 3, 3):
+    camera to box; ``positions`` (N, 3): box coordinates; ``lenses`` (N, 4): the focal length in pixels (pixels per box
+    unit if it is orthographic), what is added to a pixel's column and row to count them from the principal point, and 1
+    if it is orthographic, otherwise 0.
     """
     for r in prange(pixels.shape[0]):
         view, rest = pixels[r] // (width * height), pixels[r] % (width * height)

@@ -15,14 +15,12 @@ from svv.kernels.types import RaySamples, VertexSamples
 
 
 def normal_equations(seen: RaySamples, region: Tensor, count: int) -> Tensor:
-    """See :meth:`svv.kernels.types.RegionKernels.normal_equations`."""
     sums = np.zeros((-(-len(seen.pixel) // loops.BLOCK), 2 * count, 2 * count + 3))
     loops.normal_equations(*_rows(seen), region.numpy(), sums)
     return torch.from_numpy(sums.sum(axis=0))
 
 
 def errors(seen: RaySamples, kept: float, light: Tensor, member: Tensor) -> Tensor:
-    """See :meth:`svv.kernels.types.RegionKernels.errors`."""
     error = torch.empty_like(seen.pixel)
     both = _even(light, member)
     loops.errors(*_rows(seen), seen.along.numpy(), np.float32(kept), both, member.numpy(), error.numpy())
@@ -33,7 +31,6 @@ def descend(
     near: VertexSamples, error: Tensor, light: Tensor, step: Tensor, pace: tuple[float, float], ahead: Tensor,
     member: Tensor, following: Tensor,
 ) -> None:  # fmt: skip
-    """See :meth:`svv.kernels.types.RegionKernels.descend`."""
     smoothness, momentum = pace
     loops.descend(
         _unsigned(near.first), _unsigned(near.ray), near.weight.numpy(), near.lit.numpy(), error.numpy(),
@@ -44,12 +41,10 @@ def descend(
 
 
 def blurred(values: Tensor, deviation: float) -> Tensor:
-    """See :meth:`svv.kernels.types.RegionKernels.blurred`."""
     return torch.from_numpy(surfaces.blurred(values.numpy(), deviation, beyond=False))
 
 
 def normals(field: Tensor, places: Tensor, deviations: Sequence[float]) -> Tensor:
-    """See :meth:`svv.kernels.types.RegionKernels.normals`."""
     return torch.from_numpy(surfaces.surface_normals(field.numpy(), places.numpy(), *deviations))
 
 

@@ -127,15 +127,10 @@ def _sort(around, wider, side, size, bounds, start, entries):  # type: ignore[no
 
 
 def sort_into_bins(around: NDArray[np.float32], wider: float, size: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """List the points whose paint may reach into each bin of a grid of size^3; the last points come first.
+    """Return the first entry of each bin of a grid (size^3 + 1,), and the points whose paint may reach there (B,).
 
-    Args:
-        around: See :func:`surroundings`. (K, 16)
-        wider: How much farther along strokes, and half of it across them, paint may reach than ``around`` tells.
-        size: Bins along the box.
-
-    Returns:
-        First entry of each bin (size^3 + 1,), and the points (B,).
+    The last points come first. ``around`` (K, 16): see :func:`surroundings`; ``wider``: how much farther along strokes,
+    and half of it across them, paint may reach than that tells.
     """
     side, start = 1.0 / size, np.zeros(size**3 + 1, np.int64)
     bounds = np.empty((len(around), 6), np.int64)

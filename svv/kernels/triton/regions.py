@@ -126,7 +126,6 @@ def descend_at_vertices(  # type: ignore[no-untyped-def]
 
 
 def errors(seen: RaySamples, kept: float, light: Tensor, member: Tensor) -> Tensor:
-    """See :meth:`svv.kernels.types.RegionKernels.errors`."""
     error, rays = torch.empty_like(seen.pixel), len(seen.pixel)
     if rays:
         errors_of_rays[(triton.cdiv(rays, BLOCK),)](
@@ -140,7 +139,6 @@ def descend(
     near: VertexSamples, error: Tensor, light: Tensor, step: Tensor, pace: tuple[float, float], ahead: Tensor,
     member: Tensor, following: Tensor,
 ) -> None:  # fmt: skip
-    """See :meth:`svv.kernels.types.RegionKernels.descend`."""
     vertices = len(member)
     descend_at_vertices[(triton.cdiv(vertices, BLOCK),)](
         near.first, near.ray, near.weight, near.lit, error, near.neighbours, near.root, near.least, light, step, *pace,

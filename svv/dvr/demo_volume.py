@@ -41,17 +41,11 @@ SLAB = 8
 
 
 def demo_volume(resolution: int = 128, levels: int | None = None) -> vtkImageData:
-    """Return the volume in the cube [-1, 1]^3: the same field at every resolution.
+    """Return the volume in the cube [-1, 1]^3, at least 16 voxels along each axis: the same field at every resolution.
 
     Values are 0.5 in the fluid and outside of it, rise to 0.65 at the ball's edge and to 1 in the vortex' core, and
-    fall to 0 in the sheet. The knot's threefold axis is the volume's y axis.
-
-    Args:
-        resolution: Voxels along each axis, >= 16.
-        levels: 255 for whole numbers from 0 to 255, one byte each, as from a scanner; by default float32 values.
-
-    Raises:
-        BadInput: The resolution is below 16.
+    fall to 0 in the sheet; with ``levels`` 255, they are whole numbers up to that, one byte each. The knot's threefold
+    axis is the volume's y axis.
     """
     if resolution < 16:
         raise BadInput(f"The demo's volume needs at least 16 voxels along each axis, not {resolution}.")
@@ -67,10 +61,7 @@ def demo_volume(resolution: int = 128, levels: int | None = None) -> vtkImageDat
 def demo_transfer_function(shell: float = 0.015, core: float = 0.97, sheet: float = 0.97) -> TransferFunction:
     """Return three visible ranges of distinct hues: a golden core, a crimson sheet, and a translucent blue shell.
 
-    Args:
-        shell: Largest opacity of the ball's edge, in [0, 1].
-        core: Largest opacity of the vortex' core, in [0, 1].
-        sheet: Largest opacity of the sheet, in [0, 1].
+    The largest opacities of the ball's edge, the vortex' core and the sheet lie in [0, 1].
     """
     return TransferFunction(
         colours=(
@@ -99,10 +90,9 @@ def _values(x: Array, y: Array, z: Array) -> Array:
 
 
 def _wave(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
-    """Return psi, turned by the sheet's phase, and how steep it is.
+    """Return psi, turned by the sheet's phase (real and imaginary part), and how steep it is.
 
-    Real and imaginary part; the root mean square of the two parts' slopes, which are equal around the line; the
-    imaginary part's slope.
+    That is the root mean square of the two parts' slopes, equal around the line, and the imaginary part's slope.
     """
     axes = (x, y, z)
     denominator = sum(a * a for a in axes) + 1.0

@@ -52,18 +52,11 @@ COUNTED_VOXELS = 4_000_000
 
 
 def classified(stage: Stage) -> ClassifiedVolume:
-    """Classify a volume on its stage by the transfer function.
+    """Classify a volume on its stage by its transfer function: extinction and ranges over the visible box in the world.
 
     A ray that passes the opacity unit distance u through a value of opacity a keeps 1 - a of its light, so the
     extinction is -ln(1 - a) / u, regardless of the sample distance of the ray caster. Values are first interpolated
     trilinearly and then classified, as ray casters do.
-
-    Args:
-        stage: A volume with its transfer function and unit distance.
-
-    Returns:
-        Extinction and ranges over the visible box in world space, with ``CELLS_A_VOXEL`` cells per voxel but no more
-        than ``MOST_CELLS`` along the longest side.
     """
     box, cells = grid_over(stage)
     shape = grid_shape(box, cells) + 1
@@ -119,14 +112,9 @@ def _voxels(stage: Stage) -> float:
 def resampled(
     stage: Stage, box: Box, cells: int, first: NDArray[np.int64], shape: NDArray[np.int64]
 ) -> NDArray[np.float32]:
-    """Return the stage's values at vertices of the grid, NaN outside of its image. (Z, Y, X)
+    """Return the stage's values at vertices of a grid over a box, NaN outside of its image. (Z, Y, X)
 
-    Args:
-        stage: The stage.
-        box: The box over which the grid lies.
-        cells: Number of cells per box unit.
-        first: Index of the first vertex (x, y, z).
-        shape: Number of vertices along x, y, z.
+    ``first`` is the index of the first vertex, ``shape`` the number of vertices, both along x, y, z.
     """
     turn = stage.scale * stage.rotation.T
     to_stage = vtkMatrix4x4()  # from the indices of a vertex to the stage
@@ -155,15 +143,10 @@ def resampled(
 def classified_grid(
     stage: Stage, box: Box, cells: int, values: NDArray[np.float32], function: tuple[Array, Array], counts: Array
 ) -> ClassifiedVolume:
-    """Classify a grid of values.
+    """Classify a grid of values (Z, Y, X) over a box; those of the stage itself are not used.
 
-    Args:
-        stage: The stage of the volume, whose own values are not used.
-        box: The box over which the grid lies.
-        cells: Number of cells per box unit.
-        values: Values at the vertices, see :func:`resampled`. (Z, Y, X)
-        function: Known values and their extinction, see :func:`extinction`. (K,), (K,)
-        counts: Frequencies of the known values, see :func:`frequencies`. (K,)
+    ``function`` has the known values and their extinction (:func:`extinction`), ``counts`` their :func:`frequencies`.
+    (K,)
     """
     known, sigma = function
     colour, weight = stage.tf.colour_at(known), _weights(counts, sigma)
@@ -232,10 +215,7 @@ def coded(values: NDArray[np.float32], interval: tuple[float, float]) -> NDArray
 
 
 def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:
-    """Return ascending values from ``low`` to ``high`` that miss no extremum, and their extinction in 1 / box unit.
-
-    (K,), (K,)
-    """
+    """Return ascending values from low to high that miss no extremum, and their extinction, 1 / box unit. (K,), (K,)"""
     return _extinction_of(stage.tf, stage, box, low, high)
 
 
@@ -290,10 +270,7 @@ def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[in
 
 
 def frequencies(image: NDArray[np.number], known: Array, whole: int = 0) -> Array:
-    """Return how often each known value is the nearest to a voxel's, as a fraction of the voxels that are counted. (K,)
-
-    ``whole`` is the number of voxels of the volume of which the image is a part.
-    """
+    """Return how often each known value is nearest to a voxel's, as a fraction of those of the ``whole`` volume. (K,)"""
     values = image.ravel()
     values = values[:: max(1, max(whole, len(values)) // COUNTED_VOXELS)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
@@ -307,14 +284,9 @@ def _weights(counts: Array, sigma: Array) -> Array:
 
 
 def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:
-    """Classify a volume by a transfer function for its values.
+    """Classify a volume (:func:`svv.dvr.read.grids.as_volume`) by a transfer function for its values.
 
-    Args:
-        image: A volume (see :func:`svv.dvr.read.grids.as_volume`).
-        tf: The function, with its unit distance.
-
-    Raises:
-        BadInput: The transfer function lies outside the volume's values, or shows nothing or all of it.
+    Raises BadInput if the function lies outside the values, or shows nothing or all of the volume.
     """
     values = to_array(image)
     fitted = tf.fitted(float(values.min()), float(values.max()), rescale=False)

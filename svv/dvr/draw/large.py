@@ -91,14 +91,10 @@ BRICK_BYTES = 2.2
 
 
 class LargeVolume:
-    """A volume of which bricks are read when they are needed.
+    """A volume of which bricks are read when they are needed, into so many bytes of memory.
 
-    Args:
-        source: The volume with its levels.
-        memory: Bytes that its bricks may take in memory.
-        name: Name in messages.
-        overview: The volume itself, if it is small and in memory anyway.
-        nearest: Whether its voxels are shown without interpolation; those of coarser levels must be voxels then, too.
+    ``overview`` is the volume itself, if it is small and in memory anyway. Voxels that are shown without interpolation
+    (``nearest``) must be voxels at coarser levels, too.
     """
 
     def __init__(
@@ -166,15 +162,10 @@ class LargeVolume:
 
 
 class BrickMapper:
-    """Our own ray caster for large volumes, with the methods of VTK's.
+    """Our own ray caster for large volumes, with the methods of VTK's, on the stage of the volume's overview.
 
-    Args:
-        volume: The volume.
-        tf: Transfer function for its values, with an opacity unit distance.
-        stage: Stage of its overview.
-        shading: Shading of the volume.
-        step: Sample distance in stage units; levels other than the overview are drawn with the same number of their
-            own voxels.
+    The transfer function is one for the volume's values, with a unit distance. The sample distance is in stage units;
+    levels other than the overview are drawn with the same number of their own voxels.
     """
 
     name = "bricks"
@@ -261,21 +252,18 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
 
     Args:
         path: Its file or folder.
-        dims: See :func:`svv.dvr.read.volumes.read_volume`.
+        dims: As all that is not explained here, see :func:`svv.dvr.read.volumes.read_volume`.
         dtype: See there.
         spacing: See there.
         array: See there; also the path of a dataset in an HDF5 file, or of an array in a Zarr group.
         mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
         memory: Gigabytes that drawing may take; by default half of what there is.
         progress: Called often; the work stops when it raises.
-        channel: See :func:`svv.dvr.read.volumes.read_volume`.
+        channel: See there.
         time: See there.
-        resample_to: See :func:`svv.dvr.read.volumes.read_volume`.
-        nearest: Whether its voxels are shown without interpolation, as labels need. Coarser levels for drawing by
-            bricks then consist of voxels, not of means, and the file's own are not used.
-
-    Raises:
-        BadInput: See there.
+        resample_to: See there.
+        nearest: Whether voxels are shown without interpolation, as labels need. Coarser levels then consist of voxels, not
+            of means, and the file's own are not used.
     """
     file, allowed = Path(path), memory_allowed(memory)
     if not file.exists():
@@ -308,11 +296,7 @@ def vtk_bytes(source: Source) -> int:
 
 
 def memory_allowed(gigabytes: float | None) -> int:
-    """Return a limit in bytes; None: half of what there is (:func:`svv.io.files.memory.memory_there`).
-
-    Raises:
-        BadInput: The limit is below a quarter of a gigabyte.
-    """
+    """Return a limit in bytes, by default half of what there is; raise BadInput below a quarter of a gigabyte."""
     if gigabytes is None:
         return memory_there() // 2
     if not 0.25 <= gigabytes < np.inf:
@@ -341,13 +325,6 @@ def quickest(
     what ours would draw otherwise, whole numbers with more levels than the table of colours has entries, and what does
     not fit into memory twice. Ours draws even where there is a GPU if values lie so far apart (fill values) that VTK's
     tables, which run from the smallest to the largest value, would not resolve the function.
-
-    Args:
-        volume: The volume.
-        mapper: The ray caster that was asked for; one that was named stays.
-        memory: See :func:`memory_allowed`.
-        tf: Transfer function, if it is known.
-        rescale: Whether the function is stretched over the values, see ``TransferFunction.fitted``.
     """
     if mapper != "auto" or not isinstance(volume, vtkImageData):
         return mapper
@@ -378,10 +355,7 @@ class Opened:
 
     @classmethod
     def of(cls, volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> Opened:
-        """Return an image (see ``as_volume``) or a large volume as a subject for a ray caster.
-
-        VTK's CPU ray caster does not know blanking, so that ours draws what is not shown plainly.
-        """
+        """Return an image (see ``as_volume``) or a large volume for a ray caster: ours if VTK's knows no blanking."""
         if isinstance(volume, vtkImageData) and (
             mapper == "bricks" or (not Appearance.of(volume).plain and choose_mapper(mapper) is CpuMapper)
         ):

@@ -22,18 +22,10 @@ def exponents_over(
 ) -> tuple[NDArray[np.float32], list[NDArray[np.float16]]]:
     """Return a volume's values on a grid, and the logarithm of the extinction that each function gives them there.
 
-    Args:
-        image: A volume (see :func:`svv.dvr.read.grids.as_volume`).
-        functions: Transfer functions for its values, with their unit distances.
-        box: The box over which the grid lies, in world units.
-        cells: Cells of the grid per box unit.
-
-    Returns:
-        Values, NaN outside the volume, and exponents as in :class:`svv.core.volumes.classified.ClassifiedVolume`, each
-        (X + 1, Y + 1, Z + 1).
-
-    Raises:
-        BadInput: A function lies outside the volume's values, or shows nothing or all of it.
+    The functions are for the values of a volume (:func:`svv.dvr.read.grids.as_volume`), with unit distances; the grid
+    has ``cells`` per box unit over a box in world units. Values are NaN outside the volume, and exponents as in
+    :class:`svv.core.volumes.classified.ClassifiedVolume`, (X + 1, Y + 1, Z + 1) each. Raises BadInput if a function
+    lies outside the volume's values, or shows nothing or all of it.
     """
     numbers = to_array(image)
     first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1

@@ -60,11 +60,7 @@ FIELD_DATA, CELLS = (3, 4), (2, 4)
 
 
 def actor_of(given: object) -> vtkVolume | None:
-    """Return the volume that an actor, a renderer, a window or a plotter shows; None for anything else.
-
-    Raises:
-        BadInput: There is none, or more than one.
-    """
+    """Return the only volume that an actor, renderer, window or plotter shows, or raise BadInput; None for others."""
     if isinstance(given, vtkVolume):
         return given
     if isinstance(given, (list, tuple)) and given and all(isinstance(one, vtkVolume) for one in given):
@@ -95,10 +91,8 @@ def image_shown(given: object) -> vtkImageData | None:
     """Return the volume that :func:`actor_of` finds, in its place in the world; None if that returns None.
 
     Values, interpolation, position and scale are those of the actor; what may look otherwise is noted
-    (:func:`svv.dvr.read.grids.assumed_of`).
-
-    Raises:
-        BadInput: The reasons of :func:`actor_of`; the actor shows its volume in a way that is not reproduced.
+    (:func:`svv.dvr.read.grids.assumed_of`). Raises BadInput if the actor shows its volume in a way that is not
+    reproduced.
     """
     actor = actor_of(given)
     if actor is None:
@@ -138,8 +132,7 @@ def image_shown(given: object) -> vtkImageData | None:
 def function_of(given: object, name: str = "transfer function") -> TransferFunction | None:
     """Return the transfer function, unit distance and shading of a property, actor or plotter; None for anything else.
 
-    Raises:
-        BadInput: The reasons of :func:`actor_of`; the property has a 2D function, or opacities depend on gradients.
+    Raises BadInput for the reasons of :func:`actor_of`, for 2D functions, and for opacities that depend on gradients.
     """
     actor = None if isinstance(given, vtkVolumeProperty) else actor_of(given)
     shown = given if actor is None else actor.GetProperty()
@@ -166,14 +159,7 @@ def shows_voxels(given: object) -> bool:
 def moved(image: vtkImageData, matrix: Array, who: str, instead: str) -> vtkImageData:
     """Move an image by a matrix (4, 4); what scales its axes differently is kept as :attr:`.Appearance.stretch`.
 
-    Args:
-        image: A volume; it is changed.
-        matrix: From its place to the world.
-        who: What moves it, in messages.
-        instead: What to do instead if that shears it.
-
-    Raises:
-        BadInput: The matrix shears the volume, or scales it to nothing.
+    If the matrix shears the volume, or scales it to nothing, BadInput says who moves it, and what to do instead.
     """
     place = index_to_world(image)
     after = matrix @ place
@@ -191,7 +177,7 @@ def moved(image: vtkImageData, matrix: Array, who: str, instead: str) -> vtkImag
 def with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImageData, Array]:
     """Return an image of cells with another layer around it, and a part (2, 3) that ends at its outermost cells' faces.
 
-    Voxels lie at the centres of cells. Beyond those of the outermost cells, VTK shows their values.
+    Voxels lie at the centres of cells; beyond those of the outermost cells, VTK shows their values.
     """
     shown, axes = Appearance.of(image), index_to_world(image)
     wider = from_array(np.pad(to_array(image), 1, mode="edge"), name=image.GetPointData().GetScalars().GetName())

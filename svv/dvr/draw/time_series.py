@@ -29,13 +29,9 @@ def visible_bounds(image: vtkImageData, function: TransferFunction) -> NDArray[n
 
 
 def values_over(image: vtkImageData, box: Box, cells: int, interval: tuple[float, float]) -> ValueGrid:
-    """Return a volume's values on the vertices of a grid over a box.
+    """Return a volume's values on the vertices of a grid with ``cells`` per box unit over a box in world units.
 
-    Args:
-        image: A volume (see :func:`svv.dvr.read.grids.as_volume`).
-        box: The box, in world units.
-        cells: Cells of the grid per box unit.
-        interval: Values that count as 0 and 1; those beyond count as the nearer one.
+    The ends of the interval count as 0 and 1, and values beyond as the nearer one.
     """
     first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
     stage = place_part(to_array(image), first, (first, last), image, ANY)

@@ -1,11 +1,9 @@
 """The ranks of a parallel run as a crew that draws one volume together; only images travel, never the volume.
 
-Each rank casts rays through its piece alone (see :mod:`svv.dvr.parallel.pieces`). All use the samples that a single
-process would take: those at whole steps from the near clipping plane, which is the same on all ranks. Each sample lies
-in one rank's own cells. The ranks' premultiplied images are composited front to back, each rank doing one band of rows.
-
-The leader calls the public methods in a ``with`` statement: each sends an order, and all ranks then do the same. The
-others are in :meth:`Crew.serve` until the statement ends.
+Each rank casts rays through its piece alone (:mod:`svv.dvr.parallel.pieces`), with the samples that a single process
+would take: those at whole steps from the near clipping plane, which all ranks share; each lies in one rank's own cells.
+Their premultiplied images are composited front to back, each rank doing one band of rows. The leader calls the public
+methods in a ``with`` statement: each sends an order, and all ranks, in :meth:`Crew.serve`, do the same.
 """
 
 from __future__ import annotations
@@ -67,8 +65,8 @@ class PieceStage(Stage):
     def set_clipping_planes(self, renderer: vtkRenderer) -> None:
         """Place the near plane before the whole volume, as on the other ranks, and the far plane behind this piece.
 
-        If the farthest corner lies between ``FAR`` and 1 in the clipping range, VTK's CPU ray caster casts all rays.
-        Otherwise it leaves out those through the outermost pixel of the box, which would show as seams.
+        If the farthest corner lies between ``FAR`` and 1 in the clipping range, VTK's CPU ray caster casts all rays;
+        otherwise it leaves out those through the outermost pixel of the box, which would show as seams.
         """
         renderer.ResetCameraClippingRange(self.around)
         view = renderer.GetActiveCamera()
@@ -125,14 +123,7 @@ class CrewMapper(CpuMapper):
 
 
 class Crew:
-    """One rank's share in drawing a volume together.
-
-    Args:
-        ranks: The ranks.
-        data: The rank's part of the volume, see :func:`svv.dvr.parallel.pieces.take_piece`.
-        array: Name of the array.
-        cells: Whether that of the cells is meant, if points have one of this name, too.
-    """
+    """One rank's share in drawing a volume, of which it has ``data`` (:func:`svv.dvr.parallel.pieces.take_piece`)."""
 
     def __init__(self, ranks: Ranks, data: vtkImageData | None, array: str | None, cells: bool = False) -> None:
         self.ranks, self._data, self._array, self._cells = ranks, data, array, cells
@@ -145,11 +136,7 @@ class Crew:
 
     @property
     def piece(self) -> Piece:
-        """The leader's piece, which also describes the whole volume.
-
-        Raises:
-            BadInput: As :func:`svv.dvr.parallel.pieces.take_piece`.
-        """
+        """The leader's piece, which also describes the whole volume; raises BadInput as :func:`take_piece`."""
         self._need_piece()
         assert self._piece is not None
         return self._piece
@@ -164,11 +151,7 @@ class Crew:
         return self._do(self._digest)
 
     def put_on_stage(self, tf: TransferFunction) -> PieceStage:
-        """Set the stage on all ranks, see :func:`svv.dvr.draw.frame.set_stage`.
-
-        Raises:
-            BadInput: No cell contains a value with an opacity above 0.
-        """
+        """Set the stage on all ranks, see :func:`svv.dvr.draw.frame.set_stage`; BadInput if nothing is visible."""
         self._need_piece()
         return self._do(self._put_on_stage, tf)
 

@@ -84,11 +84,7 @@ class Appearance:
         return Appearance(blank, crop, self.nearest, self.stretch)
 
     def shown_cells(self, seen: Mask) -> Mask:
-        """Return those of the visible cells (nz - 1, ny - 1, nx - 1) of which something is left.
-
-        Raises:
-            BadInput: Nothing is left of any.
-        """
+        """Return which visible cells (nz - 1, ny - 1, nx - 1) something is left of; raise BadInput if nothing is."""
         left = seen
         if self.blank is not None:
             left = left & ~_wholly_hidden(self.blank)
@@ -173,15 +169,8 @@ def without_duplicates(image: vtkImageData) -> vtkImageData:
 def blanked(image: vtkImageData, on_cells: bool, name: str) -> Mask | None:
     """Return which voxels of an image are blanked by its ghost flags; None if none is. (nz, ny, nx)
 
-    A blanked cell of an image with values on points blanks the first of its corners, as in VTK's ray caster.
-
-    Args:
-        image: The image.
-        on_cells: Whether its cells are the voxels.
-        name: Name of the image in messages.
-
-    Raises:
-        BadInput: The values are on cells, and points are blanked.
+    With values on points, a blanked cell blanks the first of its corners, as in VTK's ray caster; with values on cells,
+    blanked points raise BadInput.
     """
     points, cells = (
         None if array is None or not vtk_to_numpy(array).any() else vtk_to_numpy(array) != 0

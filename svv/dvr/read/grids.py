@@ -36,24 +36,15 @@ LEAST_NUMBERS = 256
 def as_volume(
     image: vtkImageData, array: str | None = None, name: str = "The volume", cells: bool = False
 ) -> vtkImageData:
-    """Check an image and reduce it to one single-component point scalar array.
+    """Check an image and reduce it to one single-component point scalar array, with its own copy of the values.
 
-    Cell scalars become point scalars at the cells' centres, which keeps every value unchanged (averaging at the
-    corners would blur thin features); the bounds shrink by half a cell on each side.
+    Cell scalars become point scalars at the cells' centres, which keeps every value (averaging at the corners would
+    blur thin features); the bounds shrink by half a cell on each side. The array is by default that of the active
+    scalars, or the first with one component; ``cells`` chooses that of the cells if points have one of its name, too.
+    Blanking, and an appearance that the image carries (:mod:`svv.dvr.read.appearance`), are kept.
 
-    Args:
-        image: An image; it is not changed.
-        array: Name of the array; by default the active scalars, or the first array with one component.
-        name: Name of the image in messages.
-        cells: Whether the array of the cells is meant, if both points and cells have one of this name.
-
-    Returns:
-        A new image with its own copy of the values. Blanked points or cells stay blanked, and an appearance that the
-        image carries (:mod:`svv.dvr.read.appearance`) is kept.
-
-    Raises:
-        BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two
-            points along an axis; the spacing is not positive; or the axes are not perpendicular.
+    Raises BadInput if there are no scalars, or they have several components, NaN or infinities; there are fewer than
+    two points along an axis; the spacing is not positive; or the axes are not perpendicular.
     """
     image = without_duplicates(image)
     scalars, on_cells = pick_scalars(image, array, name, cells)
@@ -83,16 +74,9 @@ def from_array(
     origin: Triple = (0.0, 0.0, 0.0),
     name: str = "scalars",
 ) -> vtkImageData:
-    """Return an image made from an array indexed [z, y, x].
+    """Return an image made from an array (nz, ny, nx) of integers, reals or booleans; raise BadInput for any other.
 
-    Args:
-        values: Array of any integer, float or boolean type. (nz, ny, nx)
-        spacing: Distances between voxels (x, y, z), world units.
-        origin: World position of the first voxel (x, y, z).
-        name: Name of the scalar array.
-
-    Raises:
-        BadInput: The array does not have three axes, or its type is not numeric.
+    Spacing and origin, the position of the first voxel, are (x, y, z) in world units.
     """
     if values.ndim != 3:
         raise BadInput(f"A volume needs three axes, but the array's shape is {values.shape}.")
@@ -107,14 +91,7 @@ def from_array(
 def rectilinear(
     values: NDArray[np.number], planes: Sequence[NDArray[np.float64]], name: str, assumed: str | None = None
 ) -> vtkRectilinearGrid:
-    """Return a grid with a value where planes cross, which may be at uneven distances and are put in rising order.
-
-    Args:
-        values: Array of any numeric type. (nz, ny, nx)
-        planes: Places along x, y and z, rising or falling.
-        name: Name of the scalar array.
-        assumed: See :func:`assumed_of`.
-    """
+    """Return a grid with a value (nz, ny, nx) where planes along x, y and z cross, which are put in rising order."""
     turned = [slice(None, None, -1 if part[0] > part[-1] else 1) for part in planes]
     grid = vtkRectilinearGrid()
     grid.SetDimensions(*values.shape[::-1])
@@ -132,11 +109,7 @@ def to_array(image: vtkImageData) -> NDArray[np.number]:
 
 
 def check_precision(values: NDArray[np.number]) -> None:
-    """Reject 64-bit integers that double precision, in which transfer functions are, cannot tell apart.
-
-    Raises:
-        BadInput: There are less than ``LEAST_NUMBERS`` such numbers in the range of the values.
-    """
+    """Raise BadInput for 64-bit integers that double precision, in which transfer functions are, cannot tell apart."""
     if values.dtype.kind not in "iu" or values.dtype.itemsize < 8:
         return
     low, high = int(values.min()), int(values.max())

@@ -1,8 +1,7 @@
 """Reading of volumes in a process of its own: a reader of VTK that crashes on a damaged file ends that process alone.
 
-VTK's readers are written in C++ and trust files more than one should. The process starts with the first volume (about
-half a second) and serves all later ones; values come back through a pipe, straight into the memory of the result, which
-takes 1 to 3 s a gigabyte, and no more memory in either process than reading takes.
+It starts with the first volume (half a second) and serves all later ones; values come back through a pipe, straight
+into the memory of the result, which takes 1 to 3 s a gigabyte and no further memory.
 """
 
 from __future__ import annotations
@@ -61,11 +60,7 @@ class Apart:
         self._lock = threading.Lock()
 
     def read(self, path: Path, options: Json) -> vtkImageData:
-        """Read a volume as :func:`svv.dvr.read.volumes.read_here` does.
-
-        Raises:
-            BadInput: It raised it, or its process ended.
-        """
+        """Read a volume as :func:`svv.dvr.read.volumes.read_here` does; BadInput also if the process ended."""
         with self._lock:
             if self._owner != os.getpid():
                 self._process = None

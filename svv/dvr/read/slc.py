@@ -1,7 +1,7 @@
 """Volumes of VolVis (``.slc``): 8 bits, as they are or run-length encoded slice by slice.
 
-VTK's reader leaves a voxel unset in each slice of most encoded files: the format's usual encoder stops one voxel before
-the end of a slice, and what VTK then returns for the last one is whatever was in memory.
+The format's usual encoder stops one voxel before the end of a slice, for which VTK's reader returns whatever was in
+memory.
 """
 
 from __future__ import annotations
@@ -28,12 +28,9 @@ ENCODED = re.compile(rb"\s*(\d+)\s*X")
 
 
 def read_slc(file: Path) -> vtkImageData:
-    """Read a volume of VolVis.
+    """Read a volume of VolVis; where a slice lacks its last voxel, that has the value of the one before it.
 
-    Where a slice lacks its last voxel (see the module), that voxel has the value of the one before it.
-
-    Raises:
-        BadInput: The file is damaged, has other than 8 bits, or exceeds the memory.
+    Raises BadInput if the file is damaged, has other than 8 bits, or exceeds the memory.
     """
     content = file.read_bytes()
     head = HEADER.match(content)

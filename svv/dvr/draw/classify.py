@@ -270,7 +270,7 @@ def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[in
 
 
 def frequencies(image: NDArray[np.number], known: Array, whole: int = 0) -> Array:
-    """Return how often each known value is nearest to a voxel's, as a fraction of those of the ``whole`` volume. (K,)"""
+    """Return how often each known value is nearest to a voxel's, as a fraction of the ``whole`` volume's. (K,)"""
     values = image.ravel()
     values = values[:: max(1, max(whole, len(values)) // COUNTED_VOXELS)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)

@@ -262,8 +262,8 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
         channel: See there.
         time: See there.
         resample_to: See there.
-        nearest: Whether voxels are shown without interpolation, as labels need. Coarser levels then consist of voxels, not
-            of means, and the file's own are not used.
+        nearest: Whether voxels are shown without interpolation, as labels need. Coarser levels then consist of voxels,
+            not of means, and the file's own are not used.
     """
     file, allowed = Path(path), memory_allowed(memory)
     if not file.exists():

@@ -14,10 +14,7 @@ from svv.pv.observers import WeakReference
 class Timer:
     """One-shot timer of a window; whoever starts it keeps it until it has gone off, because VTK does not.
 
-    Args:
-        interactor: The window's interactor.
-        pause: Milliseconds until it goes off.
-        do: Called then.
+    It calls ``do`` after a pause in milliseconds.
     """
 
     def __init__(self, interactor: vtkRenderWindowInteractor, pause: int, do: Callable[[], None]) -> None:
@@ -50,10 +47,9 @@ def window() -> vtkRenderWindowInteractor | None:
 
 
 def by_window() -> bool:
-    """Return whether the window itself has called, and not a script.
+    """Return whether the window itself has called, and not a script: then the outermost function is one of ours.
 
-    The outermost function tells: of the window's calls, that is one of ours, which may have called others that come
-    back here. Choosing a volume's function registers proxies, and each of them is an event of its own.
+    That may have called others that come back here: each proxy that is registered is an event of its own.
     """
     frame: Any = sys._getframe()
     while frame.f_back is not None:

@@ -27,7 +27,7 @@ def averaged(
     starts: list[int],
     exact: tuple[Array, Array] | None,
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
-    """Return the log of the mean extinction around each vertex, and the range that gives most of it. (X, Y, Z), twice
+    """Return the log of the mean extinction around each vertex, and the range that gives most of it. (X, Y, Z) each
 
     Where the values cross a range of the function between two vertices, sampling the extinction at the vertices would
     miss it or hit it by chance. It is therefore averaged over the values within a cell around the vertex, by means of

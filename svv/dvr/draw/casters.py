@@ -233,7 +233,7 @@ def straight_alpha(black: NDArray[np.float32], white: NDArray[np.float32]) -> Pi
 
 
 def choose_mapper(mapper: str) -> type[CpuMapper] | type[GpuMapper]:
-    """Return the ray caster ``gpu`` or ``cpu``, with ``auto`` the GPU's if OpenGL runs on hardware; else raise BadInput."""
+    """Return the ray caster ``gpu`` or ``cpu``; ``auto`` is the GPU's if OpenGL runs on hardware; or raise BadInput."""
     if mapper not in ("auto", "gpu", "cpu"):
         raise BadInput(f"The mapper must be auto, gpu, cpu or bricks, not '{mapper}'.")
     return GpuMapper if mapper == "gpu" or (mapper == "auto" and hardware_opengl()) else CpuMapper

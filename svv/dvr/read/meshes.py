@@ -125,7 +125,7 @@ def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
 def _arrays_of(
     data: vtkDataObject, array: str | None, cells: bool, name: str
 ) -> list[tuple[vtkDataSet, vtkDataArray, bool]]:
-    """Return the grids of a mesh that fill space and have an array, with it, and if it is on cells; or raise BadInput."""
+    """Return the grids of a mesh that fill space and have an array, with it and whether it is on cells."""
     every = list(_blocks(data))
     solid = [_solid(block) for block in every if _fills_space(block)]
     refusal = f"{name} is a {data.GetClassName()} without cells, and a volume needs some."

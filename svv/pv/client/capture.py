@@ -1,8 +1,7 @@
 """Copy how a volume is displayed from the client's active view into a filter's panel.
 
-Only the client knows the views, so this is client code: it sets properties, which ParaView then sends to the server
-like any others. ``paraview.simple`` and ``servermanager`` are imported only when they are needed: in a program that
-is just starting, importing them would create an additional session.
+Only the client knows the views, so this is client code, which sets properties. ``paraview.simple`` and
+``servermanager`` are imported only when needed: in a program that is just starting, they would create another session.
 """
 
 from __future__ import annotations
@@ -76,15 +75,7 @@ SEEN = "StyleRF.seen"
 
 
 def volume_display(source: Proxy, view: View | None = None) -> Display:
-    """Return the representation that shows a source as a volume.
-
-    Args:
-        source: Proxy of a source or filter, as in ``paraview.simple``.
-        view: View that shows it; by default the active view, then any other.
-
-    Raises:
-        BadInput: No view shows it as a volume.
-    """
+    """Return the representation that shows a source as a volume, first in the active view, or raise BadInput."""
     for display in _volume_displays(source, view):
         return display
     raise BadInput(
@@ -108,14 +99,7 @@ def _volume_displays(source: Proxy, view: View | None = None) -> Iterator[Displa
 
 
 def shown_as(display: Display) -> dict[str, object]:
-    """Return how a representation shows a volume, as values for the filters' properties, by property name.
-
-    Args:
-        display: Proxy of a representation.
-
-    Raises:
-        BadInput: It shows the volume in a way that is not supported; the message says what to do.
-    """
+    """Return how a representation shows a volume, as values of filters' properties, or raise BadInput."""
     refused = refused_by(display)
     if refused:
         raise BadInput(refused)
@@ -149,15 +133,10 @@ def _views_of(display: Display) -> list[View]:
 
 
 def capture(filter: Proxy, view: View | None = None) -> None:
-    """Copy how the display of a filter's input shows it to the filter's panel: transfer function, shading, place ...
+    """Copy how a view, by default the active one, shows a filter's input to its panel: function, shading, place ...
 
-    Args:
-        filter: Proxy of a StyleRF filter.
-        view: View that shows its input; by default the active view.
-
-    Raises:
-        BadInput: The input is not shown as a volume, or in a way that is not supported; the filter then refuses to draw
-            it, for the same reason.
+    Raises BadInput if the input is not shown as a volume, or in a way that is not supported, which the filter then
+    refuses.
     """
     _take(filter, volume_display(filter.Input, view), {})
 
@@ -185,7 +164,7 @@ def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
 
 
 def waits(filter: Proxy) -> bool:
-    """Return whether a filter in the window has failed for want of a transfer function, and so waits for *Apply*.
+    """Return whether a filter in the window failed for want of a transfer function, and so waits for *Apply*.
 
     Capturing one would let it learn as soon as a view is drawn, which nobody has asked for.
     """
@@ -216,10 +195,7 @@ def default_colours() -> str:
 
 
 def _capture_first(filter: Proxy, displays: Iterable[Display], before: Mapping[str, object]) -> None:
-    """Capture the first display, if any, as far as it differs from before.
-
-    Whatever goes wrong must not keep others from being set up.
-    """
+    """Capture the first display, if any, as far as it differs from before; no error keeps others from being set up."""
     try:
         for display in islice(displays, 1):
             _take(filter, display, before)
@@ -257,10 +233,9 @@ OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
 
 
 def watch_new_filters() -> None:
-    """Set up every StyleRF filter when it is created, and capture the display of its input if it has one.
+    """Set up every new StyleRF filter, and capture the display of its input; the plugin calls this in the client.
 
-    A new filter has no transfer function; capturing one saves the user from linking it by hand, both in the window and
-    in scripts. The plugin calls this in the client.
+    That saves the user from linking a transfer function by hand, both in the window and in scripts.
     """
     manager = vtkSMProxyManager.GetProxyManager()
     # A plugin loaded at startup runs before the session exists, and connecting to a server creates another session.

@@ -1,9 +1,7 @@
-"""The property Follow Camera: watch the image filters, and start and stop the live camera as they ask.
+"""The property Follow Camera, by which images start and stop to follow; those of the window's new filters do.
 
-The images of filters that the window has made are shown beside the 3D view, and follow its camera from the start.
-
-Client code. Views and layouts must not be changed while ParaView draws them or loads a state, so changes are deferred:
-to a timer in the window, to the next rendering in a script.
+Client code. Views and layouts must not be changed while ParaView draws them or loads a state: a timer in the window
+does it later, and in a script the next rendering.
 """
 
 from __future__ import annotations
@@ -48,12 +46,7 @@ _known: Watched[list[bool]] = Watched()
 
 
 def begin(filter: Proxy, loading: bool) -> None:
-    """Let the image of a new filter follow if the window has made it, and show it even if that is turned off.
-
-    Args:
-        filter: Proxy of an image filter.
-        loading: Whether a state is being loaded, which says itself how its images are shown.
-    """
+    """Let the image of a new filter of the window follow, and show it anyway; a loaded state says itself what to do."""
     if filter.SMProxy in _known:
         return
     ours = by_window() and not loading

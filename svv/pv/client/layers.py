@@ -1,7 +1,4 @@
-"""Layers of one scene: the arrays of a volume, each as it was shown when it was added.
-
-Client code, for the macro *StyleRF add layer* and for scripts.
-"""
+"""Layers of one scene: the arrays of a volume, each as it was shown when it was added; for a macro and for scripts."""
 
 from __future__ import annotations
 
@@ -17,24 +14,13 @@ MOST = 8
 
 
 def add_layer(volume: Proxy | None = None) -> Proxy:
-    """Add the array by which a volume is coloured as a layer, with its transfer function.
+    """Add the array by which a volume, by default the active source, is coloured as a layer, with its function.
 
-    Each layer is a StyleRF Train. From the second one on, StyleRF Join shows all of them as one scene. Another layer is
-    trained with the settings of the one before it.
+    Each layer is a StyleRF Train, which is returned before it is applied. From the second one on, StyleRF Join shows
+    all as one scene. Another layer is trained with the settings of the one before it. Raises BadInput if the volume is
+    not shown, or in a way that is not supported, its array is a layer already, or there are too many. In pvpython::
 
-    Args:
-        volume: Source or filter that is shown as a volume; by default the active one.
-
-    Returns:
-        The new StyleRF Train, which is not applied yet.
-
-    Raises:
-        BadInput: The volume is not shown, or in a way that is not supported; its array is a layer already; or there are
-            too many.
-
-    In pvpython, with a volume that is coloured by the array ``cloud``::
-
-        add_layer(volume)
+        add_layer(volume)  # coloured by the array cloud
         ColorBy(GetDisplayProperties(volume), ("POINTS", "rain"))
         add_layer(volume)
         FindSource("StyleRFJoin1")  # cloud and rain

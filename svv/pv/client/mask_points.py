@@ -1,7 +1,4 @@
-"""Points of a mask, set by clicking into the view of the picture: the buttons of StyleRF Stylize's panel.
-
-Client code. A click changes the text of a region's points, which the panel then shows.
-"""
+"""Points of a mask, set by clicks into the view of the picture: buttons of StyleRF Stylize's panel, in client code."""
 
 from __future__ import annotations
 
@@ -46,13 +43,7 @@ def views_of_mask(paint: Proxy) -> list[View]:
 
 
 def set_point(paint: Proxy, place: Sequence[float], button: str) -> None:
-    """Set or remove a point, depending on the button.
-
-    Args:
-        paint: Proxy of StyleRF Stylize.
-        place: Point in the coordinates of its second output.
-        button: One of :data:`KINDS`.
-    """
+    """Set or remove a point of a mask at a place in the second output of StyleRF Stylize, by one of KINDS."""
     paint.UpdatePropertyInformation()
     sizes = [int(n) for n in (paint.GetProperty("PictureSize").GetData() or "").split()]
     at = pixel_at(place, sizes) if sizes else None

@@ -1,8 +1,8 @@
 """Places in a scene, chosen by clicks into views: buttons of the panels of StyleRF Edit and StyleRF Palette.
 
 Client code. A click asks the filter whose picture was clicked on which point in space is visible there, for filters
-behind the panel's may hide regions; the client tells it to the panel's filter, and appends the answer to a property.
-Points, unlike pixels, mean the same after the camera has moved and other regions were hidden.
+behind the panel's may hide regions; the panel's filter is told, and its answer appended to a property. Points, unlike
+pixels, mean the same after the camera has moved and other regions were hidden.
 """
 
 from __future__ import annotations
@@ -35,13 +35,9 @@ def pressed(proxy: SMProxy, event: str, name: str) -> None:
 
 
 def pick(edit: Proxy, view: View, at: Sequence[int], button: str = "ClickPart") -> None:
-    """Add the place that is visible at a pixel of a view to a property, and show the result.
+    """Add the place that is visible at a pixel, from the lower left of a 3D view, to a property, and show the result.
 
-    Args:
-        edit: Proxy of StyleRF Edit or StyleRF Palette.
-        view: A 3D view with a camera, or one that shows the image of StyleRF Render.
-        at: Pixel from the lower left of the view.
-        button: One of :data:`ROWS`: what the click means.
+    The filter is StyleRF Edit or Palette, and the button, one of ROWS, says what the click means.
     """
     seen = seen_at(edit, view, at)
     if seen is None:
@@ -78,8 +74,8 @@ def _asked(filter: Proxy, seen: Mapping[str, object]) -> str:
 def seen_at(edit: Proxy, view: View, at: Sequence[int]) -> dict[str, object] | None:
     """Return the camera and the pixel that a click means, as values of StyleRF Render; None beside an image.
 
-    In a view that shows an image of the filter's scene, the camera is that of the image, otherwise the view's own. If
-    the view shows a picture of the scene, the place that is visible in it is there as well, or why there is none.
+    In a view of an image of the filter's scene, the camera is the image's, otherwise the view's own. If the view shows
+    a picture of the scene, the place that is visible in it is there as well, or why there is none.
     """
     picture, flat = _picture_in(view, edit)
     if picture is None or not flat:

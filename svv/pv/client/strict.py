@@ -1,9 +1,7 @@
-"""Errors of filters become exceptions of the script that runs them (:func:`svv.pv.strict`).
+"""Errors of filters become exceptions of the script that runs them (:func:`svv.pv.strict`), in pvpython and pvbatch.
 
 VTK lets no exception out of a filter, so a filter notes that it has failed, and what the script called raises it: every
-function of ``paraview.simple``, and ``UpdatePipeline`` of a source. Functions that save refuse what is not there.
-
-Client code, for pvpython and pvbatch only: in ParaView's window nothing changes.
+function of ``paraview.simple``, and ``UpdatePipeline``. Functions that save refuse what is not there.
 """
 
 from __future__ import annotations
@@ -82,12 +80,7 @@ def _functions_of(simple: ModuleType) -> Iterator[tuple[str, FunctionType]]:
 
 
 def _telling(function: Function, before: Function | None = None) -> Function:
-    """Return a function that does the same, and raises what has failed meanwhile.
-
-    Args:
-        function: The function.
-        before: Called with the same arguments before it, if scripts are strict; raises what speaks against it.
-    """
+    """Return a function that does the same, and raises what has failed; ``before`` raises what speaks against it."""
 
     @functools.wraps(function)
     def telling(*arguments: Any, **options: Any) -> Any:

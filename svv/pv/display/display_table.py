@@ -1,7 +1,7 @@
 """What becomes of each property of ParaView's volume representation, colour map and opacity function.
 
-The tables are complete for ParaView 5.11 and 6.1: a test compares them with ParaView's own lists, and another one sees
-in ParaView's pictures that the properties under ``NO_EFFECT`` have none.
+The tables are complete for ParaView 5.11 and 6.1: one test compares them with ParaView's own lists, another sees in its
+pictures that the properties under ``NO_EFFECT`` have none.
 """
 
 from __future__ import annotations
@@ -192,21 +192,14 @@ CROPPED = (
 
 
 def crops_as_known() -> bool:
-    """Return whether this ParaView crops in a known way (:data:`svv.pv.display.shown.CROPS_INDICES`).
-
-    Between 5.11 and 5.13, what the display's scale multiplies has changed; 5.12 was not seen.
-    """
+    """Return whether this ParaView crops in a known way: that changed between 5.11 and 5.13, and 5.12 was not seen."""
     from paraview.servermanager import vtkSMProxyManager
 
     return (vtkSMProxyManager.GetVersionMajor(), vtkSMProxyManager.GetVersionMinor()) != (5, 12)
 
 
 def refused_by(display: Display) -> str:
-    """Return the sentence that says why a display cannot be reproduced; empty if it can.
-
-    Args:
-        display: Proxy of a representation.
-    """
+    """Return the sentence that says why a display cannot be reproduced; empty if it can."""
     if name_in(display, "UseCropping") is not None and value_of(display, "UseCropping") and not crops_as_known():
         return CROPPED
     for name, row in REPRESENTATION.items():

@@ -1,7 +1,6 @@
-"""The live camera: one camera for the volume rendering on the left and the scene's image on the right.
+"""The live camera: one camera for the volume rendering on the left and the scene's image on the right. Client code.
 
-Client code, for the user interface and for scripts with an interactive view. :mod:`svv.pv.client.follow_property`
-starts and stops it according to a filter's property *Follow Camera*.
+:mod:`svv.pv.client.follow_property` starts and stops it according to a filter's property *Follow Camera*.
 """
 
 from __future__ import annotations
@@ -45,14 +44,9 @@ _followers: list[CameraFollower] = []
 
 
 class CameraFollower:
-    """Passes a view's camera to a filter whenever it moves: a small image during the motion, a sharp one at its end.
+    """Passes a view's camera to an image filter when it moves: a small image meanwhile, a sharp one at its end.
 
-    It keeps only weak references to the three, so each can be deleted; following then ends.
-
-    Args:
-        view: View whose camera is followed.
-        filter: Proxy of StyleRF Render or StyleRF Stylized View.
-        target: View that shows the filter's image.
+    ``target`` shows the image. Only weak references are kept to the three, so each can be deleted; following then ends.
     """
 
     def __init__(self, view: View, filter: Proxy, target: View) -> None:
@@ -94,7 +88,7 @@ class CameraFollower:
         return self._wanted is not None
 
     def strayed(self, view: SMProxy) -> bool:
-        """Whether this is the followed view, given as a proxy, and its camera is not that of the image.
+        """Whether this is the followed view's proxy, and its camera is not that of the image.
 
         While an animation is saved, it may also be the view of the image: the other one need not be drawn then.
         """
@@ -216,13 +210,8 @@ def timed(filter: Proxy, update: Callable[[], object]) -> None:
 def through(view: View, filter: Proxy, moving: bool) -> tuple[list[float], float, list[int], int]:
     """Return camera, parallel scale and size of an image that follows a view, and whether it is made in a hurry.
 
-    The longer side is :data:`LARGEST`, or that of the view if this is smaller and the image is placed in a 3D view.
-    While the mouse moves, it is as large as :class:`svv.core.frame_rate.Pace` permits.
-
-    Args:
-        view: The followed view.
-        filter: The image's filter.
-        moving: Whether the mouse moves the view's camera.
+    The longer side is :data:`LARGEST`, or that of a smaller view in which the image is placed. While the mouse moves,
+    it is as large as :class:`svv.core.frame_rate.Pace` permits.
     """
     scale = pace_of(filter).part if moving else 1.0
     longer = max(view.ViewSize)
@@ -281,17 +270,11 @@ def fit(view: View, width: int, height: int) -> None:
 
 
 def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollower:
-    """Let an image follow a camera, and set its filter's property Follow Camera.
+    """Let an image follow a camera in a separate view (:func:`show_beside`), and set the property Follow Camera.
 
-    The image has a separate view (:func:`show_beside`). In the window, a followed view with nothing in it is given the
-    image's camera.
-
-    Args:
-        filter: Proxy of a StyleRF image filter; by default the active one, or the one created last.
-        view: View whose camera is followed; by default the view that shows the volume, or the active one.
-
-    Raises:
-        BadInput: There is no image filter, or no 3D view.
+    The filter is by default the active image filter or the newest one, the view the one that shows the volume, or the
+    active one. In the window, a view with nothing in it is given the image's camera. Raises BadInput without filter or
+    3D view.
     """
     from paraview import simple
 
@@ -315,13 +298,9 @@ def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollo
 
 
 def show_beside(filter: Proxy, view: View) -> View:
-    """Show an image in a view of its own, and return that view.
+    """Show an image in a view of its own, and return that; the 3D view stays the active one.
 
     It is the one that already shows it, or one that was made for an image that is gone, or a new one to the right.
-
-    Args:
-        filter: Proxy of a StyleRF image filter.
-        view: The 3D view, which stays the active one if another is made.
     """
     from paraview import simple
 
@@ -412,10 +391,7 @@ def stop_following(filter: Proxy | None = None) -> None:
 
 
 def view_to_follow(filter: Proxy) -> View | None:
-    """Return the 3D view that shows the volume of a filter's image, or the active one; None if there is no 3D view.
-
-    Views that were made for images are none.
-    """
+    """Return the 3D view of the volume of a filter's image, or the active one, but none made for images; or None."""
     from paraview import simple
 
     active = simple.GetActiveView()
@@ -451,11 +427,7 @@ def upstream(filter: Proxy) -> Iterator[Proxy]:
 
 
 def newest(kinds: Container[str], missing: str) -> Proxy:
-    """Return the active filter if it is of one of these kinds, otherwise the last one that is.
-
-    Raises:
-        BadInput: There is none; ``missing`` is the sentence.
-    """
+    """Return the active filter if it is of these kinds, else the last one that is; or raise BadInput(missing)."""
     from paraview import simple
 
     for source in [simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))]:

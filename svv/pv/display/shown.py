@@ -61,15 +61,9 @@ CUBIC = ("InterpolationType", "Cubic")
 
 
 def volume_shown(data: vtkImageData, values: Values, name: str = "The input") -> vtkImageData:
-    """Return the volume that a display shows (:func:`svv.dvr.read.grids.as_volume`), in its place in the world.
+    """Return the volume that a display shows of its input, which messages call ``name``, in its place in the world.
 
-    Args:
-        data: The display's input.
-        values: A panel's values.
-        name: Name of the input in messages.
-
-    Raises:
-        BadInput: The reasons of :func:`svv.dvr.read.grids.as_volume`, or the display shears the volume.
+    Raises BadInput for the reasons of :func:`svv.dvr.read.grids.as_volume`, or if the display shears the volume.
     """
     data, chosen = without_duplicates(data), (values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
     image, (_, on_cells) = as_volume(data, *chosen), pick_scalars(data, *chosen)

@@ -1,7 +1,6 @@
 """The filters under Filters > StyleRF that change a scene at once: its edits, and several scenes in one.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.work.editing` and
-:mod:`svv.fields.scene.joined`. ParaView shows its docstring as help.
+ParaView shows the docstrings of the classes as help.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """The filters under Filters > StyleRF that learn anew of a scene: its palette and its paintings.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.work.editing`,
-:mod:`svv.pv.work.style_masks`, :mod:`svv.pv.work.styling` and :mod:`svv.pv.work.engine`. ParaView shows its
-docstring as help.
+ParaView shows the docstrings of the classes as help.
 """
 
 from __future__ import annotations

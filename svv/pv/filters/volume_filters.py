@@ -1,7 +1,6 @@
 """Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.filters.scene_filters` has the others.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.work.engine`. ParaView shows its docstring as
-help.
+ParaView shows the docstrings of the classes as help.
 """
 
 from __future__ import annotations

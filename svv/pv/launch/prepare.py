@@ -1,9 +1,8 @@
 """Prepare the environment that provides ParaView with the packages that svv needs, once for each Python version.
 
-The environment is a folder on PYTHONPATH, not a virtual environment, so it needs no interpreter of ParaView's version:
-ParaView has its own. If that interpreter is compatible with the running Python, the folder contains links to the
-packages installed here (:mod:`svv.pv.launch.linked_packages`), and pip adds those that are missing or do not fit;
-otherwise pip fills the folder (``--target``).
+It is a folder on PYTHONPATH, not a virtual environment, because ParaView has its own interpreter. If that is compatible
+with the running Python, it links the packages installed here (:mod:`svv.pv.launch.linked_packages`), and pip adds what
+is missing; otherwise pip fills it (``--target``).
 """
 
 from __future__ import annotations
@@ -34,17 +33,10 @@ ROUNDS = 10
 
 
 def prepare(folder: str | Path | None = None, torch: str | None = None) -> str:
-    """Fill the environment of a ParaView, unless that has been done already.
+    """Fill the environment of a ParaView, unless that has been done already; return one line that describes it.
 
-    Args:
-        folder: Folder of ParaView; see :func:`svv.pv.launch.programs.find`.
-        torch: Build of torch; see :func:`svv.pv.launch.torch_build.wanted`.
-
-    Returns:
-        One line that describes the environment.
-
-    Raises:
-        BadInput: There is no ParaView, or the packages cannot be installed or do not work in it.
+    See :func:`svv.pv.launch.programs.find` for the folder, and :func:`svv.pv.launch.torch_build.wanted` for torch.
+    Raises BadInput if there is no ParaView, or the packages cannot be installed or do not work in it.
     """
     choice = torch_build.wanted(torch)
     paraview = find(folder)

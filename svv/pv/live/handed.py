@@ -31,11 +31,7 @@ ABOUT = "about.json"
 
 
 def hand_over(image: vtkImageData, values: Values, time: float | None, folder: Path) -> None:
-    """Write a volume to a new folder: its grid, and of its arrays those that a panel's values choose or may choose.
-
-    Raises:
-        BadInput: It cannot be written.
-    """
+    """Write a volume to a new folder: its grid, and the arrays that a panel's values choose or may choose."""
     direction = image.GetDirectionMatrix()
     about: dict[str, object] = {
         "dimensions": image.GetDimensions(),
@@ -85,10 +81,7 @@ def file_of_views(data: vtkDataObject | None) -> Path | None:
 
 
 def taken(folder: Path) -> vtkImageData | vtkTable:
-    """Return the scene's table, or the volume, in a folder.
-
-    The volume's arrays stay on the disk, and are read as they are needed.
-    """
+    """Return the scene's table, or the volume, in a folder; its arrays are read from the disk when needed."""
     if (folder / SCENE_FILE).exists():
         from svv.fields.scene.scene import Scene
 

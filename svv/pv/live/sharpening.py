@@ -1,8 +1,7 @@
-"""Show what filters learn beside ParaView's window as it becomes better.
+"""Show what filters learn beside ParaView's window as it becomes better: a timer asks them for news.
 
-Client code: a timer of the window asks the filters that are learning, and updates those that have something new.
-Filters that a script makes, or a state that a script loads, are not told that there is a window: they are finished when
-they return.
+Client code. Filters that a script makes, or a state that a script loads, are not told that there is a window: they are
+finished when they return.
 """
 
 from __future__ import annotations
@@ -34,12 +33,7 @@ _timers: list[Timer] = []
 
 
 def watch_learning(filter: Any, loading: bool = False) -> None:
-    """Tell a filter whether the window has made it, and keep what it shows up to date while it learns beside that.
-
-    Args:
-        filter: Proxy of one of :data:`BESIDE`.
-        loading: Whether a state is being loaded, whose results may all be there.
-    """
+    """Tell a filter of BESIDE, new or of a state that loads, if the window has made it; keep it up to date."""
     proxy = filter.SMProxy
     if proxy in _watched:
         return
@@ -51,12 +45,7 @@ def watch_learning(filter: Any, loading: bool = False) -> None:
 
 
 def in_window(filter: Any, soon: bool = True) -> None:
-    """Tell a filter that the window has made it, so that its property Live counts.
-
-    Args:
-        filter: Proxy of one of :data:`BESIDE`.
-        soon: Whether it will be applied for the first time, for which its process gets ready.
-    """
+    """Tell a filter that the window has made it, so that Live counts, and that it will soon be applied first."""
     _tell(filter.SMProxy, "InWindow", 2 if soon else 1)
     filter.SMProxy.UpdatePropertyInformation(filter.SMProxy.GetProperty("Status"))
 

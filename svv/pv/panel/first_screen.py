@@ -65,7 +65,7 @@ def advanced(properties: Sequence[Property]) -> list[Property]:
 
 
 def few_first(names: Sequence[str], *properties: Property) -> list[Property]:
-    """Return the properties such that the panel shows only those of these names at first, the others as advanced ones.
+    """Return the properties such that the panel shows those of these names at first, and the others as advanced.
 
     Status, buttons, and what appears only beside one of these stay as they are.
     """
@@ -78,12 +78,7 @@ def few_first(names: Sequence[str], *properties: Property) -> list[Property]:
 
 
 def titled(label: str, properties: Sequence[Property]) -> list[Property]:
-    """Return the properties as advanced ones under a common heading; groups among them keep their own.
-
-    Args:
-        label: The heading.
-        properties: Properties; a group follows those that belong to it.
-    """
+    """Return the properties as advanced ones under a common heading; groups, which follow theirs, keep their own."""
     grouped = {name for one in properties if not one.name for name in re.findall(r'<Property name="(\w+)"', one.xml)}
     shown = [one for one in properties if one.name and one.name not in grouped and 'visibility="never"' not in one.xml]
     others = [one for one in properties if one not in shown]

@@ -28,9 +28,7 @@ class Shows(Modifiable, Protocol):
 def watch(filter: Shows, table: object) -> None:
     """Mark a filter as modified at every edit of a transfer function, as long as it exists and shows edits.
 
-    Args:
-        filter: The filter.
-        table: The colour transfer function with its opacity function; anything else has no edits.
+    Anything else than a colour transfer function with its opacity function has no edits.
     """
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction  # not needed for the panel
 
@@ -44,8 +42,8 @@ def watch(filter: Shows, table: object) -> None:
 def observe_for(filter: Modifiable, function: Observed, do: Observer) -> None:
     """Call an observer at every modification of a function, until a filter is gone.
 
-    What ends that also keeps the function's Python object. Without it, Python would collect the observer together with
-    that object, while VTK has the function and calls the observer still: a crash.
+    What ends that also keeps the function's Python object: without it, Python would collect the observer together with
+    that, while VTK still calls it: a crash.
     """
     end = weakref.finalize(filter, function.RemoveObserver, function.AddObserver("ModifiedEvent", do))
     end.atexit = False

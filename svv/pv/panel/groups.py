@@ -150,12 +150,7 @@ def display_properties() -> Sequence[Property]:
 
 
 def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str, ...] = ()) -> list[Property]:
-    """Return the properties of training options: first what to learn from, under a heading of its own, then the others.
-
-    Args:
-        options: The panel's defaults.
-        skip: Names of fields that the panel shows in another way.
-    """
+    """Return the properties of training options, but skipped fields: first those of what to learn from, then others."""
     heading = [made for made in properties_of(options, skip=skip) if made.name in ("ViewsOnly", "IgnoreFixed")]
     return [*group("Learn From", heading), *properties_of(options, skip=(*skip, "views_only", "ignore_fixed"))]
 
@@ -193,11 +188,7 @@ def preview_file() -> Property:
 
 
 def image_properties(size: int) -> list[Property]:
-    """Return the properties of the image of a scene.
-
-    Args:
-        size: Default width and height of the image, pixels.
-    """
+    """Return the properties of the image of a scene, of so many pixels along each side by default."""
     return [
         client_switch("FollowCamera",
                       "Follow the camera of the volume's view: the image stands in a view to the right, where the "

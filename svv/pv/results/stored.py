@@ -1,7 +1,4 @@
-"""Scenes in files of which ParaView's own process reads the header only: what draws a scene takes seconds to load.
-
-The process that draws for it (:mod:`svv.pv.live.drawer`) reads the file itself.
-"""
+"""Scenes in files of which ParaView's own process reads the header only: what draws a scene takes seconds to load."""
 
 from __future__ import annotations
 

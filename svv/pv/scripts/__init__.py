@@ -49,11 +49,7 @@ class ShownVolume(Drawn):
         return self.label
 
     def identity(self) -> dict[str, object]:
-        """Return a hash of data, transfer function and shading.
-
-        Raises:
-            BadInput: The data is no grid, or it is empty.
-        """
+        """Return a hash of data, transfer function and shading; raise BadInput if the data is no grid, or empty."""
         from svv.pv.work.engine import views_key, volume_of
 
         # Number and size of the views have their defaults here, because the job records them itself.
@@ -98,11 +94,7 @@ class ShownVolume(Drawn):
 
 
 def shown_volume(display: Display) -> ShownVolume:
-    """Return the volume that a representation shows.
-
-    Raises:
-        BadInput: The representation shows it in a way that is not supported.
-    """
+    """Return the volume that a representation shows; raise BadInput if it does in a way that is not supported."""
     from paraview import simple
 
     from svv.pv.client.capture import shown_as
@@ -121,8 +113,7 @@ def shown_volume(display: Display) -> ShownVolume:
 def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Result:
     """Do work on the volume that a representation shows; with several ranks, all of them draw it.
 
-    Raises:
-        BadInput: As :func:`shown_volume` and :func:`svv.pv.work.parallel.on_all_ranks`.
+    Raises BadInput as :func:`shown_volume` and :func:`svv.pv.work.parallel.on_all_ranks`.
     """
     from paraview import simple
 
@@ -140,18 +131,10 @@ def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Resu
 
 
 def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Display, View]:
-    """Show a volume in a 3D view, as a user would after *File > Open*.
+    """Show a volume, or load a state (.pvsm) that shows one; return proxies of its representation and 3D view.
 
-    Args:
-        path: A volume that ParaView can read, or a state (.pvsm) that shows one.
-        tf: Transfer function, a ParaView preset (JSON); by default the one with which the volume is shown.
-        array: Name of the array, if the file has several.
-
-    Returns:
-        Proxies of the representation and the view.
-
-    Raises:
-        BadInput: There is no such file, ParaView cannot read it, or it has no volume or no such array.
+    It is shown with a preset (JSON) if one is given, otherwise as ParaView shows it; ``array`` names one of several.
+    Raises BadInput if there is no such file, ParaView cannot read it, or it has no volume or no such array.
     """
     from paraview import simple
 
@@ -232,11 +215,7 @@ def _show_with(display: Display, tf: Path) -> None:
 
 
 def update(filter: Proxy) -> None:
-    """Update a StyleRF filter at ParaView's current time.
-
-    Raises:
-        BadInput: The filter failed; the message is the filter's own.
-    """
+    """Update a StyleRF filter at ParaView's current time; raise BadInput with its own message if it failed."""
     from paraview import simple
 
     filter.UpdatePipeline(simple.GetTimeKeeper().Time)

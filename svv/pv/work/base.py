@@ -1,7 +1,6 @@
 """Base classes of the StyleRF filters: property values, progress, error messages, and kept results.
 
-Errors reach the user as one sentence in Output Messages, never as a crash: a filter that fails outputs its previous
-result, or nothing.
+Errors reach the user as a sentence in Output Messages; a filter that fails outputs its previous result, or nothing.
 """
 
 from __future__ import annotations
@@ -71,10 +70,7 @@ _working: list[str] = []
 
 
 class Filter(VTKPythonAlgorithmBase):
-    """Base class of filters whose class is decorated with :func:`svv.pv.panel.properties.panel`.
-
-    ``values`` holds the value of every property by name.
-    """
+    """Base class of filters whose class is decorated with :func:`svv.pv.panel.properties.panel`."""
 
     defaults: ClassVar[Values] = {}
 
@@ -118,8 +114,8 @@ class Filter(VTKPythonAlgorithmBase):
     def RequestUpdateExtent(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Request the whole input, because the output's extent is that of an image and unrelated to the input's.
 
-        All ranks do, or the filters before this one would not be executed on the same ranks: those that draw a volume
-        together would wait for each other in vain. Only the first rank's scenes and images are not empty.
+        All ranks do, or those that draw a volume together would wait for each other in vain. Only the first rank's
+        scenes and images are not empty.
         """
         executive = self.GetExecutive()
         connected = [
@@ -200,12 +196,7 @@ class Filter(VTKPythonAlgorithmBase):
         return EARLIER.format(reason=reason)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str | None:
-        """Fill the outputs; return a line for the panel.
-
-        Raises:
-            BadInput: The work failed; the message is a sentence for the user.
-            Cancelled: The user stopped it.
-        """
+        """Fill the outputs; return a line for the panel. Raises BadInput, a sentence for the user, or Cancelled."""
         raise NotImplementedError
 
     def before(self, outputs: list[Data]) -> None:
@@ -220,11 +211,7 @@ class Filter(VTKPythonAlgorithmBase):
         return controller is None or controller.GetLocalProcessId() == 0
 
     def progress(self, fraction: float, label: str) -> None:
-        """Show progress in ParaView's progress bar.
-
-        Raises:
-            Cancelled: The user pressed Abort, or the client of this server has gone.
-        """
+        """Show progress in ParaView's progress bar; raise Cancelled after Abort, or if a server's client has gone."""
         if client_gone():
             raise Cancelled
         self._tell(fraction, label)
@@ -236,12 +223,9 @@ class Filter(VTKPythonAlgorithmBase):
 
     @contextmanager
     def training(self) -> Iterator[Progress]:
-        """Provide the progress callback for long work, which only one filter may do at a time.
+        """Provide the progress callback for long work, or raise BadInput if another filter is doing some.
 
         Scripts show the progress on standard error; it stays there until the filter's work ends.
-
-        Raises:
-            BadInput: Another filter is doing long work.
         """
         if _working:
             raise BadInput(f"{_working[0]} is at work: stop it, or apply this filter again when it is done.")
@@ -273,13 +257,7 @@ class Filter(VTKPythonAlgorithmBase):
         self.Modified()
 
     def save(self, result: str, file: str, write: Callable[[Path], object]) -> None:
-        """Write something to the file that a property names, for a button, and report it.
-
-        Args:
-            result: Name under which what is written is kept; there is nothing to write as long as nothing is.
-            file: Name of the property.
-            write: Writes it; may raise BadInput and Cancelled.
-        """
+        """Write something that is kept as ``result`` to the file of a property, for a button, and report it."""
         name = str(by_name(self.values)[file])
         if self.last(result) is None or not name:
             self.say(f"There is nothing to save yet: choose a file under {label_of(file)}, and press Apply.")
@@ -319,12 +297,7 @@ class Filter(VTKPythonAlgorithmBase):
 
 
 def _forgetter(kept: Kept, steps: Steps[Any]) -> Callable[[object, str], None]:
-    """Return an observer that clears a deleted filter's results; VTK may keep its Python attributes much longer.
-
-    Args:
-        kept: What is made again in no time.
-        steps: Results of long work, whose memory is given back.
-    """
+    """Return an observer that clears a deleted filter's results, and gives memory back; VTK may keep its attributes."""
 
     def forget(_: object, event: str) -> None:
         large = bool(steps.results)
@@ -343,7 +316,7 @@ def _forgetter(kept: Kept, steps: Steps[Any]) -> Callable[[object, str], None]:
 def set_image_information(filter: Filter, out_info: OutInfo, width: int, height: int, port: int = 0) -> None:
     """Announce the size of the output image to the pipeline.
 
-    It is empty on all ranks but the first. Otherwise, those ranks would be executed at every update, without the first.
+    It is empty on all ranks but the first: otherwise, those would be executed at every update, without the first.
     """
     info = out_info.GetInformationObject(port)
     extent = (0, width - 1, 0, height - 1, 0, 0) if filter.first_rank else (0, -1, 0, -1, 0, -1)
@@ -387,10 +360,7 @@ class ImageOutput(Filter):
     """What :meth:`GetSeenFrom` returns."""
 
     def GetSeenFrom(self) -> str:
-        """Return position, focal point and view up of the last image's camera, and its angle of view in degrees.
-
-        The angle is the horizontal one, and the text is empty if the image's volume is in a view anyway.
-        """
+        """Return position, focal point, view up and horizontal angle of the last camera; empty beside the volume."""
         return self.framed
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
@@ -407,10 +377,7 @@ class VolumeOutput(Filter):
         raise NotImplementedError
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
-        """Announce the grid of the input's scene.
-
-        The input is therefore updated first: filters behind this one need to know the grid before they ask for data.
-        """
+        """Announce the grid of the input's scene, which is updated first: filters behind need to know it before."""
         connection = self.GetInputConnection(0, 0)
         connection.GetProducer().Update(connection.GetIndex())
         try:

@@ -1,7 +1,4 @@
-"""Whether a volume is shown with the transfer function that ParaView gives every array by itself.
-
-It is a ramp over all values, which shows most volumes as fog: whoever paints it by mistake is told.
-"""
+"""Whether a volume is shown with the transfer function that ParaView gives every array: a ramp, mostly fog."""
 
 from __future__ import annotations
 
@@ -41,8 +38,8 @@ def describe_default_function(data: vtkDataObject | None, values: Values) -> str
 def is_default(data: vtkDataObject | None, values: Values) -> bool:
     """Return whether neither colours, opacities nor their range have been changed since ParaView made them.
 
-    The client tells the colours, because versions of ParaView differ (``DefaultColours``). The range has to be that of
-    the array that is shown, where this process has all of it.
+    The client tells the colours, which differ by version (``DefaultColours``). The range has to be that of the array
+    that is shown, where this process has all of it.
     """
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
 

@@ -35,11 +35,7 @@ class Picking(Filter):
     _picked = ""
 
     def pick(self, where: str) -> None:
-        """Answer a click, for :meth:`GetPicked`.
-
-        Args:
-            where: Button, camera and pixel as JSON; empty: there was no click.
-        """
+        """Answer a click, given as JSON, for :meth:`GetPicked`; an empty text means that there was none."""
         self._picked = ""
         if where:
             try:
@@ -52,14 +48,7 @@ class Picking(Filter):
         return self._picked
 
     def answer(self, seen: Click) -> str:
-        """Return what a click adds to the property of its button.
-
-        Args:
-            seen: What was clicked on, from :func:`svv.pv.client.part_picking.seen_at`.
-
-        Raises:
-            BadInput: Nothing is visible there, or it cannot be added.
-        """
+        """Return what a click adds to the property of its button; raise BadInput if nothing is visible, or fits."""
         raise NotImplementedError
 
 
@@ -69,11 +58,7 @@ class Clickable(Filter):
     _picked = ""
 
     def pick(self, where: str) -> None:
-        """Find the place of a click, for :meth:`GetPicked`.
-
-        Args:
-            where: Camera and pixel as JSON; empty: there was no click.
-        """
+        """Find the place of a click, given as JSON, for :meth:`GetPicked`; an empty text means that there was none."""
         self._picked = ""
         if where:
             try:
@@ -95,15 +80,9 @@ class Clickable(Filter):
 
 
 def point_seen(scene: Scene, seen: Click, network: NetworkName | None = None) -> str:
-    """Return the point that is visible at a pixel, as the properties Parts and Points hold it.
+    """Return the point that is visible at a pixel, as the properties Parts and Points hold it, or raise BadInput.
 
-    Args:
-        scene: The scene that is shown if the click was on no picture.
-        seen: Camera and pixel, from :func:`svv.pv.client.part_picking.seen_at`.
-        network: As in :meth:`svv.Scene.render`.
-
-    Raises:
-        BadInput: Nothing is visible there.
+    The scene counts if the click was on no picture; the network is as in :meth:`svv.Scene.render`.
     """
     from svv.pv.work.engine import camera_for
 

@@ -14,11 +14,7 @@ _last: dict[tuple[object, ...], vtkImageData] = {}
 
 
 def image_of(data: vtkDataObject, values: Values) -> vtkImageData:
-    """Return a mesh as an image, resampled as a panel's values say (:func:`svv.dvr.read.meshes.resampled`).
-
-    Raises:
-        BadInput: It cannot be resampled.
-    """
+    """Return a mesh as an image, as a panel's values say (:func:`svv.dvr.read.meshes.resampled`); or raise BadInput."""
     array, cells, along = values.get("Scalars") or None, values.get("ScalarsOnCells", False), values.get("ResampleTo")
     key = (data.__this__, _changed(data), array, cells, along)
     if key not in _last:

@@ -47,12 +47,7 @@ def _masks(values: Values) -> list[str]:
 def style_key(values: Values, known: Mapping[str, str] | None = None) -> str:
     """Return a hash of everything but the scene that a painting depends on; files count by content and name.
 
-    Args:
-        values: The panel's values.
-        known: Hashes (:func:`files_of`) of files with which a painting was made; they stand for files that are gone.
-
-    Raises:
-        BadInput: A file does not exist, and is not known.
+    Known hashes (:func:`files_of`) stand for files that are gone; other missing files raise BadInput.
     """
     there = {**(known or {}), **files_of(values)}
     own = _pictures(values)

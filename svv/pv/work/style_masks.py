@@ -1,7 +1,6 @@
 """Style pictures and masks that the panel of StyleRF Stylize asks for: reading, showing and saving them.
 
-A region's row in the panel names its picture or leaves the choice to the mapping. Pictures come from files or from the
-gallery.
+A region's row names its picture, from a file or the gallery, or leaves the choice to the mapping.
 """
 
 from __future__ import annotations
@@ -32,11 +31,7 @@ def sources_of(values: Values) -> list[str]:
 
 
 def source_of(values: Values, region: int) -> str | None:
-    """Return the picture named in a region's row; None if the mapping chooses it, '' if the region stays unpainted.
-
-    Raises:
-        BadInput: The row names a picture that is not among Style Files.
-    """
+    """Return the picture of a region's row, None if the mapping chooses it, '' to leave it unpainted; or BadInput."""
     word, files = region_row(values, region).get("Style", AUTOMATIC), values["StyleFiles"]
     if word == AUTOMATIC:
         return None
@@ -67,8 +62,7 @@ def asks_for_part(values: Values, region: int) -> bool:
 def mask_for(values: Values, region: int, source: str, picture: Colours) -> tuple[Mask | None, Selection | None]:
     """Return the part of a picture that a region's row asks for, and its points; both None for the whole picture.
 
-    Raises:
-        BadInput: Points or mask are invalid (:func:`svv.styles.selecting.selected`), or the part does not exist.
+    Raises BadInput if points, mask (:func:`svv.styles.selecting.selected`) or number of the part are invalid.
     """
     from svv.styles.selecting import selected
 
@@ -94,11 +88,7 @@ def mask_for(values: Values, region: int, source: str, picture: Colours) -> tupl
 
 
 def parts_of(values: Values, picture: Colours) -> NDArray[np.int64]:
-    """Divide a picture into the panel's number of parts; they are numbered by size, the largest is 0. (h, w)
-
-    Raises:
-        BadInput: The number of parts is not set, or out of range.
-    """
+    """Divide a picture into the panel's number of parts, numbered by size from the largest; or BadInput. (h, w)"""
     from svv.styles.segmenters import style_regions
 
     if not values["PictureParts"]:
@@ -123,19 +113,11 @@ def points_in(text: str, name: str) -> list[tuple[float, float]]:
 def preview(
     values: Values, progress: Progress
 ) -> tuple[Colours, NDArray[np.uint8], NDArray[np.uint8], tuple[int, int]]:
-    """Return the picture of the region whose mask is shown, its overlay, and the part of it that is used.
+    """Return the picture of the region whose mask is shown, its overlay, the part that is used, and the file's size.
 
-    Args:
-        values: The panel's values.
-        progress: Called while a gallery picture is painted.
-
-    Returns:
-        Picture (h, w, 3) in [0, 1]; overlay (h, w, 3) uint8, with rulers in pixels of the file; mask (h, w), the
-        numbers of the parts if the picture is divided and no part is chosen, otherwise 1 and 0; width and height of
-        the file.
-
-    Raises:
-        BadInput: There is no picture to show, or any reason of :func:`mask_for`.
+    Picture (h, w, 3) in [0, 1]; overlay (h, w, 3) uint8, with rulers in pixels of the file; mask (h, w), the numbers of
+    the parts if the picture is divided and no part is chosen, otherwise 1 and 0; width and height of the file. Raises
+    BadInput if there is no picture, or as :func:`mask_for`.
     """
     from svv.io.pictures.mask_pictures import mask_overlay, regions_overlay, with_rulers
     from svv.io.pictures.output import to_bytes

@@ -46,13 +46,7 @@ def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, 
 
 
 def starts_from(scene: Scene, last: Painting | None, values: Values) -> tuple[Scene, bool]:
-    """Return the scene to paint on, and whether its painting is continued.
-
-    Args:
-        scene: Scene with a palette network.
-        last: Last painting of this name, from which to continue if the panel's Continue is on.
-        values: The panel's values.
-    """
+    """Return the scene to paint on, and whether its painting goes on: the last of this name, if Continue is on."""
     go_on, name = goes_on(scene, last, values)
     return (last.scene if last is not None and name else scene), go_on
 
@@ -60,14 +54,8 @@ def starts_from(scene: Scene, last: Painting | None, values: Values) -> tuple[Sc
 def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, name: str) -> Scene:
     """Return a scene with all of its paintings, and with its own edits.
 
-    Args:
-        scene: The current scene.
-        paintings: Paintings by the name that the panel gave them.
-        shown: Variant to show; if empty, the painting ``name``.
-        name: The panel's name of the last painting; '' if there is none.
-
-    Raises:
-        BadInput: There is no variant ``shown``.
+    The paintings are by the panel's names. The variant ``shown`` is shown, or BadInput raised; if empty, the last
+    painting.
     """
     from svv.fields.following.followed_scene import on_cells_of
 
@@ -142,9 +130,7 @@ class _Chosen:
 def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
     """Return the styles that the panel asks for.
 
-    Raises:
-        BadInput: There is no picture, a picture cannot be used, the scene lacks the region of a row, or a mask is
-            invalid (:func:`mask_for`).
+    Raises BadInput without a picture or a row's region, for a picture that cannot be used, and as :func:`mask_for`.
     """
     from svv.job.request import Styles
     from svv.train.paint.ink import picture_of

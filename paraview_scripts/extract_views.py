@@ -181,6 +181,7 @@ def draw(view, chosen, folder: Path) -> list[dict[str, str]]:
 
     from svv.errors import BadInput, Cancelled
     from svv.progress import shown
+    from svv.pv import scripts
 
     sweep = (chosen.phi, chosen.theta, chosen.size)
     extractors = [set_up(view, *sweep)]
@@ -214,20 +215,11 @@ def draw(view, chosen, folder: Path) -> list[dict[str, str]]:
                 simple.Delete(extractor)  # it holds the view, which must close before the program ends
     if stopped:
         raise stopped[0]
-    rows = rows_of(controller.GetSummaryTable())
+    every = scripts.rows_of(controller.GetSummaryTable())
+    rows = [{name: value for name, value in row.items() if value} for row in every]
     if not all(written) or len(rows) != images:
         raise BadInput(f"ParaView wrote {len(rows)} of {images} images; its messages are above.")
     return rows
-
-
-def rows_of(table) -> list[dict[str, str]]:
-    """Return the rows of a VTK table as {column: value}, without empty values."""
-    columns = [table.GetColumnName(column) for column in range(table.GetNumberOfColumns())]
-    rows = (
-        {name: table.GetValue(row, column).ToString() for column, name in enumerate(columns)}
-        for row in range(table.GetNumberOfRows())
-    )
-    return [{name: value for name, value in row.items() if value} for row in rows]
 
 
 def with_exact_alpha(rows: list[dict[str, str]], folder: Path) -> list[dict[str, str]]:

@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
-from svv.dvr.read.appearance import named
+from svv.dvr.read.appearance import named, named_text
 from svv.ending import describe_os_error
 from svv.errors import BadInput, Cancelled, is_lack_of_memory
 from svv.pv.launch.programs import STRICT
@@ -95,10 +94,7 @@ def reason_of(filter: str, sentence: str, stopped: bool = False) -> str:
 
 def mark_failed(data: vtkDataObject, reason: str) -> None:
     """Mark data as not what the filter was asked for."""
-    array = vtkStringArray()
-    array.SetName(MARK)
-    array.InsertNextValue(reason)
-    data.GetFieldData().AddArray(array)
+    data.GetFieldData().AddArray(named_text(MARK, reason))
     _count[0] += 1
     data.GetFieldData().AddArray(named(NUMBER, np.array([float(_count[0])])))
 

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
 
 from svv.errors import BadInput
@@ -122,6 +122,15 @@ def named(name: str, values: NDArray[np.number]) -> vtkDataArray:
     """Return a copy of an array, of tuples if it has two axes, as VTK has it, with a name."""
     array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
     array.SetName(name)
+    return array
+
+
+def named_text(name: str, *words: str) -> vtkStringArray:
+    """Return words as VTK has them, with a name."""
+    array = vtkStringArray()
+    array.SetName(name)
+    for word in words:
+        array.InsertNextValue(word)
     return array
 
 

@@ -5,17 +5,17 @@ World coordinates are origin + direction matrix * spacing * index. NumPy arrays 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray, vtkUnsignedCharArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSet, vtkDataSetAttributes, vtkImageData, vtkRectilinearGrid
 
 from svv.bricks.formats.source import REPLACE_THEM, Level
-from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
+from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, named_text, put, without_duplicates
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -123,12 +123,34 @@ def check_precision(values: NDArray[np.number]) -> None:
 
 def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
     """Return the matrix from voxel indices, counted from the first voxel, to world coordinates. (4, 4)"""
-    direction = image.GetDirectionMatrix()
-    axes = np.array([[direction.GetElement(i, j) for j in range(3)] for i in range(3)])
     matrix = np.eye(4)
-    matrix[:3, :3] = axes * image.GetSpacing()
+    matrix[:3, :3] = np.reshape(direction_of(image), (3, 3)) * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin() + matrix[:3, :3] @ image.GetExtent()[::2]
     return matrix
+
+
+def direction_of(image: vtkImageData) -> list[float]:
+    """Return an image's direction matrix, row by row."""
+    matrix = image.GetDirectionMatrix()
+    return [matrix.GetElement(i, j) for i in range(3) for j in range(3)]
+
+
+def grid_numbers(image: vtkImageData) -> dict[str, Sequence[float]]:
+    """Return an image's grid as JSON, for another process (:func:`image_on`)."""
+    return {
+        "extent": image.GetExtent(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
+        "direction": direction_of(image),
+    }  # fmt: skip
+
+
+def image_on(grid: Mapping[str, Sequence[float]]) -> vtkImageData:
+    """Return an image without values on a grid (:func:`grid_numbers`)."""
+    image = vtkImageData()
+    image.SetExtent(grid["extent"])
+    image.SetSpacing(grid["spacing"])
+    image.SetOrigin(grid["origin"])
+    image.SetDirectionMatrix(grid["direction"])
+    return image
 
 
 def own_unit_distance(image: vtkImageData) -> float | None:
@@ -155,10 +177,7 @@ def put_assumed(image: vtkDataSet, said: str | None) -> None:
     """Let an image carry what :func:`assumed_of` returns."""
     image.GetFieldData().RemoveArray(ASSUMED)
     if said is not None:
-        text = vtkStringArray()
-        text.SetName(ASSUMED)
-        text.InsertNextValue(said)
-        image.GetFieldData().AddArray(text)
+        image.GetFieldData().AddArray(named_text(ASSUMED, said))
 
 
 def level_of_image(image: vtkImageData) -> Level:

@@ -26,7 +26,15 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.json_values import Json
 from svv.dvr.read.appearance import Appearance, put
-from svv.dvr.read.grids import assumed_of, own_unit_distance, put_assumed, put_own_unit_distance, to_array
+from svv.dvr.read.grids import (
+    assumed_of,
+    grid_numbers,
+    image_on,
+    own_unit_distance,
+    put_assumed,
+    put_own_unit_distance,
+    to_array,
+)
 from svv.dvr.read.vtk_readers import failed
 from svv.errors import BadInput
 
@@ -117,12 +125,10 @@ def serve(read: Callable[..., vtkImageData]) -> None:
             _send(out, {"says": str(failed(path, error))})
             continue
         values, shown = np.ascontiguousarray(to_array(image)).reshape(-1), Appearance.of(image)
-        matrix = image.GetDirectionMatrix()
         told = {
-            "dims": image.GetDimensions(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
-            "direction": [matrix.GetElement(i, j) for i in range(3) for j in range(3)], "dtype": values.dtype.str,
-            "name": image.GetPointData().GetScalars().GetName(), "blank": shown.blank is not None,
-            "unit": own_unit_distance(image), "assumed": assumed_of(image),
+            "grid": grid_numbers(image), "dtype": values.dtype.str, "blank": shown.blank is not None,
+            "name": image.GetPointData().GetScalars().GetName(), "unit": own_unit_distance(image),
+            "assumed": assumed_of(image),
         }  # fmt: skip
         _send(out, told)
         content = values.data.cast("B")
@@ -146,11 +152,7 @@ def _received(stream: BufferedReader) -> vtkImageData:
     told = json.loads(line)
     if "says" in told:
         raise BadInput(told["says"])
-    image = vtkImageData()
-    image.SetDimensions(*told["dims"])
-    image.SetSpacing(*told["spacing"])
-    image.SetOrigin(*told["origin"])
-    image.SetDirectionMatrix(*told["direction"])
+    image = image_on(told["grid"])
     scalars = create_vtk_array(get_vtk_array_type(np.dtype(told["dtype"])))
     scalars.SetName(told["name"])
     scalars.SetNumberOfTuples(image.GetNumberOfPoints())

@@ -6,7 +6,7 @@ Only the client knows the views, so this is client code, which sets properties. 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -255,25 +255,21 @@ def _watch_session(session: SMSessionProxyManager | None) -> None:
 
 def _registered(session: SMSessionProxyManager, *_: object) -> None:
     strict.install()
-    for name in CAPTURED:
-        # The event does not identify the proxy, but a new one has no transfer function yet.
-        for filter in _proxies(session, name):
-            if filter.TransferFunction is None and filter.Input is not None and not waits(filter):
-                _capture_first(filter, _volume_displays(filter.Input), {})
-    for name in BUTTONS:
-        for filter in _proxies(session, name):
-            watch(filter)
+    # The event does not identify the proxy, but a new one has no transfer function yet.
+    for filter in _proxies(session, CAPTURED):
+        if filter.TransferFunction is None and filter.Input is not None and not waits(filter):
+            _capture_first(filter, _volume_displays(filter.Input), {})
+    for filter in _proxies(session, BUTTONS):
+        watch(filter)
     for names, event, do in OBSERVERS:
-        for filter in (filter for name in names for filter in _proxies(session, name)):
+        for filter in _proxies(session, names):
             observe(filter.SMProxy, event, do)
     loading = bool(session.GetInLoadXMLState())
-    for name in BESIDE:
-        for filter in _proxies(session, name):
-            watch_learning(filter, loading)
-    for name in linked_camera.IMAGES:
-        for filter in _proxies(session, name):
-            follow_property.begin(filter, loading)
-    for view in _proxies(session, "RenderView", "views"):
+    for filter in _proxies(session, BESIDE):
+        watch_learning(filter, loading)
+    for filter in _proxies(session, linked_camera.IMAGES):
+        follow_property.begin(filter, loading)
+    for view in _proxies(session, ("RenderView",), "views"):
         for event, do in OF_VIEWS:
             observe(view.SMProxy, event, do)
     for display in _new_displays(session, placing.DISPLAY):
@@ -288,7 +284,7 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
 
 def _new_displays(session: SMSessionProxyManager, kind: str) -> Iterator[Display]:
     """Yield the representations of a kind that have not been seen before."""
-    for display in _proxies(session, kind, "representations"):
+    for display in _proxies(session, (kind,), "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
             display.SMProxy.SetAnnotation(SEEN, "1")
             yield display
@@ -301,7 +297,7 @@ def as_it_is(display: Display) -> None:
     display.MapScalars = 0
 
 
-def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") -> list[Any]:
+def _proxies(session: SMSessionProxyManager, kinds: Sequence[str], group: str = "sources") -> list[Any]:
     from paraview import servermanager  # before Python meets any proxy, because it lets it know their classes
 
     iterator = vtkSMProxyIterator()
@@ -310,7 +306,7 @@ def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") 
     iterator.Begin(group)
     found = []
     while not iterator.IsAtEnd():
-        if iterator.GetProxy().GetXMLName() == kind:
+        if iterator.GetProxy().GetXMLName() in kinds:
             found.append(servermanager._getPyProxy(iterator.GetProxy()))
         iterator.Next()
     return found

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from svv.pv.client.clicks import Act, pixel_at, place_under, press
+from svv.pv.display.linked_camera import displays_in
 from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Display, Property, Proxy, SMProxy, View
 
@@ -36,10 +37,9 @@ def views_of_mask(paint: Proxy) -> list[View]:
     from paraview import simple
 
     def shows(display: Display) -> bool:
-        given = getattr(display, "Input", None)
-        return given is not None and given.SMProxy == paint.SMProxy and given.Port == MASK and bool(display.Visibility)
+        return bool(display.Input.SMProxy == paint.SMProxy and display.Input.Port == MASK)
 
-    return [view for view in simple.GetRenderViews() if any(map(shows, view.Representations))]
+    return [view for view in simple.GetRenderViews() if any(map(shows, displays_in(view)))]
 
 
 def set_point(paint: Proxy, place: Sequence[float], button: str) -> None:
@@ -64,9 +64,9 @@ def set_point(paint: Proxy, place: Sequence[float], button: str) -> None:
 
 def _without_nearest(rows: dict[str, Property], at: tuple[int, int]) -> None:
     """Remove the point that is nearest to a pixel from the properties' texts."""
-    from svv.pv.work.style_masks import points_in
+    from svv.pv.work.style_masks import pixels_in
 
-    known = [(kind, point) for kind, row in rows.items() for point in points_in(row.GetData() or "", kind)]
+    known = [(kind, point) for kind, row in rows.items() for point in pixels_in(row.GetData() or "", kind)]
     if not known:
         return
     kind, nearest = min(known, key=lambda one: math.dist(one[1], at))

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from svv.pv.client.clicks import pixel_at, place_under, press
-from svv.pv.display.linked_camera import PLACED, camera_numbers, parallel_scale_of, upstream
+from svv.pv.display.linked_camera import PLACED, camera_numbers, displays_in, parallel_scale_of, upstream
 from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Property, Proxy, SMProxy, View
 
@@ -98,10 +98,7 @@ def seen_at(edit: Proxy, view: View, at: Sequence[int]) -> dict[str, object] | N
 
 def _picture_in(view: View, edit: Proxy) -> tuple[Proxy | None, bool]:
     """Return the filter whose picture of the filter's scene, before it or after it, a view shows, and if it is flat."""
-    for display in view.Representations:
-        given = getattr(display, "Input", None)
-        if given is None or not display.Visibility:
-            continue
+    for given in (display.Input for display in displays_in(view)):
         flat = given.SMProxy.GetXMLName() == IMAGE
         shown = given.Input if given.SMProxy.GetXMLName() == PLACED else given
         if shown is None or shown.SMProxy.GetXMLName() not in (IMAGE, VOLUME):

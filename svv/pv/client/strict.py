@@ -14,6 +14,7 @@ from types import FunctionType, ModuleType, TracebackType
 from typing import Any
 
 from svv.errors import BadInput, Cancelled
+from svv.pv.display.linked_camera import displays_in
 from svv.pv.failed import (
     FAILED_STRICT,
     NUMBER,
@@ -160,7 +161,7 @@ def _before_picture(filename: object, shown: Any = None, *_: object, **options: 
     if shown is None:
         return
     views: list[View] = [shown] if hasattr(shown, "Representations") else simple.GetViewsInLayout(shown)
-    displays = [(display, view) for view in views for display in _visible(view)]
+    displays = [(display, view) for view in views for display in displays_in(view)]
     for display, view in displays:
         display.Input.UpdatePipeline(view.ViewTime)
         _check(display.Input, filename)
@@ -176,12 +177,6 @@ _BEFORE: dict[str, Function] = {
     "WriteImage": _before_picture,
 }
 """What is asked before a function saves something."""
-
-
-def _visible(view: View) -> Iterator[Any]:
-    for display in getattr(view, "Representations", ()):
-        if getattr(display, "Visibility", 0) and getattr(display, "Input", None) is not None:
-            yield display
 
 
 def _check(source: Proxy, file: object) -> None:

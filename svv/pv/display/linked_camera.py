@@ -326,8 +326,9 @@ def view_beside(filter: Proxy, view: View) -> View | None:
     from paraview import simple
 
     others = [other for other in simple.GetRenderViews() if other != view]
-    showing = (other for other in others if shows(other, [filter]))
-    return next(showing, None) or next((one for one in others if made_for_image(one) and not any(given_to(one))), None)
+    showing = [other for other in others if shows(other, [filter])]
+    left = [other for other in others if made_for_image(other) and not any(displays_in(other))]
+    return next(iter([*showing, *left]), None)
 
 
 def made_for_image(view: View) -> bool:
@@ -406,15 +407,14 @@ def view_to_follow(filter: Proxy) -> View | None:
 
 def shows(view: View, sources: Sequence[Proxy]) -> bool:
     """Return whether a view shows any of these sources."""
-    return any(one.SMProxy == source.SMProxy for one in given_to(view) for source in sources)
+    return any(one.Input.SMProxy == source.SMProxy for one in displays_in(view) for source in sources)
 
 
-def given_to(view: View) -> Iterator[Proxy]:
-    """Yield the sources and filters that a view shows."""
-    for display in view.Representations:
-        given = getattr(display, "Input", None)
-        if given is not None and display.Visibility:
-            yield given
+def displays_in(view: View) -> Iterator[Display]:
+    """Yield the representations by which a view, of any kind, shows sources and filters."""
+    for display in getattr(view, "Representations", ()):
+        if getattr(display, "Visibility", 0) and getattr(display, "Input", None) is not None:
+            yield display
 
 
 def upstream(filter: Proxy) -> Iterator[Proxy]:

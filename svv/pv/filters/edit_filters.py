@@ -5,8 +5,6 @@ ParaView shows the docstrings of the classes as help.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from paraview.util.vtkAlgorithm import smproxy
 
 from svv.pv.panel.first_screen import few_first
@@ -16,9 +14,6 @@ from svv.pv.vtk_types import Data, OutInfo, Request
 from svv.pv.work.cached import SceneOutput
 from svv.pv.work.picking import Click, Picking, point_seen
 from svv.pv.work.vtk_data import finished_scene_of, key_of_scene, scene_of
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
 

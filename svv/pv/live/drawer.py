@@ -78,12 +78,10 @@ class Drawer:
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
-        self._number, self._wanted = 0, None
-        self._died = False
+        self._number, self._died = 0, False
+        self._wanted: tuple[Shown, Values] | None = None
         self._drawn: Drawn | None = None
         self._read: list[int | bool] | None = None
-
-    _wanted: tuple[Shown, Values] | None
 
     def start(self) -> Worker:
         """Start the process, unless it is running, and return it."""

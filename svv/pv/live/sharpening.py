@@ -10,7 +10,7 @@ from typing import Any
 
 from svv.pv.connection import server_gone
 from svv.pv.display.linked_camera import busy, follower_of, may_be_late, shows, upstream
-from svv.pv.observers import Watched
+from svv.pv.observers import Watched, python_proxy, with_data
 from svv.pv.timers import Timer, by_window, window
 
 BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize", "StyleRFPalette")
@@ -64,14 +64,12 @@ def _updated(proxy: Any, event: str) -> None:
     proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
 
 
+@with_data("string0")
 def _pressed(proxy: Any, event: str, name: str) -> None:
     if name in SAVING:
         proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
     if name in BUTTONS and _in_window(proxy):
         _soon()
-
-
-_pressed.CallDataType = "string0"  # type: ignore[attr-defined]
 
 
 def _in_window(proxy: Any) -> bool:
@@ -112,9 +110,9 @@ def _look() -> None:
 
 def _show(proxy: Any, news: str) -> None:
     """Update a filter that has something new, and draw the views that show it."""
-    from paraview import servermanager, simple
+    from paraview import simple
 
-    filter = servermanager._getPyProxy(proxy)
+    filter = python_proxy(proxy)
     _tell(proxy, "LiveState", news)
     may_be_late(proxy)
     if news.endswith(" none"):
@@ -126,5 +124,5 @@ def _show(proxy: Any, news: str) -> None:
         follower.update(False)
     behind = [source for source in simple.GetSources().values() if filter in list(upstream(source))]
     for view in simple.GetViews():
-        if hasattr(view, "Representations") and shows(view, [filter, *behind]):
+        if shows(view, [filter, *behind]):
             simple.Render(view)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -66,12 +67,16 @@ def _teller(filter: Shows, table: vtkDiscretizableColorTransferFunction, opacity
 
 def _points(table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction) -> list[tuple[float, ...]]:
     """Return the points of a function, its colours' first."""
-    found = []
-    for function, width in ((table, 6), (opacity, 4)):
-        for number in range(function.GetSize()):
-            function.GetNodeValue(number, node := [0.0] * width)
-            found.append(tuple(node))
-    return found
+    return [*nodes_of(table, 6), *nodes_of(opacity, 4)]
+
+
+def nodes_of(
+    function: vtkDiscretizableColorTransferFunction | vtkPiecewiseFunction, width: int
+) -> Iterator[tuple[float, ...]]:
+    """Yield the numbers of each point of a function, of which a colour has 6 and an opacity has 4."""
+    for number in range(function.GetSize()):
+        function.GetNodeValue(number, node := [0.0] * width)
+        yield tuple(node)
 
 
 def marker(filter: Modifiable) -> Observer:

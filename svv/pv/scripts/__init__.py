@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 
 from svv.core.geometry.cameras import Camera
 from svv.dvr.parallel.ranks import ranks_here
@@ -70,15 +70,12 @@ class ShownVolume(Drawn):
 
     def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
-        from svv.dvr.parallel.crew_views import make_crew_views
-        from svv.pv.work.engine import shading_of, transfer_function_of
+        from svv.pv.work.engine import draw_views
         from svv.pv.work.parallel import crew_of
 
-        crew = crew_of(self.data)
-        if crew is None:
+        if crew_of(self.data) is None:
             return super().draw(options, progress, kept)
-        tf, shading = transfer_function_of(self.values), shading_of(self.values)
-        return make_crew_views(crew, tf, options, shading, self.name, progress)
+        return draw_views(self.data, self.values, options, progress)
 
     def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
         """Render the volume as views were drawn, with all ranks that have a part of it."""
@@ -229,6 +226,11 @@ def table_of(filter: Proxy) -> list[dict[str, str]]:
     """Return the rows of a filter's output table as {column: value}; raise BadInput as :func:`update` does."""
     update(filter)
     table = filter.SMProxy.GetClientSideObject().GetOutputDataObject(0)
+    return rows_of(table)
+
+
+def rows_of(table: vtkTable) -> list[dict[str, str]]:
+    """Return the rows of a VTK table as {column: value}."""
     names = [table.GetColumnName(column) for column in range(table.GetNumberOfColumns())]
     return [
         {name: table.GetValue(row, column).ToString() for column, name in enumerate(names)}

@@ -20,7 +20,7 @@ from svv.options.editing import (
 )
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 from svv.pv.panel.option_panel import options_in
-from svv.pv.panel_values import Values, colour_row, region_row
+from svv.pv.panel_values import Values, colour_row, points_in, region_row
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -120,16 +120,10 @@ def whole_numbers_in(text: str, name: str) -> list[int]:
         raise BadInput(f"{name} must be whole numbers separated by commas, not '{text}'.") from None
 
 
-def places_in(text: str, name: str) -> list[tuple[float, float, float]]:
+def places_in(text: str, name: str) -> list[Point]:
     """Parse '0.1,0.2,0.3; 1,2,3' as points in space; raise BadInput for anything else."""
-    places = []
-    for place in filter(None, (p.strip() for p in text.split(";"))):
-        try:
-            x, y, z = (float(word) for word in place.split(","))
-        except ValueError:
-            raise BadInput(f"{name} must be points in space, such as 0.1,0.2,0.3; 1,2,3, not '{text}'.") from None
-        places.append((x, y, z))
-    return places
+    found = points_in(text, 3, f"{name} must be points in space, such as 0.1,0.2,0.3; 1,2,3")
+    return [(x, y, z) for x, y, z in found]
 
 
 def correction_in(values: Values) -> Correction:

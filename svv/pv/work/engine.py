@@ -16,6 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.dvr.read.appearance import GHOSTS
+from svv.dvr.read.grids import direction_of
 from svv.errors import BadInput, Progress
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
@@ -96,9 +97,7 @@ def _digest_of(image: vtkImageData, values: Values) -> str:
     crew = crew_of(image)
     if crew is not None:
         image = crew.piece.whole
-    direction = image.GetDirectionMatrix()
-    turned = [direction.GetElement(i, j) for i in range(3) for j in range(3)]
-    place = [image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), turned]
+    place = [image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), direction_of(image)]
     if crew is not None:
         return digest(*place, crew.digest())
     first, second = image.GetPointData(), image.GetCellData()

@@ -30,7 +30,7 @@ class Click(Values, total=False):
 
 
 class Picking(Filter):
-    """A filter with buttons that let clicks add to a property of its panel."""
+    """A filter that answers clicks: in most, buttons let them add to a property of its panel."""
 
     _picked = ""
 
@@ -44,7 +44,7 @@ class Picking(Filter):
                 self.say(str(error))
 
     def GetPicked(self) -> str:
-        """Return what the last click adds to the property of its button; empty if it adds nothing."""
+        """Return the answer to the last click; empty if there is none."""
         return self._picked
 
     def answer(self, seen: Click) -> str:
@@ -52,23 +52,15 @@ class Picking(Filter):
         raise NotImplementedError
 
 
-class Clickable(Filter):
+class Clickable(Picking):
     """A filter whose picture of a scene can be clicked on: it tells others which place a pixel of it shows."""
 
-    _picked = ""
-
-    def pick(self, where: str) -> None:
-        """Find the place of a click, given as JSON, for :meth:`GetPicked`; an empty text means that there was none."""
-        self._picked = ""
-        if where:
-            try:
-                self._picked = json.dumps({"place": self._place(parsed(where))})
-            except BadInput as error:
-                self._picked = json.dumps({"said": str(error)})
-
-    def GetPicked(self) -> str:
+    def answer(self, seen: Click) -> str:
         """Return what a :class:`Click` takes over: the place that is visible there, or why there is none."""
-        return self._picked
+        try:
+            return json.dumps({"place": self._place(seen)})
+        except BadInput as error:
+            return json.dumps({"said": str(error)})
 
     def _place(self, seen: Click) -> str:
         if self.values.get("Cut"):

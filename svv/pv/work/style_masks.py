@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from svv.errors import BadInput, Progress
 from svv.io.pictures.mask_file import Mask, Selection
 from svv.pv.panel.groups import AS_IT_IS, AUTOMATIC, NO_GALLERY, PICTURE, REGIONS
-from svv.pv.panel_values import Values, region_row
+from svv.pv.panel_values import Values, points_in, region_row
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -69,8 +69,8 @@ def mask_for(values: Values, region: int, source: str, picture: Colours) -> tupl
     row = region_row(values, region)
     if not asks_for_part(values, region):
         return None, None
-    positive = points_in(row["Positive"], f"Region {region} Positive")
-    negative = points_in(row["Negative"], f"Region {region} Negative")
+    positive = pixels_in(row["Positive"], f"Region {region} Positive")
+    negative = pixels_in(row["Negative"], f"Region {region} Negative")
     number, file = row["Part"], row["Mask"]
     if number >= 0:
         if positive or negative or file:
@@ -96,18 +96,10 @@ def parts_of(values: Values, picture: Colours) -> NDArray[np.int64]:
     return style_regions(picture, values["PictureParts"])
 
 
-def points_in(text: str, name: str) -> list[tuple[float, float]]:
+def pixels_in(text: str, name: str) -> list[tuple[float, float]]:
     """Parse '310,120; 40,300' as points; raise BadInput for anything else."""
-    points = []
-    for place in filter(None, (p.strip() for p in text.split(";"))):
-        try:
-            x, y = (float(word) for word in place.split(","))
-        except ValueError:
-            raise BadInput(
-                f"{name} must be points in pixels of the picture, such as 310,120; 40,300, not '{text}'."
-            ) from None
-        points.append((x, y))
-    return points
+    found = points_in(text, 2, f"{name} must be points in pixels of the picture, such as 310,120; 40,300")
+    return [(x, y) for x, y in found]
 
 
 def preview(

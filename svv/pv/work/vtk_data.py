@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints
 from vtkmodules.vtkCommonDataModel import (
     vtkCellArray,
     vtkDataObject,
@@ -26,7 +26,7 @@ from vtkmodules.vtkCommonDataModel import (
 
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
-from svv.dvr.read.appearance import named
+from svv.dvr.read.appearance import named, named_text
 from svv.errors import BadInput
 from svv.io.files.keyed_results import digest
 from svv.pv.failed import check_there
@@ -87,11 +87,7 @@ def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
     for name, values in columns:
         table.AddColumn(named(name, values))
     for heading, words in (("Name", [r.name for r in regions]), ("Style", [r.style for r in regions])):
-        column = vtkStringArray()
-        column.SetName(heading)
-        for word in words:
-            column.InsertNextValue(word or "")
-        table.AddColumn(column)
+        table.AddColumn(named_text(heading, *(word or "" for word in words)))
 
 
 def finished_scene_of(data: vtkDataObject | None) -> Scene:
@@ -318,11 +314,7 @@ def put_no_views(key: str, image: vtkImageData, cameras: vtkPolyData) -> None:
 
 def _mark(token: str, key: str, file: str, *outputs: vtkDataObject) -> None:
     for data in outputs:
-        name = vtkStringArray()
-        name.SetName(VIEWS)
-        for value in (token, key, file):
-            name.InsertNextValue(value)
-        data.GetFieldData().AddArray(name)
+        data.GetFieldData().AddArray(named_text(VIEWS, token, key, file))
 
 
 def key_of_views(data: vtkDataObject | None) -> str | None:

@@ -58,11 +58,8 @@ def demo_volume(resolution: int = 128, levels: int | None = None) -> vtkImageDat
     return from_array(volume, (2.0 / (resolution - 1),) * 3, (-1.0,) * 3, "wave")
 
 
-def demo_transfer_function(shell: float = 0.015, core: float = 0.97, sheet: float = 0.97) -> TransferFunction:
-    """Return three visible ranges of distinct hues: a golden core, a crimson sheet, and a translucent blue shell.
-
-    The largest opacities of the ball's edge, the vortex' core and the sheet lie in [0, 1].
-    """
+def demo_transfer_function() -> TransferFunction:
+    """Return three visible ranges of distinct hues: a golden core, a crimson sheet, and a translucent blue shell."""
     return TransferFunction(
         colours=(
             (0.0, 1.0, 0.2, 0.4), (0.4, 0.9, 0.1, 0.35),
@@ -70,9 +67,9 @@ def demo_transfer_function(shell: float = 0.015, core: float = 0.97, sheet: floa
             (0.72, 1.0, 0.72, 0.1), (1.0, 1.0, 0.85, 0.3),
         ),
         opacities=(
-            (0.0, sheet, 0.5, 0.0), (0.34, sheet, 0.5, 0.0), (0.4, 0.0, 0.5, 0.0),
-            (0.57, 0.0, 0.5, 0.0), (0.61, shell, 0.5, 0.0), (0.64, shell, 0.5, 0.0), (0.67, 0.0, 0.5, 0.0),
-            (0.72, 0.0, 0.5, 0.0), (0.78, core, 0.5, 0.0), (1.0, core, 0.5, 0.0),
+            (0.0, 0.97, 0.5, 0.0), (0.34, 0.97, 0.5, 0.0), (0.4, 0.0, 0.5, 0.0),
+            (0.57, 0.0, 0.5, 0.0), (0.61, 0.015, 0.5, 0.0), (0.64, 0.015, 0.5, 0.0), (0.67, 0.0, 0.5, 0.0),
+            (0.72, 0.0, 0.5, 0.0), (0.78, 0.97, 0.5, 0.0), (1.0, 0.97, 0.5, 0.0),
         ),
         name="demo",
     )  # fmt: skip

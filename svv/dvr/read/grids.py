@@ -146,7 +146,7 @@ def grid_numbers(image: vtkImageData) -> dict[str, Sequence[float]]:
 def image_on(grid: Mapping[str, Sequence[float]]) -> vtkImageData:
     """Return an image without values on a grid (:func:`grid_numbers`)."""
     image = vtkImageData()
-    image.SetExtent(grid["extent"])
+    image.SetExtent([int(end) for end in grid["extent"]])
     image.SetSpacing(grid["spacing"])
     image.SetOrigin(grid["origin"])
     image.SetDirectionMatrix(grid["direction"])

@@ -8,20 +8,7 @@ from __future__ import annotations
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
-from svv.pv.display.linked_camera import (
-    busy,
-    follow,
-    follower_of,
-    followers,
-    forget_closed,
-    placed,
-    saving_animation,
-    show_beside,
-    shows,
-    stop_following,
-    view_closed,
-    view_to_follow,
-)
+from svv.pv.display import linked_camera
 from svv.pv.observers import Watched, WeakReference, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy, SMViewProxy
 from svv.pv.timers import Timer, by_window, window
@@ -71,10 +58,10 @@ def property_set(proxy: SMProxy, event: str, name: str) -> None:
         return
     filter = python_proxy(proxy)
     if not filter.FollowCamera:
-        stop_following(filter)
+        linked_camera.stop_following(filter)
         filter.Moving = 0
-    elif follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
-        forget_closed(filter)
+    elif linked_camera.follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
+        linked_camera.forget_closed(filter)
         _wait_for(proxy)
         if not _soon():
             _begin()
@@ -83,7 +70,7 @@ def property_set(proxy: SMProxy, event: str, name: str) -> None:
 def image_updated(proxy: SMProxy, event: str) -> None:
     """Remember that a filter has a new image; an observer of the image filters."""
     filter = python_proxy(proxy)
-    follower = follower_of(filter)
+    follower = linked_camera.follower_of(filter)
     if (filter.FollowCamera or _is_new(proxy)) and not (follower is not None and follower.drawing):
         _wait_for(proxy)
         _soon()
@@ -92,12 +79,12 @@ def image_updated(proxy: SMProxy, event: str) -> None:
 @with_data(VTK_INT)
 def view_drawn(proxy: SMViewProxy, event: str, interactive: int) -> None:
     """Process the waiting filters; an observer of the 3D views."""
-    for follower in followers():
+    for follower in linked_camera.followers():
         # Cameras are moved by buttons, links and scripts, too; while the mouse moves one, the follower hears of it.
         late = follower.behind or (not interactive and follower.strayed(proxy))
         if late and not follower.drawing:
             _wait_for(follower.filter.SMProxy)
-    if _waiting and (saving_animation() or not _soon()):  # no timer goes off while frames are saved
+    if _waiting and (linked_camera.saving_animation() or not _soon()):  # no timer goes off while frames are saved
         _begin()
 
 
@@ -121,7 +108,8 @@ def _begin() -> None:
 
     if _beginning:  # showing an image draws a view, which would call this again
         return
-    if (busy() and not saving_animation()) or servermanager.ProxyManager().GetInLoadXMLState():
+    busy = linked_camera.busy() and not linked_camera.saving_animation()
+    if busy or servermanager.ProxyManager().GetInLoadXMLState():
         _soon()
         return
     waiting = [reference.Get() for reference in _waiting]
@@ -141,15 +129,15 @@ def _follow(waiting: list[SMProxy]) -> None:
         filter = python_proxy(proxy)
         if filter is None or not filter.GetDataInformation().GetNumberOfPoints():
             continue
-        new, follower, view = _is_new(proxy), follower_of(filter), view_to_follow(filter)
+        new, follower, view = _is_new(proxy), linked_camera.follower_of(filter), linked_camera.view_to_follow(filter)
         _known.put(proxy, [False])
         if follower is not None:
             follower.update(False)
-        elif placed(filter) or view is None:  # a picture needs no view of its own
+        elif linked_camera.placed(filter) or view is None:  # a picture needs no view of its own
             continue
-        elif filter.FollowCamera and view_closed(filter):
-            stop_following(filter)
+        elif filter.FollowCamera and linked_camera.view_closed(filter):
+            linked_camera.stop_following(filter)
         elif filter.FollowCamera:
-            follow(filter)
-        elif new and not any(shows(other, [filter]) for other in simple.GetRenderViews()):
-            simple.Render(show_beside(filter, view))
+            linked_camera.follow(filter)
+        elif new and not any(linked_camera.shows(other, [filter]) for other in simple.GetRenderViews()):
+            simple.Render(linked_camera.show_beside(filter, view))

@@ -19,22 +19,8 @@ from vtkmodules.vtkParallelCore import vtkMultiProcessController
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.measure import give_memory_back
 from svv.progress import shown
+from svv.pv import failed
 from svv.pv.connection import client_gone
-from svv.pv.failed import (
-    EARLIER,
-    FailedBefore,
-    in_script,
-    is_empty,
-    is_strict,
-    mark_failed,
-    name_of,
-    note_failed,
-    note_right,
-    note_wrong,
-    reason_in,
-    reason_of,
-    sentence_on,
-)
 from svv.pv.panel_sentences import say_in_panel
 from svv.pv.panel_values import Values, by_name, label_of
 from svv.pv.results.time_steps import Steps
@@ -103,7 +89,7 @@ class Filter(VTKPythonAlgorithmBase):
         try:
             return int(super().ProcessRequest(request, in_info, out_info))
         except Exception as error:
-            self.say(sentence_on(error))
+            self.say(failed.sentence_on(error))
             return 1
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
@@ -154,17 +140,17 @@ class Filter(VTKPythonAlgorithmBase):
             for output in outputs:
                 mark_unfinished(output)
         except Cancelled:
-            sentence = STOPPED_SCRIPT if in_script() else STOPPED
+            sentence = STOPPED_SCRIPT if failed.in_script() else STOPPED
             self.say(sentence, error=False)
-            self._output_previous(outputs, reason_of(type(self).__name__, sentence, stopped=True))
-        except FailedBefore as error:
+            self._output_previous(outputs, failed.reason_of(type(self).__name__, sentence, stopped=True))
+        except failed.FailedBefore as error:
             self._say_once(str(error), inputs)
             self._output_previous(outputs, str(error))
-            note_wrong(self, str(error))
+            failed.note_wrong(self, str(error))
         except Exception as error:
-            sentence = sentence_on(error)
+            sentence = failed.sentence_on(error)
             self._say_once(sentence, inputs)
-            self._output_previous(outputs, reason_of(type(self).__name__, sentence))
+            self._output_previous(outputs, failed.reason_of(type(self).__name__, sentence))
         for output in outputs:
             if output.IsA("vtkTable") and not output.GetFieldData().HasArray(KEY):  # a scene, or there will be one
                 mark_scene(output)
@@ -177,7 +163,7 @@ class Filter(VTKPythonAlgorithmBase):
             output.GetFieldData().Initialize()  # VTK has passed on that of the input: a whole scene
         self.before(outputs)
         for output in outputs:
-            mark_failed(output, reason)
+            failed.mark_failed(output, reason)
 
     def _made_of_earlier(self, outputs: list[Data], ports: int) -> str:
         """Mark outputs that are made of an earlier result of a filter that has failed since; return what is said."""
@@ -186,14 +172,14 @@ class Filter(VTKPythonAlgorithmBase):
             for port in range(ports)
             for number in range(self.GetNumberOfInputConnections(port))
         ]
-        reason = next((reason_in(data) for data in given if reason_in(data) and not is_empty(data)), "")
+        reason = next(filter(None, (failed.reason_in(data) for data in given if not failed.is_empty(data))), "")
         if not reason:
-            note_right(self)
+            failed.note_right(self)
             return ""
         for output in outputs:
-            mark_failed(output, reason)
-        note_wrong(self, reason)
-        return EARLIER.format(reason=reason)
+            failed.mark_failed(output, reason)
+        failed.note_wrong(self, reason)
+        return failed.EARLIER.format(reason=reason)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str | None:
         """Fill the outputs; return a line for the panel. Raises BadInput, a sentence for the user, or Cancelled."""
@@ -230,8 +216,8 @@ class Filter(VTKPythonAlgorithmBase):
         if _working:
             raise BadInput(f"{_working[0]} is at work: stop it, or apply this filter again when it is done.")
         _working.append(type(self).__name__)
-        if self._tell is silent and in_script():
-            self._tell = self._ends.enter_context(shown(name_of(type(self).__name__)))
+        if self._tell is silent and failed.in_script():
+            self._tell = self._ends.enter_context(shown(failed.name_of(type(self).__name__)))
             self._ends.callback(setattr, self, "_tell", silent)
         try:
             yield self.progress
@@ -272,8 +258,8 @@ class Filter(VTKPythonAlgorithmBase):
     def say(self, sentence: str, error: bool = True) -> None:
         """Report a sentence to the user, in Output Messages and in the property Status."""
         self._status = sentence = say_in_panel(sentence)
-        note_failed(self, sentence, stopped=not error)
-        if is_strict():
+        failed.note_failed(self, sentence, stopped=not error)
+        if failed.is_strict():
             return  # an exception will say it
         window = vtkOutputWindow.GetInstance()
         (window.DisplayErrorText if error else window.DisplayWarningText)(f"{type(self).__name__}: {sentence}\n")

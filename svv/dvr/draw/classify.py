@@ -59,17 +59,15 @@ def classified(stage: Stage) -> ClassifiedVolume:
     trilinearly and then classified, as ray casters do.
     """
     box, cells = grid_over(stage)
-    shape = grid_shape(box, cells) + 1
     image = to_array(stage.image)
     known, sigma = extinction(stage, box, float(image.min()), float(image.max()))
-    values = resampled(stage, box, cells, np.zeros(3, np.int64), shape)
+    values = resampled(stage, box, cells)
     blank = stage.appearance.blank
-    hide(stage, box, cells, values)
     counts = frequencies(image if blank is None else image[~blank], known)
     return classified_grid(stage, box, cells, values, (known, sigma), counts)
 
 
-def hide(stage: Stage, box: Box, cells: int, values: NDArray[np.float32]) -> None:
+def _hide(stage: Stage, box: Box, cells: int, values: NDArray[np.float32]) -> None:
     """Set the values at vertices (Z, Y, X) that are blanked or cropped away to NaN, as those outside of the image."""
     shown = stage.appearance
     if shown.blank is None and shown.crop is None:
@@ -109,7 +107,14 @@ def _voxels(stage: Stage) -> float:
     return float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
 
 
-def resampled(
+def resampled(stage: Stage, box: Box, cells: int) -> NDArray[np.float32]:
+    """Return the stage's values at the vertices of a grid over a box, NaN where nothing is shown. (Z, Y, X)"""
+    values = resampled_part(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
+    _hide(stage, box, cells, values)
+    return values
+
+
+def resampled_part(
     stage: Stage, box: Box, cells: int, first: NDArray[np.int64], shape: NDArray[np.int64]
 ) -> NDArray[np.float32]:
     """Return the stage's values at vertices of a grid over a box, NaN outside of its image. (Z, Y, X)

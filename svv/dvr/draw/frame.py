@@ -169,6 +169,12 @@ def place_part(
     return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, zero, shown, exact)
 
 
+def place_whole(image: vtkImageData, tf: TransferFunction) -> Stage:
+    """Place all of a volume on the stage, whatever its transfer function shows."""
+    first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
+    return place_part(to_array(image), first, (first, last), image, tf)
+
+
 def visible_cells(
     values: NDArray[np.number], tf: TransferFunction, span: tuple[float, float] | None = None
 ) -> NDArray[np.bool_]:

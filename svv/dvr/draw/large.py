@@ -19,6 +19,7 @@ from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import STEP, Stage
+from svv.dvr.draw.tables import light
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.read.appearance import Appearance, without_interpolation
@@ -47,15 +48,10 @@ def entries_for(tf: TransferFunction, low: float, high: float, voxels: NDArray[n
     entries, span = ENTRIES, high - low
     tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
     tried = tried[(tried >= low) & (tried <= high)]
-
-    def light(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        opacity = tf.opacity_at(values)[:, None]
-        return np.concatenate([tf.colour_at(values) * opacity, opacity], axis=1)
-
-    exact = light(tried)
+    exact = light(tf, tried)
     while span > 0.0 and exact.any() and entries < MOST_ENTRIES:
         step = span / (entries - 1)
-        error = np.abs(light(low + np.rint((tried - low) / step) * step) - exact)
+        error = np.abs(light(tf, low + np.rint((tried - low) / step) * step) - exact)
         if error.mean() <= UNRESOLVED * exact[:, 3].mean():
             break
         entries *= 4

@@ -104,17 +104,18 @@ def refine_tables(look: vtkVolumeProperty, low: float, high: float) -> None:
                     function.AddPoint(value, function.GetValue(last))
 
 
+def light(tf: TransferFunction, at: Array) -> Array:
+    """Return the colours of values times their opacities, and these. (N, 4)"""
+    opacity = tf.opacity_at(at)[:, None]
+    return np.concatenate([tf.colour_at(at) * opacity, opacity], axis=1)
+
+
 def _middles(low: float, high: float, count: int) -> Array:
     return np.asarray(low + (high - low) * (np.arange(count) + 0.5) / count)
 
 
 def _error(caster: str, tf: TransferFunction, span: tuple[float, float], entries: int, values: Array) -> float:
     """Return the mean error of the table at values, as a fraction of their mean opacity."""
-
-    def light(tf: TransferFunction, at: Array) -> Array:
-        opacity = tf.opacity_at(at)[:, None]
-        return np.concatenate([tf.colour_at(at) * opacity, opacity], axis=1)
-
     given = settled(tf, span[1] - span[0])
     low, high = span
     share, step = (values - low) / (high - low), (high - low) / (entries - 1)

@@ -23,7 +23,7 @@ from svv.core.geometry.cameras import Camera
 from svv.core.rays.sort_last import front_to_back, over
 from svv.core.volumes.classified import ClassifiedVolume, grid_shape
 from svv.dvr.draw.casters import FULL, CpuMapper, Pixels, straight
-from svv.dvr.draw.classify import classified_grid, extinction, frequencies, grid_over, resampled
+from svv.dvr.draw.classify import classified_grid, extinction, frequencies, grid_over, resampled_part
 from svv.dvr.draw.frame import MARGIN, Stage, place_part, visible_box, visible_cells
 from svv.dvr.draw.tables import limits
 from svv.dvr.functions.transfer_functions import TransferFunction
@@ -330,7 +330,7 @@ class Crew:
         """Return the values at vertices of a grid, NaN at those that belong to others. (Z, Y, X)"""
         stage, own = self._stage, self._boxes[self.ranks.number]
         assert stage is not None
-        values = resampled(stage, box, cells, first, size)
+        values = resampled_part(stage, box, cells, first, size)
         to_index = np.linalg.inv(index_to_world(self.piece.whole))
         steps = to_index[:3, :3] * (box.size / cells)
         corner = to_index[:3, :3] @ np.asarray(box.low) + to_index[:3, 3] + steps @ first

@@ -17,6 +17,7 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.dvr.read.appearance import GHOSTS
 from svv.dvr.read.grids import direction_of
+from svv.dvr.read.meshes import is_mesh
 from svv.errors import BadInput, Progress
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
@@ -29,10 +30,10 @@ from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import key_of
 from svv.pv.results.time_steps import Moment
-from svv.pv.work import resampled
 from svv.pv.work.base import ORBIT
 from svv.pv.work.connected import BAKED, OF_SCENE, is_baked, is_flat, what_is
 from svv.pv.work.parallel import crew_of
+from svv.pv.work.resampled import image_of
 from svv.pv.work.vtk_data import camera_of, digest_of, key_of_views, time_of
 
 if TYPE_CHECKING:
@@ -64,8 +65,8 @@ def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
         raise BadInput(f"The input is {what}, and StyleRF needs a volume: connect data with more than one slice.")
     if isinstance(data, vtkImageData):
         return data
-    if data is not None and resampled.is_mesh(data):
-        return resampled.image_of(data, values)
+    if data is not None and is_mesh(data):
+        return image_of(data, values)
     grid = "Table To Structured Grid" if data is not None and data.IsA("vtkTable") else "a filter that makes a grid"
     raise BadInput(f"The input is {what}, and StyleRF needs a volume: insert {grid} before this filter.")
 
@@ -79,7 +80,7 @@ def _has_values(data: vtkDataObject | None, values: Values) -> bool:
 
 
 def _is_volume(data: vtkDataObject | None) -> bool:
-    return isinstance(data, vtkImageData) or (data is not None and resampled.is_mesh(data))
+    return isinstance(data, vtkImageData) or (data is not None and is_mesh(data))
 
 
 def is_whole_volume(data: vtkDataObject | None) -> bool:

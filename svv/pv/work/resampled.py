@@ -7,8 +7,6 @@ from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vt
 from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
 from svv.pv.panel_values import Values
 
-__all__ = ["image_of", "is_mesh", "describe_resampled_input"]
-
 _last: dict[tuple[object, ...], vtkImageData] = {}
 """What an image was resampled from -> the last such image, which the filters on one input share."""
 

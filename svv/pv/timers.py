@@ -12,10 +12,7 @@ from svv.pv.observers import WeakReference
 
 
 class Timer:
-    """One-shot timer of a window; whoever starts it keeps it until it has gone off, because VTK does not.
-
-    It calls ``do`` after a pause in milliseconds.
-    """
+    """One-shot timer of a window, in milliseconds; whoever starts it keeps it until it has gone off: VTK does not."""
 
     def __init__(self, interactor: vtkRenderWindowInteractor, pause: int, do: Callable[[], None]) -> None:
         self._interactor = WeakReference(interactor)

@@ -105,10 +105,7 @@ def _heaviest(
 
 
 def integral_of(known: Array, sigma: Array) -> Array:
-    """Return the integral of the extinction over the values, from the first at which it varies. (K,)
-
-    From there it is accurate, whatever single values lie far below.
-    """
+    """Return the integral of the extinction over the values, accurate from where that begins to vary. (K,)"""
     part = 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known)
     start = int(np.searchsorted(known, varying(known, sigma)[0]))
     return np.concatenate([-np.cumsum(part[:start][::-1])[::-1], [0.0], np.cumsum(part[start:])])

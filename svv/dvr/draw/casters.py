@@ -113,10 +113,7 @@ class CpuMapper:
         return pixels
 
     def _skip_empty_rays(self, cast: vtkFixedPointRayCastImage, camera: Camera, used: tuple[slice, slice]) -> None:
-        """Skip rays that miss all visible cells, and end the others behind the last visible cell.
-
-        The ray caster ends rays at a depth buffer; ours has the depth behind the last visible cell of each tile.
-        """
+        """Skip rays that miss all visible cells, and end others behind the last in their tile, by a depth buffer."""
         position, direction, up = self._stage.pose(camera)
         offset = self._blocks - position
         depth = offset @ direction
@@ -157,10 +154,7 @@ class CpuMapper:
 
 
 class GpuMapper:
-    """VTK's OpenGL ray caster for a volume on its stage, in an off-screen window; distances are in stage units.
-
-    Raises BadInput if no off-screen OpenGL context can be created.
-    """
+    """VTK's OpenGL ray caster for a volume on its stage, in an off-screen window (BadInput if there can be none)."""
 
     name = "gpu"
 
@@ -218,10 +212,7 @@ class GpuMapper:
 
 
 def straight_alpha(black: NDArray[np.float32], white: NDArray[np.float32]) -> Pixels:
-    """Return straight-alpha pixels (h, w, 4) from images on black and on white (h, w, 3), levels 0 to 255.
-
-    Colour is 0 where alpha is 0.
-    """
+    """Return straight-alpha pixels (h, w, 4), 0 where alpha is, of levels on black and on white (h, w, 3)."""
     # Each channel is rounded separately; the mean of the three differences is the best estimate of alpha.
     alpha = np.clip(1.0 - (white - black).mean(axis=-1, keepdims=True) / 255.0, 0.0, 1.0)
     alpha = np.where((black == 0).all(-1, keepdims=True) & (alpha < 1 / 255), 0.0, alpha)

@@ -150,8 +150,8 @@ def classified_grid(
 ) -> ClassifiedVolume:
     """Classify a grid of values (Z, Y, X) over a box; those of the stage itself are not used.
 
-    ``function`` has the known values and their extinction (:func:`extinction`), ``counts`` their :func:`frequencies`.
-    (K,)
+    ``function`` has the known values and their extinction (:func:`extinction`), ``counts`` :func:`frequencies`. (K,)
+    each
     """
     known, sigma = function
     colour, weight = stage.tf.colour_at(known), _weights(counts, sigma)
@@ -225,10 +225,7 @@ def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, 
 
 
 def as_voxels_are(stage: Stage, box: Box, known: Array) -> tuple[Array, Array] | None:
-    """Return what :func:`extinction` does for values of voxels, if only these are shown; otherwise None.
-
-    A function that jumps at such a value has the same extinction around it, whatever rounds the value.
-    """
+    """Return what :func:`extinction` does, however values at jumps are rounded, if only voxels are shown; or None."""
     if not stage.appearance.nearest:
         return None
     return _extinction_of(stage.settled, stage, box, float(known[0]), float(known[-1]))
@@ -289,10 +286,7 @@ def _weights(counts: Array, sigma: Array) -> Array:
 
 
 def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:
-    """Classify a volume (:func:`svv.dvr.read.grids.as_volume`) by a transfer function for its values.
-
-    Raises BadInput if the function lies outside the values, or shows nothing or all of the volume.
-    """
+    """Classify a volume (see ``as_volume``) by a function for its values; BadInput if that shows nothing, or all."""
     values = to_array(image)
     fitted = tf.fitted(float(values.min()), float(values.max()), rescale=False)
     return classified(set_stage(image, fitted))

@@ -178,10 +178,9 @@ def place_whole(image: vtkImageData, tf: TransferFunction) -> Stage:
 def visible_cells(
     values: NDArray[np.number], tf: TransferFunction, span: tuple[float, float] | None = None
 ) -> NDArray[np.bool_]:
-    """Return which cells can show something (z, y, x; one fewer than voxels along each axis).
+    """Return which cells (z, y, x; one fewer than voxels along each axis) have an interpolated value that is seen.
 
-    A cell is visible if its range of interpolated values, all of which lie in ``span``, includes one that is not
-    transparent.
+    All values lie in ``span``, by default exactly.
     """
     ranges = tf.visible_ranges(*(span or (float(values.min()), float(values.max()))))
     seen = np.zeros([size - 1 for size in values.shape], dtype=bool)  # (cells z, y, x)

@@ -20,10 +20,7 @@ STEP = 0.5
 
 
 class Glance:
-    """A volume (:func:`svv.dvr.read.grids.as_volume`), its transfer function and its shading, ready to be drawn.
-
-    Raises BadInput as :func:`svv.dvr.draw.views.render_views`.
-    """
+    """A volume (``as_volume``), its transfer function and shading, ready to be drawn; raises as ``render_views``."""
 
     def __init__(self, volume: vtkImageData, tf: TransferFunction, shading: Shading) -> None:
         opened = Opened.of(volume, "auto", None)

@@ -206,10 +206,7 @@ class BrickMapper:
 
 
 def seen_of(volume: LargeVolume, tf: TransferFunction) -> tuple[tuple[float, float], NDArray[np.float64]]:
-    """Return the range of a volume's values, and the intervals of those that are visible. (R, 2)
-
-    If only the range of the overview is known, finer levels have values beyond it.
-    """
+    """Return the range of a volume's values, maybe wider than the overview's, and the visible intervals. (R, 2)"""
     (low, high), (first, last) = volume.range, tf.range
     if volume.is_range_known:
         return (low, high), np.array(tf.visible_ranges(low, high)).reshape(-1, 2)

@@ -42,8 +42,7 @@ def is_resolved(
 ) -> bool:
     """Return whether the table of VTK's ``cpu`` or ``gpu`` ray caster shows values as the function does.
 
-    The values have a type and a smallest and largest one (``span``); some or none of their voxels are given, in any
-    shape.
+    The values have a type and a smallest and largest one (``span``); some or none of their voxels are given.
     """
     low, high = span
     if not high > low:
@@ -76,7 +75,7 @@ def describe_fallback_caster(caster: str, tf: TransferFunction, span: tuple[floa
 def limits(tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike) -> tuple[float, float]:
     """Return the values to which those of a volume may be limited so that the CPU ray caster's table resolves them.
 
-    What is beyond looks like the limits or is invisible; it is ``WIDTHS`` away so that interpolated values change
+    What is beyond looks like the limits or is invisible; they are ``WIDTHS`` away, so that interpolation changes
     little.
     """
     if is_resolved("cpu", tf, span, dtype, np.empty(0)):

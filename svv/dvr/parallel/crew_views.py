@@ -24,10 +24,7 @@ from svv.options.making import ViewOptions
 def make_crew_views(
     crew: Crew, tf: TransferFunction, options: ViewOptions, shading: Shading, name: str, progress: Progress
 ) -> tuple[ViewSet, ViewSet | None]:
-    """Render the views of a distributed volume that a scene is trained on and tested on; only the leader calls it.
-
-    As :func:`svv.dvr.draw.views.make_views`, but raises BadInput for other ray casters than the CPU's.
-    """
+    """Render the views of a distributed volume as ``make_views``, by the CPU's ray caster; only the leader calls it."""
     if options.mapper in ("gpu", "bricks"):
         raise BadInput("With several ranks, the CPU ray caster draws the views: set the ray caster to auto or cpu.")
     began, piece = time.monotonic(), crew.piece

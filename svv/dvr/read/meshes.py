@@ -292,10 +292,7 @@ def _step(sides: NDArray[np.float64], count: float) -> float:
 def _image_over(
     low: NDArray[np.float64], sides: NDArray[np.float64], step: float, centred: bool, told: tuple[str, int]
 ) -> vtkImageData:
-    """Return an image without values over a box, or over the centres of cells in it, with steps of this size.
-
-    ``told`` has the mesh's name and the largest number of points.
-    """
+    """Return an image without values over a box, or over its cells' centres; ``told`` is name and most points."""
     if centred:
         shrunk = np.minimum(step, 0.5 * sides)
         low, sides = low + 0.5 * shrunk, sides - shrunk

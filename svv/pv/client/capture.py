@@ -135,7 +135,7 @@ def _views_of(display: Display) -> list[View]:
 def capture(filter: Proxy, view: View | None = None) -> None:
     """Copy how a view, by default the active one, shows a filter's input to its panel: function, shading, place ...
 
-    Raises BadInput if the input is not shown as a volume, or in a way that is not supported, which the filter then
+    Raises BadInput if it does not show it as a volume, or in a way that is not supported, which the filter then
     refuses.
     """
     _take(filter, volume_display(filter.Input, view), {})
@@ -164,10 +164,7 @@ def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
 
 
 def waits(filter: Proxy) -> bool:
-    """Return whether a filter in the window failed for want of a transfer function, and so waits for *Apply*.
-
-    Capturing one would let it learn as soon as a view is drawn, which nobody has asked for.
-    """
+    """Return whether a filter of the window lacks a function: learning then waits for *Apply*, not for a view."""
     return in_window() and filter.TransferFunction is None and bool(failure_of(filter))
 
 
@@ -233,10 +230,7 @@ OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
 
 
 def watch_new_filters() -> None:
-    """Set up every new StyleRF filter, and capture the display of its input; the plugin calls this in the client.
-
-    That saves the user from linking a transfer function by hand, both in the window and in scripts.
-    """
+    """Set up every new StyleRF filter, and capture the display of its input; the plugin calls this in the client."""
     manager = vtkSMProxyManager.GetProxyManager()
     # A plugin loaded at startup runs before the session exists, and connecting to a server creates another session.
     manager.AddObserver(manager.ActiveSessionChanged, _session_changed)

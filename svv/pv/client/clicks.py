@@ -63,10 +63,7 @@ class Clicks:
 
 
 def press(filter: Proxy, button: str, views: Sequence[View], act: Act, no_view: str) -> None:
-    """Let clicks into some views act for a filter's button, until another one is pressed or the same one again.
-
-    If there are no views, ``no_view`` is the warning.
-    """
+    """Let clicks into some views act for a filter's button, until another or the same one is pressed; or warn."""
     again = False
     while _clicks:
         old = _clicks.pop()

@@ -35,10 +35,7 @@ def pressed(proxy: SMProxy, event: str, name: str) -> None:
 
 
 def pick(edit: Proxy, view: View, at: Sequence[int], button: str = "ClickPart") -> None:
-    """Add the place that is visible at a pixel, from the lower left of a 3D view, to a property, and show the result.
-
-    The filter is StyleRF Edit or Palette, and the button, one of ROWS, says what the click means.
-    """
+    """Add the place at a pixel, from the lower left, of a view to the property of a button, and show the result."""
     seen = seen_at(edit, view, at)
     if seen is None:
         return

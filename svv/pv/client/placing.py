@@ -1,7 +1,7 @@
 """Pictures in the 3D view: StyleRF Place In View, whose image is rendered for the camera of the view that shows it.
 
-Client code. Before a view is drawn, the images in it that follow a camera are given the view's, so scripts, links
-between cameras, and buttons that turn a view work like the mouse, while which they are small.
+Client code. Before a view is drawn, the images in it that follow a camera are given the view's: so scripts, links
+between cameras, and buttons that turn a view work like the mouse. While that moves, images are small.
 """
 
 from __future__ import annotations

@@ -298,10 +298,7 @@ def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollo
 
 
 def show_beside(filter: Proxy, view: View) -> View:
-    """Show an image in a view of its own, and return that; the 3D view stays the active one.
-
-    It is the one that already shows it, or one that was made for an image that is gone, or a new one to the right.
-    """
+    """Show an image in its view, one left by another image, or a new one to the right of the 3D view; return that."""
     from paraview import simple
 
     target = view_beside(filter, view)

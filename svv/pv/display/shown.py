@@ -61,10 +61,7 @@ CUBIC = ("InterpolationType", "Cubic")
 
 
 def volume_shown(data: vtkImageData, values: Values, name: str = "The input") -> vtkImageData:
-    """Return the volume that a display shows of its input, which messages call ``name``, in its place in the world.
-
-    Raises BadInput for the reasons of :func:`svv.dvr.read.grids.as_volume`, or if the display shears the volume.
-    """
+    """Return the volume that a display shows of its input, in its place in the world; or raise BadInput."""
     data, chosen = without_duplicates(data), (values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
     image, (_, on_cells) = as_volume(data, *chosen), pick_scalars(data, *chosen)
     given: DisplayValues = {**PLAIN, **chosen_of(values)}

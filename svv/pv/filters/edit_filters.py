@@ -1,7 +1,4 @@
-"""The filters under Filters > StyleRF that change a scene at once: its edits, and several scenes in one.
-
-ParaView shows the docstrings of the classes as help.
-"""
+"""The filters under Filters > StyleRF that change a scene at once. ParaView shows the classes' docstrings as help."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Figures for papers, drawn by the Python that started ParaView (:mod:`svv.job.figure_program`).
-
-matplotlib must not be loaded into ParaView's. The macro *StyleRF figure* uses :func:`add_figure`.
-"""
+"""Figures for papers, drawn by the Python that started ParaView: matplotlib must not be loaded into ParaView's."""
 
 from __future__ import annotations
 

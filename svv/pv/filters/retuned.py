@@ -40,8 +40,7 @@ def as_edited_since(
 ) -> tuple[Scene | Stored, str]:
     """Return a filter's scene as the transfer function shows it now, and what to say about that, after a space.
 
-    It is kept under the name until the function or the scene changes. ``followed`` is what is said if the scene shows
-    the present time already, though it was trained at another one.
+    ``followed`` is what is said if the scene shows the present time already, though it was trained at another one.
     """
     made, stale = filter.steps.made, followed or filter.steps.describe_staleness(present)
     filter.shows_edits = can_be_retuned(scene, filter.data)

@@ -1,7 +1,4 @@
-"""The filters under Filters > StyleRF that learn anew of a scene: its palette and its paintings.
-
-ParaView shows the docstrings of the classes as help.
-"""
+"""The filters under Filters > StyleRF that learn anew of a scene. ParaView shows the classes' docstrings as help."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.filters.scene_filters` has the others.
-
-ParaView shows the docstrings of the classes as help.
-"""
+"""Filters > StyleRF that read a volume or draw a scene. ParaView shows the classes' docstrings as help."""
 
 from __future__ import annotations
 

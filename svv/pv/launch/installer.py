@@ -15,10 +15,7 @@ from svv.errors import BadInput
 
 
 def command() -> list[str]:
-    """Return the command, up to the packages' names, that installs into the running Python; or raise BadInput.
-
-    Nothing is compiled to byte code ahead of time: that would take 280 MB, most of which is never imported.
-    """
+    """Return the command, up to the packages' names, that installs without byte code (280 MB); or raise BadInput."""
     options = ["-qq", "--disable-pip-version-check", "--no-input", "--no-compile"]
     if importlib.util.find_spec("pip") is not None:
         return [sys.executable, "-m", "pip", "install", *options]

@@ -18,10 +18,9 @@ Accept = Callable[[Distribution], bool]
 
 
 def search(requirements: Iterable[str], path: list[str], accept: Accept) -> tuple[list[Distribution], list[str]]:
-    """Search folders for packages that requirements name, and all their dependencies whose markers apply.
+    """Search folders, the first one first, for packages that requirements name, and all their dependencies.
 
-    The first folder that has a package takes precedence. Returns those whose version fits and which ``accept`` returns
-    True for, and the requirements for which there are none.
+    Returns those whose version fits and which ``accept`` takes, and the requirements for which there are none.
     """
     installed = _installed(path)
     asked: dict[NormalizedName, set[str]] = {}

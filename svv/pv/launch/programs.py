@@ -66,10 +66,7 @@ class ParaView:
 
 
 def find(folder: str | Path | None = None, environ: Mapping[str, str] = os.environ) -> ParaView:
-    """Find the user's ParaView: in a folder (or its ``bin``), that of SVV_PARAVIEW, or the first on the PATH.
-
-    Raises BadInput if there is no ParaView, it is too old, or it does not start.
-    """
+    """Find the user's ParaView: in a folder (or its ``bin``), that of SVV_PARAVIEW, or on the PATH; or BadInput."""
     named = folder or environ.get("SVV_PARAVIEW")
     if named:
         folders = [Path(named).expanduser() / sub for sub in ("bin", "", "Contents/bin", "Contents/MacOS")]
@@ -120,8 +117,7 @@ def _versions(pvpython: Path) -> tuple[tuple[int, int], tuple[int, int]]:
 def environment_folder(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> Path:
     """Return the folder for a ParaView's packages, which may not exist yet: one for each version of Python.
 
-    SVV_ENVIRONMENT names its parent, by default ``.venv-paraview`` in a checkout, or a folder in the user's data
-    directory.
+    SVV_ENVIRONMENT names its parent, by default ``.venv-paraview`` in a checkout, or a folder of the user's data.
     """
     named = environ.get("SVV_ENVIRONMENT")
     if named:
@@ -134,10 +130,7 @@ def environment_folder(paraview: ParaView, environ: Mapping[str, str] = os.envir
 
 
 def is_whole(environment: Path) -> bool:
-    """Return whether the packages to which an environment has links still exist in the same versions.
-
-    A package's metadata is in a folder with the version in its name; the environment has a link to that folder, too.
-    """
+    """Return whether the packages to which an environment links are there, in the versions that folders' names say."""
     with os.scandir(environment) as entries:
         return all(os.path.exists(entry.path) for entry in entries if entry.is_symlink())
 
@@ -194,10 +187,7 @@ def _svv_alone(environment: Path) -> Path:
 
 
 def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return environment variables with which a ParaView finds the plugin, svv, and the packages that it needs.
-
-    Raises BadInput if those packages are not installed yet, or have changed.
-    """
+    """Return variables with which a ParaView finds plugin, svv and its packages; BadInput if these have changed."""
     environment = environment_folder(paraview, environ)
     if not (environment / STAMP).is_file():
         raise BadInput(
@@ -223,11 +213,7 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
 
 
 def needs_display(paraview: ParaView, program: str) -> bool:
-    """Return whether one of ParaView's programs needs an X display.
-
-    Since 6.0 only the user interface does; before, all programs do, except in headless builds, known by the folder's
-    name.
-    """
+    """Return whether a program needs an X display: since 6.0 only the window does, and no headless build."""
     if not sys.platform.startswith("linux"):
         return False
     if program == "paraview":
@@ -273,10 +259,7 @@ def start_display(size: str = "1280x1024x24") -> tuple[subprocess.Popen[bytes], 
 
 
 def run(program: str, arguments: Sequence[str], folder: str | Path | None = None) -> NoReturn:
-    """Replace the current process with one of PROGRAMS, with its arguments unchanged; see :func:`find` for the folder.
-
-    Raises BadInput if ParaView is missing, too old or not prepared, or no display is available.
-    """
+    """Replace the current process with one of PROGRAMS, of :func:`find`, and its arguments; or raise BadInput."""
     paraview = find(folder)
     path = paraview.program(program)
     environ = environ_for(paraview)

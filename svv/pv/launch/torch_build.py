@@ -112,10 +112,7 @@ def index(environ: Mapping[str, str] = os.environ) -> str:
 
 
 def answers(address: str, within: float = ANSWER_WITHIN) -> bool:
-    """Return whether an index has torch; the request uses the proxy that the environment variables name.
-
-    An unknown certificate counts as an answer: pip, which is called next, may know it.
-    """
+    """Return whether an index has torch, or an unknown certificate: pip, which is called next, may know it."""
     found: list[bool] = []
 
     def ask() -> None:
@@ -153,10 +150,7 @@ def plan(choice: str, there: Torch | None) -> Plan:
 
 
 def install(choice: str, there: Torch | None, pin: str, *options: str) -> None:
-    """Install torch (``pin`` is its requirement) alone, as the user chose; announce the build in one line.
-
-    Options such as ``--target`` go to pip. Raises BadInput if the chosen build, or any, cannot be installed.
-    """
+    """Install torch (``pin`` is its requirement) alone, as the user chose, and say which build; or raise BadInput."""
     what = plan(choice, there)
     if what.source == "keep" and there is not None:
         _say(f"torch {there.version} {what.reason}; TORCH=cpu|cuda selects another build.")

@@ -118,7 +118,7 @@ class Drawer:
         return True
 
     def image(self, patience: float = 0.0) -> Drawn | None:
-        """Return the newest image, None before the first; wait some seconds for the sharp one that was asked for last.
+        """Return the newest image, None before the first; wait some seconds for the sharp one that was asked for.
 
         Raises BadInput if it cannot be drawn, and Gone if the file is no longer there.
         """

@@ -78,10 +78,7 @@ class Window:
         self._views: tuple[object, ViewSet] | None = None
 
     def request(self, order: Order) -> Request:
-        """Return what an order asks for. An input that it brings stays with those of the same scene that follow.
-
-        Raises BadInput if the panel cannot be obeyed, or the volume differs from what ParaView has.
-        """
+        """Return what an order asks for, with the input that it or one before brings; BadInput if that has changed."""
         from svv.fields.devices.gpu import device_named
         from svv.pv.work.requests import correcting, learning, painting
 

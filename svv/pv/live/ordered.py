@@ -1,7 +1,4 @@
-"""What a filter has ordered from the processes beside ParaView's window: one learns, and one draws.
-
-:mod:`svv.pv.live.learner` and :mod:`svv.pv.live.drawer` are the processes.
-"""
+"""What a filter has ordered from the processes beside ParaView's window: the learner and the drawer."""
 
 from __future__ import annotations
 
@@ -100,8 +97,7 @@ class Ordered:
     def result(self, stored: Stored, values: Values, late: bool) -> tuple[Drawn | None, bool, str]:
         """Return the newest image of a result, whether it is the one that was asked for, and what to say of its edits.
 
-        If it may be late, it comes as news, and is not waited for. Raises BadInput if it cannot be drawn, Gone if it is
-        not kept.
+        If it may be late, it comes as news, and is not waited for. Raises BadInput, or Gone if the result is not kept.
         """
         shown = Shown(stored.path, finished=True)
         new, self._shown = shown != self._shown, shown

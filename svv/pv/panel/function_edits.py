@@ -27,10 +27,7 @@ class Shows(Modifiable, Protocol):
 
 
 def watch(filter: Shows, table: object) -> None:
-    """Mark a filter as modified at every edit of a transfer function, as long as it exists and shows edits.
-
-    Anything else than a colour transfer function with its opacity function has no edits.
-    """
+    """Mark a filter as modified at every edit of a transfer function, as long as it exists and shows edits."""
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction  # not needed for the panel
 
     if isinstance(table, vtkDiscretizableColorTransferFunction) and table.GetScalarOpacityFunction() is not None:

@@ -93,8 +93,7 @@ def digest_of_listed(file: Path) -> str:
 def digest_of_scene(scene: Scene) -> str:
     """Return a hash of what was learned: box, palette, and networks except the paintings'.
 
-    Neither edits change it nor other opacities. Parts count, although no network learned them: paintings belong to
-    regions.
+    Neither edits nor other opacities change it. Parts, which no network learned, count: paintings belong to regions.
     """
     if scene.layers:
         from svv.fields.scene.joined import members  # imports torch, which would delay the start of ParaView's window

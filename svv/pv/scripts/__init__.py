@@ -108,10 +108,7 @@ def shown_volume(display: Display) -> ShownVolume:
 
 
 def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Result:
-    """Do work on the volume that a representation shows; with several ranks, all of them draw it.
-
-    Raises BadInput as :func:`shown_volume` and :func:`svv.pv.work.parallel.on_all_ranks`.
-    """
+    """Do work on the volume that a representation shows, which all ranks draw; raise BadInput if they cannot."""
     from paraview import simple
 
     from svv.pv.display.shown import DIVIDED, chosen_of

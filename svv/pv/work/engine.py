@@ -198,10 +198,7 @@ def training_moment(data: vtkDataObject | None, values: Values, asked: float | N
 
 
 def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: Moment) -> bool:
-    """Return whether a scene that was trained at another time can follow the data to the present one.
-
-    It can if it is a function of the volume's values (encoding ``values``) and the volume is in one piece.
-    """
+    """Return whether a scene of the encoding ``values`` can follow a volume in one piece from one time to another."""
     moved = made is not None and made.data != now.data and None not in (made.time, now.time) and made.time != now.time
     return moved and None not in (scene.values, scene.steps) and is_whole_volume(data)
 

@@ -74,10 +74,7 @@ def sketch_as_edited(scene: Scene, edits: Values) -> tuple[Scene, str]:
 
 
 def put_edited(file: Path, edits: Values, table: vtkTable, sketch: bool = False) -> None:
-    """Fill a table with the scene in a file, edited; without edits, only the file's header is read.
-
-    With ``sketch``, the scene is still being learned: it has the edits that it can have.
-    """
+    """Fill a table with the scene, or sketch, in a file, edited; without edits, only the file's header is read."""
     if not edits:
         put_stored(*Stored.and_content(file), table)
     else:

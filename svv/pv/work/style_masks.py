@@ -60,10 +60,7 @@ def asks_for_part(values: Values, region: int) -> bool:
 
 
 def mask_for(values: Values, region: int, source: str, picture: Colours) -> tuple[Mask | None, Selection | None]:
-    """Return the part of a picture that a region's row asks for, and its points; both None for the whole picture.
-
-    Raises BadInput if points, mask (:func:`svv.styles.selecting.selected`) or number of the part are invalid.
-    """
+    """Return the part of a picture that a region's row asks for, and its points, both None for all; or BadInput."""
     from svv.styles.selecting import selected
 
     row = region_row(values, region)

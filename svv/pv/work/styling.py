@@ -52,11 +52,7 @@ def starts_from(scene: Scene, last: Painting | None, values: Values) -> tuple[Sc
 
 
 def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, name: str) -> Scene:
-    """Return a scene with all of its paintings, and with its own edits.
-
-    The paintings are by the panel's names. The variant ``shown`` is shown, or BadInput raised; if empty, the last
-    painting.
-    """
+    """Return a scene with its own edits and all paintings, by the panel's names, showing ``shown`` or the last."""
     from svv.fields.following.followed_scene import on_cells_of
 
     base, own = digest_of_scene(scene), {}
@@ -128,10 +124,7 @@ class _Chosen:
 
 
 def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
-    """Return the styles that the panel asks for.
-
-    Raises BadInput without a picture or a row's region, for a picture that cannot be used, and as :func:`mask_for`.
-    """
+    """Return the styles that the panel asks for; raise BadInput for pictures, rows and masks that cannot be used."""
     from svv.job.request import Styles
     from svv.train.paint.ink import picture_of
     from svv.train.paint.style_choice import pairs_by_colour

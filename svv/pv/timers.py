@@ -32,6 +32,27 @@ class Timer:
         self._do()
 
 
+class Alarm:
+    """A timer of the window that is set at most once at a time; its pause is in milliseconds."""
+
+    def __init__(self, pause: int, do: Callable[[], None]) -> None:
+        self._pause, self._do = pause, do
+        self._timer: Timer | None = None
+
+    def set(self) -> bool:
+        """Let it go off after the pause, if it is not set already; return False without a window (in a script)."""
+        interactor = window()
+        if self._timer is not None and not self._timer.alive:
+            self._timer = None
+        if self._timer is None and interactor is not None:
+            self._timer = Timer(interactor, self._pause, self._go)
+        return self._timer is not None
+
+    def _go(self) -> None:
+        self._timer = None
+        self._do()
+
+
 def window() -> vtkRenderWindowInteractor | None:
     """Return the interactor of one of the window's views; None if there is no window (in a script), or no view."""
     from paraview import simple

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -241,22 +241,12 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
 ) -> vtkImageData | LargeVolume:
     """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
 
-    A format of which bricks cannot be read (see :data:`svv.bricks.opened.BRICKED`) is always read as a whole.
-
-    Args:
-        path: Its file or folder.
-        dims: As all that is not explained here, see :func:`svv.dvr.read.volumes.read_volume`.
-        dtype: See there.
-        spacing: See there.
-        array: See there; also the path of a dataset in an HDF5 file, or of an array in a Zarr group.
-        mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
-        memory: Gigabytes that drawing may take; by default half of what there is.
-        progress: Called often; the work stops when it raises.
-        channel: See there.
-        time: See there.
-        resample_to: See there.
-        nearest: Whether voxels are shown without interpolation, as labels need. Coarser levels then consist of voxels,
-            not of means, and the file's own are not used.
+    A format of which bricks cannot be read (see :data:`svv.bricks.opened.BRICKED`) is always read as a whole. Arguments
+    that are not explained here, and errors, are those of :func:`svv.dvr.read.volumes.read_volume`. ``array`` may also
+    be the path of a dataset in an HDF5 file, or of an array in a Zarr group. ``mapper`` is ``auto``, ``bricks``,
+    ``gpu`` or ``cpu``; ``memory`` is in gigabytes, by default half of what there is. With ``nearest``, voxels are shown
+    without interpolation, as labels need: coarser levels for drawing by bricks then consist of voxels, not of means,
+    and the file's own are not used.
     """
     file, allowed = Path(path), memory_allowed(memory)
     if not file.exists():
@@ -364,19 +354,6 @@ class Opened:
         """ParaView's default opacity unit distance, world units."""
         return own_unit_distance(self.image) or unit_distance_for(self.whole)
 
-    def caster(self, tf: TransferFunction) -> BrickMaking | None:
+    def caster(self, tf: TransferFunction) -> Callable[[Stage, Shading, float], BrickMapper] | None:
         """Return what makes the ray caster for a transfer function of the values; None for one of VTK's."""
-        return None if self.large is None else BrickMaking(self.large, tf)
-
-
-@dataclass(frozen=True)
-class BrickMaking:
-    """Makes ray casters for a large volume."""
-
-    volume: LargeVolume
-    tf: TransferFunction
-    name: str = BrickMapper.name
-
-    def __call__(self, stage: Stage, shading: Shading, step: float) -> BrickMapper:
-        """Return the ray caster for the stage of the overview, with a sample distance in its units."""
-        return BrickMapper(self.volume, self.tf, stage, shading, step)
+        return None if self.large is None else partial(BrickMapper, self.large, tf)

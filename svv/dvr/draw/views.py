@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,18 +41,8 @@ Caster = CpuMapper | GpuMapper | BrickMapper
 """A ray caster."""
 
 
-class Making(Protocol):
-    """What makes a ray caster: its class, or an object that knows more about the volume."""
-
-    @property
-    def name(self) -> str:
-        """Name of the ray caster."""
-        ...
-
-    def __call__(self, stage: Stage, shading: Shading, step: float) -> Caster:
-        """Return the ray caster for a stage, with a sample distance in stage units."""
-        ...
-
+Making = Callable[[Stage, Shading, float], Caster]
+"""What makes a ray caster for a stage, with a sample distance in stage units."""
 
 STEP = {"cpu": 0.5, "bricks": 0.5, "gpu": 0.25}
 """Finest default sample distance in voxels (VTK's own is half a voxel). It is finer on the GPU, where that costs
@@ -256,15 +246,14 @@ def open_caster(
     make_caster = only or choose_mapper(mapper)
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
+    caster = make_caster(stage, shading, stage.voxel)  # its own sample distance follows
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
     shown = stage.appearance
     jumps = shown.nearest or shown.blank is not None
-    finest = STEP[make_caster.name] * (0.5 if jumps else 1.0)
+    finest = STEP[caster.name] * (0.5 if jumps else 1.0)
     if shown.crop is not None:  # rays must not miss a thin slice
         sides = np.diff(shown.crop, axis=0) * stage.image.GetSpacing() / shown.stretch
         finest = min(finest, 0.5 * float(sides.min()) / stage.voxel)
-    distance = max((step or finest) * stage.voxel, least)
-    caster = make_caster(stage, shading, distance)
 
     def measure() -> float:
         return default_step(caster, stage, finest) if step is None else step

@@ -11,22 +11,15 @@ from vtkmodules.vtkCommonCore import VTK_INT
 from svv.pv.display import linked_camera
 from svv.pv.observers import Watched, WeakReference, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy, SMViewProxy
-from svv.pv.timers import Timer, by_window, window
+from svv.pv.timers import Alarm, by_window
 
 PROPERTY = "FollowCamera"
-
-PAUSE = 50
-"""Interval of the window's timer, in milliseconds."""
 
 _waiting: list[WeakReference[SMProxy]] = []
 """Weak references to the filters with a new image or a newly set property."""
 
 _beginning: list[bool] = []
 """Non-empty while views are being arranged."""
-
-_timers: list[Timer] = []
-"""The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
-
 
 _known: Watched[list[bool]] = Watched()
 """The filters, each with whether its first image is still to be shown."""
@@ -63,7 +56,7 @@ def property_set(proxy: SMProxy, event: str, name: str) -> None:
     elif linked_camera.follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
         linked_camera.forget_closed(filter)
         _wait_for(proxy)
-        if not _soon():
+        if not _later.set():
             _begin()
 
 
@@ -73,7 +66,7 @@ def image_updated(proxy: SMProxy, event: str) -> None:
     follower = linked_camera.follower_of(filter)
     if (filter.FollowCamera or _is_new(proxy)) and not (follower is not None and follower.drawing):
         _wait_for(proxy)
-        _soon()
+        _later.set()
 
 
 @with_data(VTK_INT)
@@ -84,22 +77,8 @@ def view_drawn(proxy: SMViewProxy, event: str, interactive: int) -> None:
         late = follower.behind or (not interactive and follower.strayed(proxy))
         if late and not follower.drawing:
             _wait_for(follower.filter.SMProxy)
-    if _waiting and (linked_camera.saving_animation() or not _soon()):  # no timer goes off while frames are saved
+    if _waiting and (linked_camera.saving_animation() or not _later.set()):  # no timer goes off while frames are saved
         _begin()
-
-
-def _soon() -> bool:
-    """Start the window's timer for the waiting filters; return False if there is no window (in a script)."""
-    _timers[:] = [timer for timer in _timers if timer.alive]
-    interactor = window()
-    if not _timers and interactor is not None:
-        _timers.append(Timer(interactor, PAUSE, _go))
-    return bool(_timers)
-
-
-def _go() -> None:
-    _timers.clear()
-    _begin()
 
 
 def _begin() -> None:
@@ -110,7 +89,7 @@ def _begin() -> None:
         return
     busy = linked_camera.busy() and not linked_camera.saving_animation()
     if busy or servermanager.ProxyManager().GetInLoadXMLState():
-        _soon()
+        _later.set()
         return
     waiting = [reference.Get() for reference in _waiting]
     _waiting.clear()
@@ -141,3 +120,7 @@ def _follow(waiting: list[SMProxy]) -> None:
             linked_camera.follow(filter)
         elif new and not any(linked_camera.shows(other, [filter]) for other in simple.GetRenderViews()):
             simple.Render(linked_camera.show_beside(filter, view))
+
+
+_later = Alarm(50, _begin)
+"""The window's timer for the waiting filters."""

@@ -29,7 +29,7 @@ from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 from svv.pv.work import vtk_data
 from svv.pv.work.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
-from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in, write_views
+from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in
 from svv.pv.work.default_function import describe_default_function
 from svv.pv.work.own_edits import edits_of, painted_as_edited, put_edited
 from svv.pv.work.parallel import DividedInput
@@ -75,6 +75,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
         return 1
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+        from svv.io.views.viewset import write_splits
         from svv.pv.work.engine import draw_views, moment_of, volume_of
 
         now, folder = moment_of(inputs[0], self.values, time_asked_for(self)), self.values["Folder"]
@@ -91,7 +92,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             return found and self.get_or_make("written", (key_of(now), folder), lambda: found)
 
         def write() -> Views:
-            write_views(views, Path(folder), part(self.progress, 0.9, 1.0))
+            write_splits(Path(folder), *views, part(self.progress, 0.9, 1.0))
             return views
 
         self.begin_with("views", "views", now)

@@ -213,7 +213,7 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
 
 
 def needs_display(paraview: ParaView, program: str) -> bool:
-    """Return whether a program needs an X display: since 6.0 only the window does, and no headless build."""
+    """Return whether a program needs an X display: since 6.0 only the window; before, all but headless builds."""
     if not sys.platform.startswith("linux"):
         return False
     if program == "paraview":

@@ -11,13 +11,10 @@ from typing import Any
 from svv.pv.connection import server_gone
 from svv.pv.display.linked_camera import busy, follower_of, may_be_late, shows, upstream
 from svv.pv.observers import Watched, python_proxy, with_data
-from svv.pv.timers import Timer, by_window, window
+from svv.pv.timers import Alarm, by_window
 
 BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize", "StyleRFPalette")
 """Filters that learn beside the window (:class:`svv.pv.live.beside.Beside`)."""
-
-LOOK_EVERY = 250
-"""Interval of the timer while something is learning, milliseconds."""
 
 BUTTONS = ("Pause", "GoOn", "StopHere")
 """Buttons after which there is news."""
@@ -27,9 +24,6 @@ SAVING = ("SaveScene", "SaveFigure")
 
 _watched: Watched[list[str]] = Watched()
 """The filters, each with what it last told."""
-
-_timers: list[Timer] = []
-"""The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
 
 
 def watch_learning(filter: Any, loading: bool = False) -> None:
@@ -60,7 +54,7 @@ def _updated(proxy: Any, event: str) -> None:
     if not _in_window(proxy) or server_gone(proxy):
         return
     if _news_of(proxy).endswith("*"):
-        _soon()
+        _later.set()
     proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
 
 
@@ -69,7 +63,7 @@ def _pressed(proxy: Any, event: str, name: str) -> None:
     if name in SAVING:
         proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
     if name in BUTTONS and _in_window(proxy):
-        _soon()
+        _later.set()
 
 
 def _in_window(proxy: Any) -> bool:
@@ -83,18 +77,10 @@ def _news_of(proxy: Any) -> str:
     return str(told.GetElement(0) or "")
 
 
-def _soon() -> None:
-    _timers[:] = [timer for timer in _timers if timer.alive]
-    interactor = window()
-    if not _timers and interactor is not None:
-        _timers.append(Timer(interactor, LOOK_EVERY, _look))
-
-
 def _look() -> None:
     """Ask all filters that learn, and update those with news."""
-    _timers.clear()
     if busy():
-        _soon()
+        _later.set()
         return
     for proxy, last in _watched.items():
         if server_gone(proxy) or not _in_window(proxy):
@@ -105,7 +91,7 @@ def _look() -> None:
             _show(proxy, news)
         if news.endswith("*"):
             proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
-            _soon()
+            _later.set()
 
 
 def _show(proxy: Any, news: str) -> None:
@@ -126,3 +112,7 @@ def _show(proxy: Any, news: str) -> None:
     for view in simple.GetViews():
         if shows(view, [filter, *behind]):
             simple.Render(view)
+
+
+_later = Alarm(250, _look)
+"""The window's timer while something is learning."""

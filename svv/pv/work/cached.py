@@ -216,13 +216,6 @@ def views_in(folder: Path, key: str, progress: Progress = silent) -> Views | Non
         return None
 
 
-def write_views(views: Views, folder: Path, progress: Progress = silent) -> None:
-    """Write views to a folder; raise BadInput if that fails."""
-    from svv.io.views.viewset import write_splits
-
-    write_splits(folder, *views, progress)
-
-
 def _provenance_of(result: Views | Scene | Stored) -> dict[str, Any]:
     """Return a result's record of what it was made from; empty if no filter made it."""
     record = result[0].meta.to_json() if isinstance(result, tuple) else result.made
@@ -237,6 +230,8 @@ def _moment_of(result: Views | Scene | Stored, now: Moment) -> Moment:
 
 def _write(result: Views | Scene, path: Path) -> None:
     if isinstance(result, tuple):
-        write_views(result, path)
+        from svv.io.views.viewset import write_splits
+
+        write_splits(path, *result)
     else:
         result.save(path)

@@ -8,7 +8,7 @@ from pathlib import Path
 from svv.errors import BadInput
 from svv.io.files.keyed_results import digest, digest_of_file
 from svv.options.described import chosen
-from svv.options.making import PaintOptions
+from svv.options.making import DRAWN, PREFIX, PaintOptions
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values, region_row
@@ -34,8 +34,6 @@ def lost_file(values: Values) -> str:
 
 def _pictures(values: Values) -> list[str]:
     """Return the names of the style pictures that are files."""
-    from svv.options.making import DRAWN, PREFIX
-
     return [name for name in values["StyleFiles"] if not name.startswith((PREFIX, DRAWN))]
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress
 from svv.io.pictures.mask_file import Mask, Selection
+from svv.options.making import DRAWN, PREFIX
 from svv.pv.panel.groups import AS_IT_IS, AUTOMATIC, NO_GALLERY, PICTURE, REGIONS
 from svv.pv.panel_values import Values, points_in, region_row
 
@@ -48,8 +49,6 @@ def source_of(values: Values, region: int) -> str | None:
 
 def _offered(word: str) -> str:
     """Return the source of an entry that the panel offers: an ink, or a picture from the gallery."""
-    from svv.options.making import DRAWN, PREFIX
-
     return word if word.startswith(DRAWN) else PREFIX + word
 
 

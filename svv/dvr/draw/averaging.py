@@ -21,11 +21,7 @@ AVERAGING_WIDTH = 1.0
 
 
 def averaged(
-    values: NDArray[np.float32],
-    known: Array,
-    sigma: Array,
-    starts: list[int],
-    exact: tuple[Array, Array] | None,
+    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int], exact: tuple[Array, Array] | None
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
     """Return the log of the mean extinction around each vertex, and the range that gives most of it. (X, Y, Z) each
 

@@ -63,7 +63,6 @@ NO_WINDOW = (
     "The GPU ray caster needs an off-screen OpenGL context, which cannot be created: install libegl1 libosmesa6 "
     "(Debian's names) or choose the CPU ray caster (--mapper cpu)."
 )
-"""Message for machines on which the GPU ray caster cannot run."""
 
 
 class CpuMapper:

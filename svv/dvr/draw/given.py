@@ -24,10 +24,8 @@ from svv.options.making import ViewOptions
 GivenVolume = (
     str | Path | NDArray[Any] | vtkDataObject | LargeVolume | vtkProp3D | vtkRenderer | Plotter | Sequence[vtkProp3D]
 )
-"""What :func:`given_volume` takes."""
 
 GivenFunction = TransferFunction | str | Path | vtkVolumeProperty | vtkProp3D | vtkRenderer | Plotter
-"""What :func:`given_function` takes."""
 
 NO_FUNCTION = (
     "A transfer function is an svv.TransferFunction, a file, a vtkVolumeProperty, or an actor or plotter that has one, "

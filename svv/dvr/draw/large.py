@@ -328,9 +328,7 @@ class Opened:
     image: vtkImageData
     """The volume, or an overview of it."""
     whole: Level
-    """Grid of the whole volume."""
     range: tuple[float, float]
-    """Smallest and largest value."""
     type: str
     """NumPy's name of the values' type."""
     large: LargeVolume | None = None

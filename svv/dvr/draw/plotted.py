@@ -115,10 +115,10 @@ def image_shown(given: object) -> vtkImageData | None:
             notes.append(BETWEEN.format(kind=data.GetClassName()))
     else:
         image, nearest = as_volume(data, array, "The volume", cells), voxels
-        if _on_cells(data, image):
+        if image.GetDimensions() != data.GetDimensions():  # its voxels are the cells of the data
             image, crop = with_outer_halves(image, None)
             put(image, replace(Appearance.of(image), crop=crop))
-    image = moved(image, _matrix(actor), "The actor", "give it three equal numbers, or resample the grid")
+    image = moved(image, matrix_of(actor), "The actor", "give it three equal numbers, or resample the grid")
     put(image, replace(Appearance.of(image), nearest=nearest))
     renderers = _renderers(given) or []
     if shown.GetShade() and renderers:
@@ -139,7 +139,7 @@ def function_of(given: object, name: str = "transfer function") -> TransferFunct
     if not isinstance(shown, vtkVolumeProperty):
         return None
     _refuse_property(shown)
-    scale = 1.0 if actor is None else float(np.cbrt(abs(np.linalg.det(_matrix(actor)[:3, :3]))))
+    scale = 1.0 if actor is None else float(np.cbrt(abs(np.linalg.det(matrix_of(actor)[:3, :3]))))
     if not scale:
         raise BadInput(NOTHING.format(who="The actor"))
     colour = shown.GetRGBTransferFunction() if shown.GetColorChannels() == 3 else _coloured(shown)
@@ -189,12 +189,8 @@ def with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImage
     return wider, np.array([np.maximum(whole[0], crop[0] + 1.0), np.minimum(whole[1], crop[1] + 1.0)])
 
 
-def _on_cells(data: vtkImageData, image: vtkImageData) -> bool:
-    """Return whether an image's voxels are the cells of the data that it was made of."""
-    return image.GetDimensions() != data.GetDimensions()
-
-
-def _matrix(actor: vtkVolume) -> Array:
+def matrix_of(actor: vtkVolume) -> Array:
+    """Return the matrix from an actor's data to the world. (4, 4)"""
     matrix = actor.GetMatrix()
     return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
 

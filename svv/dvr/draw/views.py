@@ -38,7 +38,6 @@ from svv.io.views.viewset import ViewSet
 from svv.options.making import MapperName, ViewOptions
 
 Caster = CpuMapper | GpuMapper | BrickMapper
-"""A ray caster."""
 
 
 Making = Callable[[Stage, Shading, float], Caster]
@@ -173,12 +172,10 @@ class Subject:
     stage: Stage
     grid: VolumeGrid
     whole: Level
-    """Grid of the whole volume."""
     name: str
     tf: TransferFunction
     """Transfer function for the volume's own values."""
     tf_rescaled: bool = False
-    """Whether the function was stretched over the data's range."""
     notes: tuple[str, ...] = ()
     """Sentences on what may look otherwise than expected."""
     classify: Callable[[Stage], ClassifiedVolume] = classified

@@ -42,7 +42,6 @@ class Ranks:
         self.number: int = controller.GetLocalProcessId()
         """Number of this rank; the leader's is 0."""
         self.count: int = controller.GetNumberOfProcesses()
-        """Number of ranks."""
         self.sent = 0
         """Bytes of the arrays that this rank has sent."""
 

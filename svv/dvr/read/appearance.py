@@ -29,10 +29,6 @@ CROP, NEAREST, STRETCH = "StyleRF Crop", "StyleRF Nearest", "StyleRF Stretch"
 NOTHING_LEFT = "The display shows nothing of the volume: what its transfer function shows is blanked or cropped away."
 
 
-def _even() -> Array:
-    return np.ones(3)
-
-
 @dataclass(frozen=True, eq=False)
 class Appearance:
     """How a volume is shown. Indices are those of its voxels, (x, y, z); arrays of voxels are [z, y, x]."""
@@ -43,7 +39,7 @@ class Appearance:
     """The part that is shown: lower and upper corner as voxel indices. (2, 3)"""
     nearest: bool = False
     """Whether a sample has the value of the nearest voxel; otherwise values are interpolated trilinearly."""
-    stretch: Array = field(default_factory=_even)
+    stretch: Array = field(default_factory=lambda: np.ones(3))
     """How much longer than their mean the axes are in the world than in the data; the product is 1. (3,)
 
     The opacity of a sample is that of its length in the data, as in VTK."""
@@ -68,7 +64,7 @@ class Appearance:
             blank,
             None if crop is None else vtk_to_numpy(crop).reshape(2, 3).copy(),
             nearest is not None,
-            _even() if stretch is None else vtk_to_numpy(stretch).copy(),
+            np.ones(3) if stretch is None else vtk_to_numpy(stretch).copy(),
         )
 
     def part(self, start: NDArray[np.intp], stop: NDArray[np.intp], mirrored: bool) -> Appearance:

@@ -100,6 +100,8 @@ def _volume_displays(source: Proxy, view: View | None = None) -> Iterator[Displa
 
 def shown_as(display: Display) -> dict[str, object]:
     """Return how a representation shows a volume, as values of filters' properties, or raise BadInput."""
+    from paraview import simple
+
     refused = refused_by(display)
     if refused:
         raise BadInput(refused)
@@ -108,7 +110,8 @@ def shown_as(display: Display) -> dict[str, object]:
         raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
     # Representations of unstructured grids have neither light nor some of the other properties.
     shade = int(getattr(display, "Shade", 0))
-    light = next(map(light_of, _views_of(display)), "") if shade else ""
+    views = [view for view in simple.GetRenderViews() if display in view.Representations]
+    light = light_of(views[0]) if shade and views else ""
     if light == LIGHTS:
         raise BadInput(LIGHTS)
     if display.ScalarOpacityFunction is not None:
@@ -123,13 +126,6 @@ def shown_as(display: Display) -> dict[str, object]:
         "Notice": light,
         **{name: value_of(display, own) for name, own in names.items() if own is not None},
     }
-
-
-def _views_of(display: Display) -> list[View]:
-    """Return the 3D views with a representation."""
-    from paraview import simple
-
-    return [view for view in simple.GetRenderViews() if display in view.Representations]
 
 
 def capture(filter: Proxy, view: View | None = None) -> None:

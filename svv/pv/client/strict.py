@@ -15,16 +15,7 @@ from typing import Any
 
 from svv.errors import BadInput, Cancelled
 from svv.pv.display.linked_camera import displays_in
-from svv.pv.failed import (
-    FAILED_STRICT,
-    NUMBER,
-    end_now,
-    in_script,
-    is_strict,
-    name_of,
-    set_strict,
-    take_failure,
-)
+from svv.pv.failed import FAILED_STRICT, NUMBER, end_now, in_script, is_strict, name_of, set_strict, take_failure
 from svv.pv.paraview_types import Proxy, View
 
 OURS = "StyleRF"

@@ -92,7 +92,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             return found and self.get_or_make("written", (key_of(now), folder), lambda: found)
 
         def write() -> Views:
-            write_splits(Path(folder), *views, part(self.progress, 0.9, 1.0))
+            write_splits(Path(folder), *views, progress=part(self.progress, 0.9, 1.0))
             return views
 
         self.begin_with("views", "views", now)
@@ -289,9 +289,7 @@ class StyleRFVolume(VolumeOutput, Clickable):
 @groups.menu
 @groups.keep_input_visible
 @groups.shown_beside
-@panel(
-    *stylized_view_properties(),
-)
+@panel(*stylized_view_properties())
 @groups.takes_volume
 class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The volume is drawn as it is

@@ -77,7 +77,7 @@ def _dependencies() -> list[str]:
     try:
         import tomllib
 
-        with (_root() / "pyproject.toml").open("rb") as file:
+        with (Path(__file__).resolve().parents[3] / "pyproject.toml").open("rb") as file:
             return list(tomllib.load(file)["project"]["dependencies"])
     except (ImportError, OSError):
         pass
@@ -104,7 +104,8 @@ def _fill(paraview: ParaView, folder: Path, packages: list[str], pins: list[str]
     _install_torch(folder, pins, choice, options)
     (torch,) = importlib.metadata.distributions(name="torch", path=[str(folder)])
     others = [package for package in packages if not _is_torch(package)]
-    if not installer.install([*others, *_needed_by(torch)], *options):
+    others += [line for line in torch.requires or [] if "extra ==" not in line]
+    if not installer.install(others, *options):
         raise BadInput("pip could not install what svv needs for ParaView; its messages are above.")
     return ""
 
@@ -155,10 +156,6 @@ def _is_torch(requirement: str) -> bool:
     return requirement.startswith("torch") and not requirement[5:6].isalpha()
 
 
-def _needed_by(package: Distribution) -> list[str]:
-    return [line for line in package.requires or [] if "extra ==" not in line]
-
-
 def _check(paraview: ParaView, folder: Path) -> None:
     """Check in ParaView itself that the packages work, and that they include no second VTK."""
     clash = [name for name in SECOND_VTK if (folder / name).exists()]
@@ -178,7 +175,3 @@ def _read_stamp(target: Path) -> object:
         return parsed((target / STAMP).read_text())
     except (OSError, ValueError):
         return None
-
-
-def _root() -> Path:
-    return Path(__file__).resolve().parents[3]

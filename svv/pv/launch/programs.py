@@ -53,7 +53,6 @@ class ParaView:
     bin: Path
     """Folder of its programs."""
     version: tuple[int, int]
-    """Version, such as (5, 11)."""
     python: tuple[int, int]
     """Version of its Python, such as (3, 11)."""
 

@@ -56,7 +56,6 @@ class Shown:
     """A scene that is to be drawn."""
 
     file: Path
-    """Its file."""
     state: tuple[int, int] = (0, 0)
     """What tells it from others that were in the same file."""
     finished: bool = False

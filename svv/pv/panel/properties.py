@@ -48,13 +48,7 @@ class Property:
 
 
 def _element(
-    kind: str,
-    name: str,
-    help: str,
-    attributes: str,
-    inside: str = "",
-    advanced: bool = False,
-    hints: str = "",
+    kind: str, name: str, help: str, attributes: str, inside: str = "", advanced: bool = False, hints: str = ""
 ) -> str:
     level = "advanced" if advanced else "default"
     hints = f"<Hints>{hints}</Hints>" if hints else ""

@@ -20,7 +20,6 @@ class Stored:
     """A scene in a file, and what its header says of it."""
 
     path: Path
-    """The file."""
     header: dict[str, Any]
     """Its header (:func:`svv.fields.scene.scene_arrays.arrays_of`)."""
 

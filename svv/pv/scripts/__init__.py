@@ -37,7 +37,6 @@ class ShownVolume(Drawn):
     """A volume with the transfer function and the shading with which a representation shows it."""
 
     data: vtkDataObject
-    """The volume."""
     values: Values
     """Values of :func:`svv.pv.client.capture.shown_as`, with the transfer function as a VTK object."""
     label: str

@@ -27,7 +27,6 @@ class Painting:
     base: str
     """Hash of what that scene has learned; its edits do not count."""
     scene: Scene
-    """The scene, which shows the painting."""
     name: str
     """Name under which the painting is kept."""
 

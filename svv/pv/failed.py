@@ -1,8 +1,8 @@
 """What filters say that fail, and marks on their outputs: no filter behind one passes an earlier result off as right.
 
 A filter that fails outputs its previous result, or nothing, with the reason, which filters behind it repeat. A script
-in pvpython or pvbatch that ends while a filter lacks what it was asked to show has exit code 2; if scripts are strict
-(:mod:`svv.pv.client.strict`), failures become exceptions, and what is left of them at the end gives exit code 1.
+that ends while a filter lacks what it was asked to show has exit code 2; if scripts are strict
+(:mod:`svv.pv.client.strict`), failures are exceptions, and what is left of them at the end gives exit code 1.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What the panels of the StyleRF filters hold: a value for each property, under the property's name.
 
-Options of the engine's steps are read from it by :func:`svv.pv.panel.option_panel.options_in`; all other properties
-are listed here.
+Options of the engine's steps are read by :func:`svv.pv.panel.option_panel.options_in`; all others are listed here.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """VTK's two ray casters, each with a method ``render`` that takes a camera and returns straight-alpha pixels.
 
-CPU: ``vtkFixedPointVolumeRayCastMapper`` computes a premultiplied image of 15 bits per channel, which is taken from
-memory: no OpenGL is needed, and alpha is 128 times finer than that of a window. GPU: ``vtkGPUVolumeRayCastMapper``
-draws into an off-screen window, whose alpha is wrong in places, so each view is drawn on black and on white: alpha = 1
-- (white - black).
+The CPU's computes a premultiplied image of 15 bits per channel, which is taken from memory: no OpenGL is needed, and
+alpha is 128 times finer than a window's. The GPU's draws into an off-screen window, whose alpha is wrong in places, so
+each view is drawn on black and on white: alpha = 1 - (white - black).
 """
 
 from __future__ import annotations

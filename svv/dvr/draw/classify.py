@@ -1,8 +1,7 @@
 """Classification of a volume by its transfer function, as a starting point for training.
 
-The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law.
-
-Letters: K known values, V voxels; sigma is extinction in 1 / box unit.
+The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law. Letters: K known
+values, V voxels; sigma is extinction in 1 / box unit.
 """
 
 from __future__ import annotations

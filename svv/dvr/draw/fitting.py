@@ -43,8 +43,8 @@ def fitted_to(
 ) -> Fitting:
     """Fit a transfer function, by default two ranges of the histogram, to a volume, and choose the ray caster.
 
-    ``mapper`` is ``auto``, ``bricks``, ``gpu`` or ``cpu``; see :func:`svv.dvr.draw.large.memory_allowed` for memory,
-    and ``TransferFunction.fitted`` for ``rescale``. Raises BadInput if the function does not fit, or the ray caster is
+    ``mapper`` is ``auto``, ``bricks``, ``gpu`` or ``cpu``; see ``memory_allowed`` for memory,
+    ``TransferFunction.fitted`` for ``rescale``. Raises BadInput if the function does not fit, or the ray caster is
     unknown.
     """
     small, notes = volume if isinstance(volume, vtkImageData) else volume.overview, []

@@ -91,9 +91,8 @@ def given_volume(
 def given_function(tf: GivenFunction | None, volume: object) -> tuple[TransferFunction | None, bool]:
     """Return a transfer function, and whether it is one of VTK's objects; None stands for a default.
 
-    It is given as a function, a file, or what has one (:func:`svv.dvr.draw.plotted.function_of`); without one, the
-    actor or plotter that shows the volume has it. Raises BadInput if it is none of these, or is rejected by what reads
-    or checks it.
+    It is given as a function, a file, or what has one (:func:`svv.dvr.draw.plotted.function_of`); without one, what
+    shows the volume has it. Raises BadInput if it is none of these, or is rejected by what reads or checks it.
     """
     if isinstance(tf, (str, Path)):
         return TransferFunction.read(tf), False

@@ -21,10 +21,9 @@ def exponents_over(
 ) -> tuple[NDArray[np.float32], list[NDArray[np.float16]]]:
     """Return a volume's values on a grid, and the logarithm of the extinction that each function gives them there.
 
-    The functions are for the values of a volume (:func:`svv.dvr.read.grids.as_volume`), with unit distances; the grid
-    has ``cells`` per box unit over a box in world units. Values are NaN outside the volume, and exponents as in
-    :class:`svv.core.volumes.classified.ClassifiedVolume`, (X + 1, Y + 1, Z + 1) each. Raises BadInput if a function
-    lies outside the volume's values, or shows nothing or all of it.
+    The functions are for the values of a volume (see ``as_volume``), with unit distances; the grid has ``cells`` per
+    box unit over a box in world units. Values are NaN outside the volume, exponents as in a ClassifiedVolume, (X + 1, Y
+    + 1, Z + 1) each. Raises BadInput if a function lies outside the values, or shows nothing or all of the volume.
     """
     numbers = to_array(image)
     low, high = float(numbers.min()), float(numbers.max())

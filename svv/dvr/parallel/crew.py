@@ -1,9 +1,8 @@
 """The ranks of a parallel run as a crew that draws one volume together; only images travel, never the volume.
 
-Each rank casts rays through its piece alone (:mod:`svv.dvr.parallel.pieces`), with the samples that a single process
-would take: those at whole steps from the near clipping plane, which all ranks share; each lies in one rank's own cells.
-Their premultiplied images are composited front to back, each rank doing one band of rows. The leader calls the public
-methods in a ``with`` statement: each sends an order, and all ranks, in :meth:`Crew.serve`, do the same.
+Each rank casts rays through its piece alone, with the samples of a single process: those at whole steps from the near
+clipping plane, which all share; each lies in one rank's cells. The premultiplied images are composited front to back,
+one band of rows per rank. The leader calls public methods, whose orders the others obey in :meth:`Crew.serve`.
 """
 
 from __future__ import annotations

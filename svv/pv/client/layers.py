@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from svv.errors import BadInput
 from svv.pv.client.capture import shown_as, volume_display
+from svv.pv.display.linked_camera import inputs_of
 from svv.pv.panel.undo import values_of
 from svv.pv.paraview_types import Proxy
 
@@ -60,16 +61,11 @@ def _join_with(train: Proxy, others: list[Proxy]) -> None:
 
     known = [one.SMProxy for one in others]
     for join in _all(JOIN):
-        inputs = _inputs(join)
+        inputs = inputs_of(join)
         if any(given.SMProxy in known for given in inputs):
             join.Input = [*inputs, train]
             return
     simple.StyleRFJoin(Input=[*others, train])
-
-
-def _inputs(join: Proxy) -> list[Proxy]:
-    given = join.Input
-    return [given] if hasattr(given, "SMProxy") else list(given or ())
 
 
 def _all(kind: str) -> list[Proxy]:

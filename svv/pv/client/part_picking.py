@@ -1,8 +1,7 @@
 """Places in a scene, chosen by clicks into views: buttons of the panels of StyleRF Edit and StyleRF Palette.
 
-Client code. A click asks the filter whose picture was clicked on which point in space is visible there, for filters
-behind the panel's may hide regions; the panel's filter is told, and its answer appended to a property. Points, unlike
-pixels, mean the same after the camera has moved and other regions were hidden.
+Client code. The filter whose picture was clicked on says which point is visible there; the panel's filter is told, and
+its answer appended to a property. Points mean the same after the camera has moved and other regions were hidden.
 """
 
 from __future__ import annotations

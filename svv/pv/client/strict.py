@@ -14,7 +14,7 @@ from types import FunctionType, ModuleType, TracebackType
 from typing import Any
 
 from svv.errors import BadInput, Cancelled
-from svv.pv.display.linked_camera import displays_in
+from svv.pv.display.linked_camera import displays_in, inputs_of
 from svv.pv.failed import FAILED_STRICT, NUMBER, end_now, in_script, is_strict, name_of, set_strict, take_failure
 from svv.pv.paraview_types import Proxy, View
 
@@ -189,13 +189,12 @@ def _ours_until(source: Any) -> Iterator[Any]:
     ahead, seen = [source], set()
     while ahead:
         one = ahead.pop(0)
-        if one is None or one.GetGlobalIDAsString() in seen:
+        if one.GetGlobalIDAsString() in seen:
             continue
         seen.add(one.GetGlobalIDAsString())
         if _is_ours(one):
             yield one
-        given: Any = getattr(one, "Input", None)
-        ahead += [given] if given is None or hasattr(given, "SMProxy") else list(given)  # one proxy, or several
+        ahead += inputs_of(one)
 
 
 def _is_ours(proxy: Any) -> bool:

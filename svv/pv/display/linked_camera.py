@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Container, Iterator, Sequence
+from typing import Any
 
 from svv.core.frame_rate import Pace
 from svv.errors import BadInput
@@ -272,9 +273,8 @@ def fit(view: View, width: int, height: int) -> None:
 def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollower:
     """Let an image follow a camera in a separate view (:func:`show_beside`), and set the property Follow Camera.
 
-    The filter is by default the active image filter or the newest one, the view the one that shows the volume, or the
-    active one. In the window, a view with nothing in it is given the image's camera. Raises BadInput without filter or
-    3D view.
+    By default, the filter is the active or newest image filter, the view that of the volume or the active one. In the
+    window, a view with nothing in it is given the image's camera. Raises BadInput without filter or 3D view.
     """
     from paraview import simple
 
@@ -414,13 +414,17 @@ def displays_in(view: View) -> Iterator[Display]:
             yield display
 
 
+def inputs_of(source: Proxy) -> list[Proxy]:
+    """Return the inputs of a filter, some of which take several; none of a source."""
+    given: Any = getattr(source, "Input", None)
+    return [given] if hasattr(given, "SMProxy") else list(given or ())
+
+
 def upstream(filter: Proxy) -> Iterator[Proxy]:
     """Yield the filters and sources upstream of a filter."""
-    given = getattr(filter, "Input", None)
-    if given is not None:
-        for one in [given] if hasattr(given, "SMProxy") else given:  # some filters take several inputs
-            yield one
-            yield from upstream(one)
+    for one in inputs_of(filter):
+        yield one
+        yield from upstream(one)
 
 
 def newest(kinds: Container[str], missing: str) -> Proxy:

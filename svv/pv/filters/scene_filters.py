@@ -91,8 +91,10 @@ class StyleRFPalette(SceneBeside, Pointing):
     button = "Train Again"
     slots = ("corrected",)
 
+    ports = (2, 1, "vtkTable")
+
     def __init__(self) -> None:
-        super().__init__(2, 1, "vtkTable")
+        super().__init__()
         self._views: Data | None = None
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
@@ -237,8 +239,10 @@ class StyleRFStylize(SceneBeside):
     button = "Paint Again"
     slots = (PAINTING,)
 
+    ports = (1, 2, "vtkTable")
+
     def __init__(self) -> None:
-        super().__init__(1, 2, "vtkTable")
+        super().__init__()
         self._reset, self._round = False, 0
 
     def FillOutputPortInformation(self, port: int, info: Request) -> int:

@@ -66,8 +66,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     cameras. Connect StyleRF Train, or choose a folder in which to keep the views.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 2, "vtkImageData")
+    ports = (1, 2, "vtkImageData")
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         set_image_information(self, out_info, self.values["ViewSize"], self.values["ViewSize"])
@@ -92,7 +91,8 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             return found and self.get_or_make("written", (key_of(now), folder), lambda: found)
 
         def write() -> Views:
-            write_splits(Path(folder), *views, progress=part(self.progress, 0.9, 1.0))
+            train, test = views
+            write_splits(Path(folder), train, test, part(self.progress, 0.9, 1.0))
             return views
 
         self.begin_with("views", "views", now)
@@ -134,9 +134,6 @@ class StyleRFTrain(DividedInput, Beside):
     """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
     with a row for each region. It is trained again only if something that it depends on has changed.
     """
-
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.work.engine import describe_regions, followed, follows, training_moment
@@ -202,8 +199,7 @@ class StyleRFRender(ImageOutput, Clickable):
     orbit around the scene.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkImageData")
+    ports = (1, 1, "vtkImageData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.work.engine import camera_for, draw, emptiness_of
@@ -231,8 +227,7 @@ class StyleRFPlaceInView(Filter):
     its pixels' depth. The image's Follow Camera is turned on, so that it is rendered for that view's camera.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkPolyData")
+    ports = (1, 1, "vtkPolyData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.core.geometry.depth_mesh import depth_mesh
@@ -254,8 +249,7 @@ class StyleRFVolume(VolumeOutput, Clickable):
     that can be cut open.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkImageData")
+    ports = (1, 1, "vtkImageData")
 
     def grid_for(self, data: Data | None) -> Grid:
         from svv.fields.devices.gpu import device_named
@@ -297,8 +291,10 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
     filters do this step by step, and take the image for its scene.
     """
 
+    ports = (1, 1, "vtkImageData")
+
     def __init__(self) -> None:
-        super().__init__(1, 1, "vtkImageData")
+        super().__init__()
         self._status = expected()
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
@@ -308,9 +304,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         self.get_or_make("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         return said
 
-    def result(  # long: one step after the other
-        self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
-    ) -> str:
+    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.work import engine
         from svv.pv.work.requests import learning
         from svv.pv.work.style_files import files_of, lost_file, style_key

@@ -1,8 +1,7 @@
 """Prepare the environment that provides ParaView with the packages that svv needs, once for each Python version.
 
-It is a folder on PYTHONPATH, not a virtual environment, because ParaView has its own interpreter. If that is compatible
-with the running Python, it links the packages installed here (:mod:`svv.pv.launch.linked_packages`), and pip adds what
-is missing; otherwise pip fills it (``--target``).
+It is a folder on PYTHONPATH. If ParaView's Python is compatible with the running one, it links the packages installed
+here (:mod:`svv.pv.launch.linked_packages`), and pip adds what is missing; otherwise pip fills it (``--target``).
 """
 
 from __future__ import annotations

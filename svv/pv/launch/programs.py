@@ -136,12 +136,8 @@ def is_whole(environment: Path) -> bool:
 
 def plugin_folder() -> Path:
     """Return the folder of ``StyleRF.py``: in a checkout, next to ``svv``, or with pip's data files; or BadInput."""
-    places = [
-        _home() / "plugin",
-        _home(),
-        _home() / "../../../share/svv/plugin",
-    ]  # from PREFIX/lib/python3.X/site-packages
-    for place in places:
+    # The last one is seen from PREFIX/lib/python3.X/site-packages.
+    for place in (_home() / "plugin", _home(), _home() / "../../../share/svv/plugin"):
         if (place / "StyleRF.py").is_file():
             return place.resolve()
     raise BadInput("The plugin StyleRF.py was not found near the package svv: install svv again.")

@@ -58,8 +58,8 @@ class Beside(Keeping):
     nothing = "There is no scene yet."
     """What is shown before there is anything."""
 
-    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
-        super().__init__(inputs, outputs, kind)
+    def __init__(self) -> None:
+        super().__init__()
         self._learner = Ordered(type(self).__name__, self.draws)
         self._wanted: Wanted = ("", "", "")
         self.data: vtkDataObject | None = None

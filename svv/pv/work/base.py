@@ -60,7 +60,11 @@ class Filter(VTKPythonAlgorithmBase):
 
     defaults: ClassVar[Values] = {}
 
-    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
+    ports: ClassVar[tuple[int, int, str]] = (1, 1, "vtkTable")
+    """Numbers of inputs and outputs, and the type of these."""
+
+    def __init__(self) -> None:
+        inputs, outputs, kind = self.ports
         super().__init__(nInputPorts=inputs, nOutputPorts=outputs, outputType=kind)
         self.values = self.defaults.copy()
         self._status = ""

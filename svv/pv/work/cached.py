@@ -47,8 +47,8 @@ class Keeping(Filter):
     button = "Take What Is Shown Now"
     """Label of the button that starts the work if a saved state's result is missing."""
 
-    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
-        super().__init__(inputs, outputs, kind)
+    def __init__(self) -> None:
+        super().__init__()
         self._names: dict[str, str] = {}
         """Slot -> name under which the current result is kept."""
         self._asked = self._anew = False

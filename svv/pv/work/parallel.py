@@ -92,9 +92,9 @@ def do_next_job(data: vtkDataObject) -> None:
 def on_all_ranks(source: Proxy, array: tuple[str, str], time: float, work: Callable[[vtkDataObject], Result]) -> Result:
     """Do work on the first rank while the others wait for orders, as in a filter.
 
-    The source, a proxy, is updated at a time; ``array`` is POINTS or CELLS, and a name. The work is given the first
-    rank's part of the volume, whose :func:`crew_of` is all ranks. Raises BadInput without the plugin, or if every rank
-    runs the script.
+    The source is updated at a time; ``array`` is POINTS or CELLS, and a name. The work is given the first rank's part
+    of the volume, whose :func:`crew_of` is all ranks. Raises BadInput without the plugin, or if all ranks run the
+    script.
     """
     from paraview.modules.vtkRemotingCore import vtkProcessModule
     from paraview.modules.vtkRemotingServerManager import vtkSMPropertyHelper, vtkSMProxyManager

@@ -182,7 +182,7 @@ def _svv_alone(environment: Path) -> Path:
 
 
 def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return variables with which a ParaView finds plugin, svv and its packages; BadInput if these have changed."""
+    """Return variables with which a ParaView finds plugin, svv and its packages; BadInput if some are not there."""
     environment = environment_folder(paraview, environ)
     if not (environment / STAMP).is_file():
         raise BadInput(

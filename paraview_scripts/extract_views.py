@@ -28,25 +28,18 @@ EXAMPLES = (
 
 
 def set_up(view=None, phi: int = SWEEP[0], theta: int = SWEEP[1], size: int = 400, name: str = "views"):
-    """Create an image extractor for a 3D view that draws it from all around with a transparent background.
+    """Create an image extractor for a 3D view, by default the active one, that draws it from all around; return it.
 
-    Axes and colour legends would be part of the images; they are hidden. In a Catalyst script:
+    The background is transparent; axes and colour legends, which would be part of the images, are hidden. The camera's
+    focal point and distance stay; its direction does not matter. There are ``phi`` angles around the vertical axis (1
+    to 360) and ``theta`` over the poles (5 to 360; with an odd number, no direction is drawn twice), and ``size``
+    pixels along both sides; the images' names begin with ``name``. In a Catalyst script:
 
         from extract_views import set_up, write_camera
         set_up(renderView1)
         write_camera(renderView1, "foot.cdb")
         options.ExtractsOutputDirectory = "foot.cdb"
         options.GenerateCinemaSpecification = 1
-
-    Args:
-        view: A 3D view; by default the active one. Its focal point and distance stay; its direction does not matter.
-        phi: Number of angles around the vertical axis, 1 to 360.
-        theta: Number of angles over the poles, 5 to 360. With an odd number, no direction is drawn twice.
-        size: Width and height of the images in pixels.
-        name: Name of the extractor, and first part of the images' names.
-
-    Returns:
-        Proxy of the extractor.
     """
     from paraview import simple
 
@@ -65,12 +58,7 @@ def set_up(view=None, phi: int = SWEEP[0], theta: int = SWEEP[1], size: int = 40
 
 
 def write_camera(view, folder) -> None:
-    """Write what a database lacks of the camera as camera.json into its folder, which is created if necessary.
-
-    Args:
-        view: The 3D view, with the camera that the extractor will turn.
-        folder: Folder of the database. With several ranks, only the first writes.
-    """
+    """Write a view's camera, which a database lacks, into its folder as camera.json; only the first rank does."""
     from paraview.modules.vtkRemotingCore import vtkProcessModule
 
     if vtkProcessModule.GetProcessModule().GetPartitionId():
@@ -181,6 +169,7 @@ def draw(view, chosen, folder: Path) -> list[dict[str, str]]:
 
     from svv.errors import BadInput, Cancelled
     from svv.progress import shown
+    from svv.pv import scripts
 
     sweep = (chosen.phi, chosen.theta, chosen.size)
     extractors = [set_up(view, *sweep)]
@@ -214,20 +203,11 @@ def draw(view, chosen, folder: Path) -> list[dict[str, str]]:
                 simple.Delete(extractor)  # it holds the view, which must close before the program ends
     if stopped:
         raise stopped[0]
-    rows = rows_of(controller.GetSummaryTable())
+    every = scripts.rows_of(controller.GetSummaryTable())
+    rows = [{name: value for name, value in row.items() if value} for row in every]
     if not all(written) or len(rows) != images:
         raise BadInput(f"ParaView wrote {len(rows)} of {images} images; its messages are above.")
     return rows
-
-
-def rows_of(table) -> list[dict[str, str]]:
-    """Return the rows of a VTK table as {column: value}, without empty values."""
-    columns = [table.GetColumnName(column) for column in range(table.GetNumberOfColumns())]
-    rows = (
-        {name: table.GetValue(row, column).ToString() for column, name in enumerate(columns)}
-        for row in range(table.GetNumberOfRows())
-    )
-    return [{name: value for name, value in row.items() if value} for row in rows]
 
 
 def with_exact_alpha(rows: list[dict[str, str]], folder: Path) -> list[dict[str, str]]:

@@ -41,17 +41,11 @@ SLAB = 8
 
 
 def demo_volume(resolution: int = 128, levels: int | None = None) -> vtkImageData:
-    """Return the volume in the cube [-1, 1]^3: the same field at every resolution.
+    """Return the volume in the cube [-1, 1]^3, at least 16 voxels along each axis: the same field at every resolution.
 
     Values are 0.5 in the fluid and outside of it, rise to 0.65 at the ball's edge and to 1 in the vortex' core, and
-    fall to 0 in the sheet. The knot's threefold axis is the volume's y axis.
-
-    Args:
-        resolution: Voxels along each axis, >= 16.
-        levels: 255 for whole numbers from 0 to 255, one byte each, as from a scanner; by default float32 values.
-
-    Raises:
-        BadInput: The resolution is below 16.
+    fall to 0 in the sheet; with ``levels`` 255, they are whole numbers up to that, one byte each. The knot's threefold
+    axis is the volume's y axis.
     """
     if resolution < 16:
         raise BadInput(f"The demo's volume needs at least 16 voxels along each axis, not {resolution}.")
@@ -64,14 +58,8 @@ def demo_volume(resolution: int = 128, levels: int | None = None) -> vtkImageDat
     return from_array(volume, (2.0 / (resolution - 1),) * 3, (-1.0,) * 3, "wave")
 
 
-def demo_transfer_function(shell: float = 0.015, core: float = 0.97, sheet: float = 0.97) -> TransferFunction:
-    """Return three visible ranges of distinct hues: a golden core, a crimson sheet, and a translucent blue shell.
-
-    Args:
-        shell: Largest opacity of the ball's edge, in [0, 1].
-        core: Largest opacity of the vortex' core, in [0, 1].
-        sheet: Largest opacity of the sheet, in [0, 1].
-    """
+def demo_transfer_function() -> TransferFunction:
+    """Return three visible ranges of distinct hues: a golden core, a crimson sheet, and a translucent blue shell."""
     return TransferFunction(
         colours=(
             (0.0, 1.0, 0.2, 0.4), (0.4, 0.9, 0.1, 0.35),
@@ -79,9 +67,9 @@ def demo_transfer_function(shell: float = 0.015, core: float = 0.97, sheet: floa
             (0.72, 1.0, 0.72, 0.1), (1.0, 1.0, 0.85, 0.3),
         ),
         opacities=(
-            (0.0, sheet, 0.5, 0.0), (0.34, sheet, 0.5, 0.0), (0.4, 0.0, 0.5, 0.0),
-            (0.57, 0.0, 0.5, 0.0), (0.61, shell, 0.5, 0.0), (0.64, shell, 0.5, 0.0), (0.67, 0.0, 0.5, 0.0),
-            (0.72, 0.0, 0.5, 0.0), (0.78, core, 0.5, 0.0), (1.0, core, 0.5, 0.0),
+            (0.0, 0.97, 0.5, 0.0), (0.34, 0.97, 0.5, 0.0), (0.4, 0.0, 0.5, 0.0),
+            (0.57, 0.0, 0.5, 0.0), (0.61, 0.015, 0.5, 0.0), (0.64, 0.015, 0.5, 0.0), (0.67, 0.0, 0.5, 0.0),
+            (0.72, 0.0, 0.5, 0.0), (0.78, 0.97, 0.5, 0.0), (1.0, 0.97, 0.5, 0.0),
         ),
         name="demo",
     )  # fmt: skip
@@ -99,10 +87,9 @@ def _values(x: Array, y: Array, z: Array) -> Array:
 
 
 def _wave(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
-    """Return psi, turned by the sheet's phase, and how steep it is.
+    """Return psi, turned by the sheet's phase (real and imaginary part), and how steep it is.
 
-    Real and imaginary part; the root mean square of the two parts' slopes, which are equal around the line; the
-    imaginary part's slope.
+    That is the root mean square of the two parts' slopes, equal around the line, and the imaginary part's slope.
     """
     axes = (x, y, z)
     denominator = sum(a * a for a in axes) + 1.0

@@ -1,7 +1,7 @@
 """Whether the process at the other end of a connection, ParaView's client or its server, is still there.
 
-ParaView itself finds out only when it reads from the connection. Until then a server goes on working for a client that
-has gone, for hours perhaps; and a client that asks a dead server for a property's value is ended by an assertion.
+ParaView itself finds out only when it reads from it: until then a server works for a client that has gone, and a client
+that asks a dead server for a property's value is ended by an assertion.
 """
 
 from __future__ import annotations
@@ -28,11 +28,7 @@ def client_gone() -> bool:
 
 
 def server_gone(proxy: SMProxy) -> bool:
-    """Return whether the server that has a proxy's object has gone.
-
-    Args:
-        proxy: A proxy, as VTK object (``SMProxy``).
-    """
+    """Return whether the server that has the object of a proxy (``SMProxy``) has gone."""
     from paraview.modules.vtkRemotingCore import vtkPVSession
 
     return _is_gone(proxy.GetSession(), vtkPVSession.DATA_SERVER_ROOT)

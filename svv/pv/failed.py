@@ -1,9 +1,8 @@
 """What filters say that fail, and marks on their outputs: no filter behind one passes an earlier result off as right.
 
-A filter that fails outputs its previous result, or nothing. Both carry the reason, which filters behind it repeat. In
-pvpython and pvbatch, which show no messages, a script that ends while a filter still lacks what it was asked to show
-has failed as well: its exit code is 2. If scripts are to be strict, :mod:`svv.pv.client.strict` makes every failure an
-exception of the script as soon as it can, and what is left when the script ends gives exit code 1.
+A filter that fails outputs its previous result, or nothing, with the reason, which filters behind it repeat. A script
+that ends while a filter lacks what it was asked to show has exit code 2; if scripts are strict
+(:mod:`svv.pv.client.strict`), failures are exceptions, and what is left of them at the end gives exit code 1.
 """
 
 from __future__ import annotations
@@ -17,10 +16,9 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
-from svv.dvr.read.appearance import named
+from svv.dvr.read.appearance import named, named_text
 from svv.ending import describe_os_error
 from svv.errors import BadInput, Cancelled, is_lack_of_memory
 from svv.pv.launch.programs import STRICT
@@ -96,10 +94,7 @@ def reason_of(filter: str, sentence: str, stopped: bool = False) -> str:
 
 def mark_failed(data: vtkDataObject, reason: str) -> None:
     """Mark data as not what the filter was asked for."""
-    array = vtkStringArray()
-    array.SetName(MARK)
-    array.InsertNextValue(reason)
-    data.GetFieldData().AddArray(array)
+    data.GetFieldData().AddArray(named_text(MARK, reason))
     _count[0] += 1
     data.GetFieldData().AddArray(named(NUMBER, np.array([float(_count[0])])))
 

@@ -73,11 +73,7 @@ def observe(proxy: Observed, event: str, do: Observer) -> None:
 
 
 def with_data(kind: int | str) -> Callable[[Do], Do]:
-    """Return a decorator by which VTK passes an event's data on to its observer.
-
-    Args:
-        kind: Type of the data: ``VTK_INT`` or ``string0``.
-    """
+    """Return a decorator by which VTK passes an event's data (``VTK_INT`` or ``string0``) on to its observer."""
 
     def decorate(do: Do) -> Do:
         vars(do)["CallDataType"] = kind

@@ -1,7 +1,6 @@
 """What the panels of the StyleRF filters hold: a value for each property, under the property's name.
 
-Options of the engine's steps are read from it by :func:`svv.pv.panel.option_panel.options_in`; all other properties
-are listed here.
+Options of the engine's steps are read by :func:`svv.pv.panel.option_panel.options_in`; all others are listed here.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeAlias, TypedDict, cast
 
 from svv.core.json_values import Json
+from svv.errors import BadInput
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkImplicitFunction
@@ -179,6 +179,20 @@ def colour_row(values: Values, number: int) -> ColourRow:
 def _row(values: Values, prefix: str, kind: type) -> dict[str, object]:
     held = by_name(values)
     return {name: held[prefix + name] for name in kind.__annotations__ if prefix + name in held}
+
+
+def points_in(text: str, count: int, wrong: str) -> list[tuple[float, ...]]:
+    """Parse '1,2; 3,4' as points of so many numbers; raise BadInput for anything else: wrong, and the text."""
+    points = []
+    for place in filter(None, (p.strip() for p in text.split(";"))):
+        try:
+            point = tuple(float(word) for word in place.split(","))
+        except ValueError:
+            point = ()
+        if len(point) != count:
+            raise BadInput(f"{wrong}, not '{text}'.")
+        points.append(point)
+    return points
 
 
 def by_name(values: Values) -> dict[str, object]:

@@ -12,13 +12,7 @@ from svv.pv.observers import WeakReference
 
 
 class Timer:
-    """One-shot timer of a window; whoever starts it keeps it until it has gone off, because VTK does not.
-
-    Args:
-        interactor: The window's interactor.
-        pause: Milliseconds until it goes off.
-        do: Called then.
-    """
+    """One-shot timer of a window, in milliseconds; whoever starts it keeps it until it has gone off: VTK does not."""
 
     def __init__(self, interactor: vtkRenderWindowInteractor, pause: int, do: Callable[[], None]) -> None:
         self._interactor = WeakReference(interactor)
@@ -38,6 +32,27 @@ class Timer:
         self._do()
 
 
+class Alarm:
+    """A timer of the window that is set at most once at a time; its pause is in milliseconds."""
+
+    def __init__(self, pause: int, do: Callable[[], None]) -> None:
+        self._pause, self._do = pause, do
+        self._timer: Timer | None = None
+
+    def set(self) -> bool:
+        """Let it go off after the pause, if it is not set already; return False without a window (in a script)."""
+        interactor = window()
+        if self._timer is not None and not self._timer.alive:
+            self._timer = None
+        if self._timer is None and interactor is not None:
+            self._timer = Timer(interactor, self._pause, self._go)
+        return self._timer is not None
+
+    def _go(self) -> None:
+        self._timer = None
+        self._do()
+
+
 def window() -> vtkRenderWindowInteractor | None:
     """Return the interactor of one of the window's views; None if there is no window (in a script), or no view."""
     from paraview import simple
@@ -50,10 +65,9 @@ def window() -> vtkRenderWindowInteractor | None:
 
 
 def by_window() -> bool:
-    """Return whether the window itself has called, and not a script.
+    """Return whether the window itself has called, and not a script: then the outermost function is one of ours.
 
-    The outermost function tells: of the window's calls, that is one of ours, which may have called others that come
-    back here. Choosing a volume's function registers proxies, and each of them is an event of its own.
+    That may have called others that come back here: each proxy that is registered is an event of its own.
     """
     frame: Any = sys._getframe()
     while frame.f_back is not None:

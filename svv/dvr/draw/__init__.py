@@ -1,4 +1,1 @@
-"""Views of a volume, drawn by VTK or brick by brick, and its classification.
-
-Scenes are rendered by :mod:`svv.fields.radiance.rendering`.
-"""
+"""Views of a volume, drawn by VTK or brick by brick, and its classification."""

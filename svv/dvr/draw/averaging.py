@@ -21,28 +21,17 @@ AVERAGING_WIDTH = 1.0
 
 
 def averaged(
-    values: NDArray[np.float32],
-    known: Array,
-    sigma: Array,
-    starts: list[int],
-    exact: tuple[Array, Array] | None,
+    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int], exact: tuple[Array, Array] | None
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
-    """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.
+    """Return the log of the mean extinction around each vertex, and the range that gives most of it. (X, Y, Z) each
 
     Where the values cross a range of the function between two vertices, sampling the extinction at the vertices would
     miss it or hit it by chance. It is therefore averaged over the values within a cell around the vertex, by means of
     its integral over the values (as in pre-integrated classification, Engel et al. 2001).
 
-    Args:
-        values: Values at the vertices, NaN outside the volume, where the extinction is 0. (Z, Y, X)
-        known: Ascending values. (K,)
-        sigma: Extinction of the known values, 1 / box unit. (K,)
-        starts: Index of the first known value of each range.
-        exact: Ascending values and their extinction if there are no values between those of neighbours, so that nothing
-            is averaged (:func:`as_voxels_are`). (N,), (N,)
-
-    Returns:
-        Natural logarithms of the extinction, and range numbers. (X, Y, Z) each.
+    Values (Z, Y, X) are NaN outside the volume, where the extinction is 0; known values (K,) ascend, and ``starts`` has
+    the index of the first one of each range. ``exact`` holds values and their extinction if there are none between
+    those of neighbours, so that nothing is averaged (:func:`as_voxels_are`). (N,), (N,)
     """
     borders = known[starts[1:]]
     if exact is not None:
@@ -112,10 +101,7 @@ def _heaviest(
 
 
 def integral_of(known: Array, sigma: Array) -> Array:
-    """Return the integral of the extinction over the values, from the first at which it varies. (K,)
-
-    From there it is accurate, whatever single values lie far below.
-    """
+    """Return the integral of the extinction over the values, accurate from where that begins to vary. (K,)"""
     part = 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known)
     start = int(np.searchsorted(known, varying(known, sigma)[0]))
     return np.concatenate([-np.cumsum(part[:start][::-1])[::-1], [0.0], np.cumsum(part[start:])])

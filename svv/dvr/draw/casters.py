@@ -1,11 +1,8 @@
 """VTK's two ray casters, each with a method ``render`` that takes a camera and returns straight-alpha pixels.
 
-CPU: ``vtkFixedPointVolumeRayCastMapper`` computes a premultiplied RGBA image of 15 bits per channel in memory and then
-has OpenGL draw it. We take the image from memory, which requires no OpenGL at all (so no display, EGL or OSMesa). Its
-alpha comes directly from the ray caster and is 128 times finer than one read back from an 8-bit window.
-
-GPU: ``vtkGPUVolumeRayCastMapper`` draws into an off-screen window, whose alpha channel is wrong in places for
-translucent volumes. Each view is therefore drawn twice, on black and on white: alpha = 1 - (white - black).
+The CPU's computes a premultiplied image of 15 bits per channel, which is taken from memory: no OpenGL is needed, and
+alpha is 128 times finer than a window's. The GPU's draws into an off-screen window, whose alpha is wrong in places, so
+each view is drawn on black and on white: alpha = 1 - (white - black).
 """
 
 from __future__ import annotations
@@ -65,17 +62,10 @@ NO_WINDOW = (
     "The GPU ray caster needs an off-screen OpenGL context, which cannot be created: install libegl1 libosmesa6 "
     "(Debian's names) or choose the CPU ray caster (--mapper cpu)."
 )
-"""Message for machines on which the GPU ray caster cannot run."""
 
 
 class CpuMapper:
-    """VTK's fixed-point ray caster, without a window.
-
-    Args:
-        stage: Stage with the volume to render.
-        shading: Shading of the volume.
-        step: Sample distance, stage units.
-    """
+    """VTK's fixed-point ray caster for a volume on its stage, without a window; distances are in stage units."""
 
     name = "cpu"
 
@@ -121,11 +111,7 @@ class CpuMapper:
         return pixels
 
     def _skip_empty_rays(self, cast: vtkFixedPointRayCastImage, camera: Camera, used: tuple[slice, slice]) -> None:
-        """Skip rays that miss all visible cells, and end the others behind the last visible cell.
-
-        The ray caster ends rays at the depth buffer of surrounding geometry; our buffer contains the depth behind the
-        last visible cell of each tile.
-        """
+        """Skip rays that miss all visible cells, and end others behind the last in their tile, by a depth buffer."""
         position, direction, up = self._stage.pose(camera)
         offset = self._blocks - position
         depth = offset @ direction
@@ -166,16 +152,7 @@ class CpuMapper:
 
 
 class GpuMapper:
-    """VTK's OpenGL ray caster in an off-screen window.
-
-    Args:
-        stage: Stage with the volume to render.
-        shading: Shading of the volume.
-        step: Sample distance, stage units.
-
-    Raises:
-        BadInput: No off-screen OpenGL context can be created.
-    """
+    """VTK's OpenGL ray caster for a volume on its stage, in an off-screen window (BadInput if there can be none)."""
 
     name = "gpu"
 
@@ -233,15 +210,7 @@ class GpuMapper:
 
 
 def straight_alpha(black: NDArray[np.float32], white: NDArray[np.float32]) -> Pixels:
-    """Return straight-alpha pixels from an image drawn on black and on white: alpha = 1 - (white - black).
-
-    Args:
-        black: The image on black, levels 0 to 255. (height, width, 3)
-        white: The image on white. (height, width, 3)
-
-    Returns:
-        Colour and alpha; colour is 0 where alpha is 0. (height, width, 4) uint8
-    """
+    """Return straight-alpha pixels (h, w, 4), 0 where alpha is, of levels on black and on white (h, w, 3)."""
     # Each channel is rounded separately; the mean of the three differences is the best estimate of alpha.
     alpha = np.clip(1.0 - (white - black).mean(axis=-1, keepdims=True) / 255.0, 0.0, 1.0)
     alpha = np.where((black == 0).all(-1, keepdims=True) & (alpha < 1 / 255), 0.0, alpha)
@@ -253,11 +222,7 @@ def straight_alpha(black: NDArray[np.float32], white: NDArray[np.float32]) -> Pi
 
 
 def choose_mapper(mapper: str) -> type[CpuMapper] | type[GpuMapper]:
-    """Return the ray caster for ``auto``, ``gpu`` or ``cpu``; auto is the GPU if OpenGL runs on hardware.
-
-    Raises:
-        BadInput: ``mapper`` is another word.
-    """
+    """Return the ray caster ``gpu`` or ``cpu``; ``auto`` is the GPU's if OpenGL runs on hardware; or raise BadInput."""
     if mapper not in ("auto", "gpu", "cpu"):
         raise BadInput(f"The mapper must be auto, gpu, cpu or bricks, not '{mapper}'.")
     return GpuMapper if mapper == "gpu" or (mapper == "auto" and hardware_opengl()) else CpuMapper
@@ -278,11 +243,7 @@ def hardware_opengl() -> bool:
 
 
 def off_screen_window() -> vtkRenderWindow:
-    """Return an off-screen render window with a working OpenGL context.
-
-    Raises:
-        BadInput: No context can be created; the message says what to install.
-    """
+    """Return an off-screen window with a working OpenGL context, or raise BadInput, which says what to install."""
     window = None
     if sys.platform != "linux" or os.environ.get("DISPLAY"):
         window = vtkRenderWindow()

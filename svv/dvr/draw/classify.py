@@ -1,8 +1,7 @@
 """Classification of a volume by its transfer function, as a starting point for training.
 
-The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law.
-
-Letters: K known values, V voxels; sigma is extinction in 1 / box unit.
+The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law. Letters: K known
+values, V voxels; sigma is extinction in 1 / box unit.
 """
 
 from __future__ import annotations
@@ -52,31 +51,22 @@ COUNTED_VOXELS = 4_000_000
 
 
 def classified(stage: Stage) -> ClassifiedVolume:
-    """Classify a volume on its stage by the transfer function.
+    """Classify a volume on its stage by its transfer function: extinction and ranges over the visible box in the world.
 
     A ray that passes the opacity unit distance u through a value of opacity a keeps 1 - a of its light, so the
     extinction is -ln(1 - a) / u, regardless of the sample distance of the ray caster. Values are first interpolated
     trilinearly and then classified, as ray casters do.
-
-    Args:
-        stage: A volume with its transfer function and unit distance.
-
-    Returns:
-        Extinction and ranges over the visible box in world space, with ``CELLS_A_VOXEL`` cells per voxel but no more
-        than ``MOST_CELLS`` along the longest side.
     """
     box, cells = grid_over(stage)
-    shape = grid_shape(box, cells) + 1
     image = to_array(stage.image)
     known, sigma = extinction(stage, box, float(image.min()), float(image.max()))
-    values = resampled(stage, box, cells, np.zeros(3, np.int64), shape)
+    values = resampled(stage, box, cells)
     blank = stage.appearance.blank
-    hide(stage, box, cells, values)
     counts = frequencies(image if blank is None else image[~blank], known)
     return classified_grid(stage, box, cells, values, (known, sigma), counts)
 
 
-def hide(stage: Stage, box: Box, cells: int, values: NDArray[np.float32]) -> None:
+def _hide(stage: Stage, box: Box, cells: int, values: NDArray[np.float32]) -> None:
     """Set the values at vertices (Z, Y, X) that are blanked or cropped away to NaN, as those outside of the image."""
     shown = stage.appearance
     if shown.blank is None and shown.crop is None:
@@ -116,17 +106,19 @@ def _voxels(stage: Stage) -> float:
     return float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
 
 
-def resampled(
+def resampled(stage: Stage, box: Box, cells: int) -> NDArray[np.float32]:
+    """Return the stage's values at the vertices of a grid over a box, NaN where nothing is shown. (Z, Y, X)"""
+    values = resampled_part(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
+    _hide(stage, box, cells, values)
+    return values
+
+
+def resampled_part(
     stage: Stage, box: Box, cells: int, first: NDArray[np.int64], shape: NDArray[np.int64]
 ) -> NDArray[np.float32]:
-    """Return the stage's values at vertices of the grid, NaN outside of its image. (Z, Y, X)
+    """Return the stage's values at vertices of a grid over a box, NaN outside of its image. (Z, Y, X)
 
-    Args:
-        stage: The stage.
-        box: The box over which the grid lies.
-        cells: Number of cells per box unit.
-        first: Index of the first vertex (x, y, z).
-        shape: Number of vertices along x, y, z.
+    ``first`` is the index of the first vertex, ``shape`` the number of vertices, both along x, y, z.
     """
     turn = stage.scale * stage.rotation.T
     to_stage = vtkMatrix4x4()  # from the indices of a vertex to the stage
@@ -155,15 +147,10 @@ def resampled(
 def classified_grid(
     stage: Stage, box: Box, cells: int, values: NDArray[np.float32], function: tuple[Array, Array], counts: Array
 ) -> ClassifiedVolume:
-    """Classify a grid of values.
+    """Classify a grid of values (Z, Y, X) over a box; those of the stage itself are not used.
 
-    Args:
-        stage: The stage of the volume, whose own values are not used.
-        box: The box over which the grid lies.
-        cells: Number of cells per box unit.
-        values: Values at the vertices, see :func:`resampled`. (Z, Y, X)
-        function: Known values and their extinction, see :func:`extinction`. (K,), (K,)
-        counts: Frequencies of the known values, see :func:`frequencies`. (K,)
+    ``function`` has the known values and their extinction (:func:`extinction`), ``counts`` :func:`frequencies`. (K,)
+    each
     """
     known, sigma = function
     colour, weight = stage.tf.colour_at(known), _weights(counts, sigma)
@@ -232,18 +219,12 @@ def coded(values: NDArray[np.float32], interval: tuple[float, float]) -> NDArray
 
 
 def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:
-    """Return ascending values from ``low`` to ``high`` that miss no extremum, and their extinction in 1 / box unit.
-
-    (K,), (K,)
-    """
+    """Return ascending values from low to high that miss no extremum, and their extinction, 1 / box unit. (K,), (K,)"""
     return _extinction_of(stage.tf, stage, box, low, high)
 
 
 def as_voxels_are(stage: Stage, box: Box, known: Array) -> tuple[Array, Array] | None:
-    """Return what :func:`extinction` does for values of voxels, if only these are shown; otherwise None.
-
-    A function that jumps at such a value has the same extinction around it, whatever rounds the value.
-    """
+    """Return what :func:`extinction` does, however values at jumps are rounded, if only voxels are shown; or None."""
     if not stage.appearance.nearest:
         return None
     return _extinction_of(stage.settled, stage, box, float(known[0]), float(known[-1]))
@@ -290,10 +271,7 @@ def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[in
 
 
 def frequencies(image: NDArray[np.number], known: Array, whole: int = 0) -> Array:
-    """Return how often each known value is the nearest to a voxel's, as a fraction of the voxels that are counted. (K,)
-
-    ``whole`` is the number of voxels of the volume of which the image is a part.
-    """
+    """Return how often each known value is nearest to a voxel's, as a fraction of the ``whole`` volume's. (K,)"""
     values = image.ravel()
     values = values[:: max(1, max(whole, len(values)) // COUNTED_VOXELS)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
@@ -307,15 +285,7 @@ def _weights(counts: Array, sigma: Array) -> Array:
 
 
 def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:
-    """Classify a volume by a transfer function for its values.
-
-    Args:
-        image: A volume (see :func:`svv.dvr.read.grids.as_volume`).
-        tf: The function, with its unit distance.
-
-    Raises:
-        BadInput: The transfer function lies outside the volume's values, or shows nothing or all of it.
-    """
+    """Classify a volume (see ``as_volume``) by a function for its values; BadInput if that shows nothing, or all."""
     values = to_array(image)
     fitted = tf.fitted(float(values.min()), float(values.max()), rescale=False)
     return classified(set_stage(image, fitted))

@@ -41,17 +41,11 @@ def fitted_to(
     memory: float | None = None,
     rescale: bool | None = None,
 ) -> Fitting:
-    """Fit a transfer function to a volume, and choose the ray caster.
+    """Fit a transfer function, by default two ranges of the histogram, to a volume, and choose the ray caster.
 
-    Args:
-        volume: A volume (see :func:`svv.dvr.read.grids.as_volume`).
-        tf: The function; by default two ranges of the histogram.
-        mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
-        memory: See :func:`svv.dvr.draw.large.memory_allowed`.
-        rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
-
-    Raises:
-        BadInput: The function does not fit the volume, or the ray caster is unknown.
+    ``mapper`` is ``auto``, ``bricks``, ``gpu`` or ``cpu``; see ``memory_allowed`` for memory,
+    ``TransferFunction.fitted`` for ``rescale``. Raises BadInput if the function does not fit, or the ray caster is
+    unknown.
     """
     small, notes = volume if isinstance(volume, vtkImageData) else volume.overview, []
     usual = usual_range(small) if tf is None or rescale is not False else None

@@ -1,7 +1,7 @@
 """The stage on which a volume is rendered: cropped to its visible part, centred and scaled to unit size.
 
-VTK's volume mappers lose accuracy with spacings of 1e-9 or 1e6, and the CPU ray caster ignores direction matrices. The
-volume is therefore placed on the stage without either, and cameras are transformed from the world to the stage.
+VTK's volume mappers lose accuracy with spacings of 1e-9 or 1e6, and the CPU ray caster ignores direction matrices: the
+stage has neither, and cameras are transformed to it.
 """
 
 from __future__ import annotations
@@ -117,15 +117,10 @@ class Stage:
 
 
 def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
-    """Crop a volume to its visible cells and scale it to unit size.
+    """Crop a volume (see ``as_volume``) to its visible cells and scale it to unit size.
 
-    Args:
-        image: Volume with one-component point scalars (see ``as_volume``).
-        tf: Transfer function for the image's values (see ``TransferFunction.fitted``). If it has no opacity unit
-            distance, ParaView's default is used.
-
-    Raises:
-        BadInput: No cell contains a value with an opacity above 0, or those that do are blanked or cropped away.
+    The transfer function is one for its values (``TransferFunction.fitted``); without an opacity unit distance, it has
+    ParaView's default. Raises BadInput if nothing is visible, or all of that is blanked or cropped away.
     """
     values, shown = to_array(image), Appearance.of(image)
     seen = shown.shown_cells(visible_cells(values, tf))
@@ -142,13 +137,9 @@ def place_part(
 ) -> Stage:
     """Place a part of a volume on the stage of the whole volume, see :func:`set_stage`.
 
-    Args:
-        values: Voxels of the part. (z, y, x)
-        at: Index of its first voxel in the volume (x, y, z).
-        seen: The box of the volume's visible cells: first and last voxel index along x, y, z.
-        whole: Grid of the volume, and how it is shown; its values are not used.
-        tf: Transfer function for the volume's values.
-        span: Smallest and largest value of the visible part of the volume; by default those of the values.
+    The part has the voxels ``values`` (z, y, x), the first one at index ``at`` (x, y, z) of the volume. ``seen`` is the
+    box of visible cells: first and last voxel index along x, y, z. ``whole`` has the volume's grid and how it is shown,
+    and ``span`` the smallest and largest visible value, by default those of the part.
     """
     matrix, size = index_to_world(whole), np.array(whole.GetDimensions())
     first, last = seen
@@ -178,13 +169,18 @@ def place_part(
     return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, zero, shown, exact)
 
 
+def place_whole(image: vtkImageData, tf: TransferFunction) -> Stage:
+    """Place all of a volume on the stage, whatever its transfer function shows."""
+    first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
+    return place_part(to_array(image), first, (first, last), image, tf)
+
+
 def visible_cells(
     values: NDArray[np.number], tf: TransferFunction, span: tuple[float, float] | None = None
 ) -> NDArray[np.bool_]:
-    """Return which cells can show something (z, y, x; one fewer than voxels along each axis).
+    """Return which cells (z, y, x; one fewer than voxels along each axis) have an interpolated value that is seen.
 
-    A cell is visible if its range of interpolated values includes a value with an opacity above 0. ``span`` contains
-    all values, by default exactly.
+    All values lie in ``span``, by default exactly.
     """
     ranges = tf.visible_ranges(*(span or (float(values.min()), float(values.max()))))
     seen = np.zeros([size - 1 for size in values.shape], dtype=bool)  # (cells z, y, x)
@@ -216,10 +212,9 @@ def _small_type(
 ) -> tuple[NDArray[np.number], float, float]:
     """Return the values in a type that both mappers accept, and the gain and origin of the mapping.
 
-    8-bit and 16-bit values stay unchanged, but for those that differ little for their size, which the GPU's single
-    precision does not tell apart. They and wider types, for whose huge, tiny or 64-bit values the mappers overflow, are
-    mapped to float32: to [0, 1], unless single values lie so far away (fill values such as 1e20) that
-    float32 could not resolve the function then. In that case what the function tells apart is mapped to [0, 1].
+    8-bit and 16-bit values stay, unless they differ too little for their size for the GPU's single precision. Others,
+    for whose huge, tiny or 64-bit values the mappers overflow, become float32 in [0, 1]; if single values (such as
+    1e20) lie so far away that this would not resolve the function, what the function tells apart is mapped to [0, 1].
     """
     low, high = span or (float(values.min()), float(values.max()))
     if values.dtype.itemsize <= 2 and max(abs(low), abs(high)) <= FINE * max(high - low, 1.0):

@@ -24,10 +24,8 @@ from svv.options.making import ViewOptions
 GivenVolume = (
     str | Path | NDArray[Any] | vtkDataObject | LargeVolume | vtkProp3D | vtkRenderer | Plotter | Sequence[vtkProp3D]
 )
-"""What :func:`given_volume` takes."""
 
 GivenFunction = TransferFunction | str | Path | vtkVolumeProperty | vtkProp3D | vtkRenderer | Plotter
-"""What :func:`given_function` takes."""
 
 NO_FUNCTION = (
     "A transfer function is an svv.TransferFunction, a file, a vtkVolumeProperty, or an actor or plotter that has one, "
@@ -60,19 +58,13 @@ def given_volume(
 ) -> vtkImageData | LargeVolume:
     """Return a volume that is ready to be drawn.
 
-    Args:
-        volume: A file (see :func:`svv.dvr.draw.large.open_volume`); an array of numbers indexed [z, y, x], as in .npy
-            files; a large volume; an image, or another grid or blocks of grids, which are resampled to an image
-            (:func:`svv.dvr.read.meshes.resampled`); or the actor, renderer or plotter that shows one of them
-            (:func:`svv.dvr.draw.plotted.image_shown`). All are VTK's or PyVista's.
-        nearest: Whether voxels are shown without interpolation; otherwise as the image says, and with it by default.
-        options: How it is to be drawn.
-        progress: Called often; the work stops when it raises.
-        spacing: Distances between the voxels of an array (x, y, z), world units, > 0; 1 by default.
-        origin: Position of an array's first voxel (x, y, z), world units; 0 by default.
+    It is given as a file (:func:`svv.dvr.draw.large.open_volume`); as an array of numbers [z, y, x], with its
+    ``spacing`` (1 by default) and ``origin`` (0) in world units, (x, y, z) each; as a large volume; as an image, grid
+    or blocks of grids, which are resampled (:func:`svv.dvr.read.meshes.resampled`); or by what shows one
+    (:func:`svv.dvr.draw.plotted.image_shown`), of VTK or PyVista. With ``nearest``, voxels are shown without
+    interpolation, otherwise as the image says.
 
-    Raises:
-        BadInput: It is none of these, or is rejected by what reads, resamples or checks it.
+    Raises BadInput if it is none of these, or is rejected by what reads, resamples or checks it.
     """
     if isinstance(volume, np.ndarray):
         image = _of_array(volume, spacing, origin)
@@ -99,12 +91,8 @@ def given_volume(
 def given_function(tf: GivenFunction | None, volume: object) -> tuple[TransferFunction | None, bool]:
     """Return a transfer function, and whether it is one of VTK's objects; None stands for a default.
 
-    Args:
-        tf: A function, or its file; a property, actor or plotter (:func:`svv.dvr.draw.plotted.function_of`).
-        volume: What is shown; an actor or plotter has a function of its own, which is used if no other one is given.
-
-    Raises:
-        BadInput: It is none of these, or is rejected by what reads or checks it.
+    It is given as a function, a file, or what has one (:func:`svv.dvr.draw.plotted.function_of`); without one, what
+    shows the volume has it. Raises BadInput if it is none of these, or is rejected by what reads or checks it.
     """
     if isinstance(tf, (str, Path)):
         return TransferFunction.read(tf), False

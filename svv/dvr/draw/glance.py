@@ -20,16 +20,7 @@ STEP = 0.5
 
 
 class Glance:
-    """A volume and its transfer function, ready to be drawn.
-
-    Args:
-        volume: An image (see :func:`svv.dvr.read.grids.as_volume`).
-        tf: Transfer function for its values.
-        shading: Its shading.
-
-    Raises:
-        BadInput: As :func:`svv.dvr.draw.views.render_views`.
-    """
+    """A volume (``as_volume``), its transfer function and shading, ready to be drawn; raises as ``render_views``."""
 
     def __init__(self, volume: vtkImageData, tf: TransferFunction, shading: Shading) -> None:
         opened = Opened.of(volume, "auto", None)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
 from svv.dvr.draw.casters import CpuMapper, Pixels, choose_mapper
 from svv.dvr.draw.frame import STEP, Stage
+from svv.dvr.draw.tables import light
 from svv.dvr.functions.jumps import settled
 from svv.dvr.functions.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.read.appearance import Appearance, without_interpolation
@@ -47,15 +48,10 @@ def entries_for(tf: TransferFunction, low: float, high: float, voxels: NDArray[n
     entries, span = ENTRIES, high - low
     tried = voxels.ravel()[:: max(1, voxels.size // TRIED)].astype(np.float64)
     tried = tried[(tried >= low) & (tried <= high)]
-
-    def light(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        opacity = tf.opacity_at(values)[:, None]
-        return np.concatenate([tf.colour_at(values) * opacity, opacity], axis=1)
-
-    exact = light(tried)
+    exact = light(tf, tried)
     while span > 0.0 and exact.any() and entries < MOST_ENTRIES:
         step = span / (entries - 1)
-        error = np.abs(light(low + np.rint((tried - low) / step) * step) - exact)
+        error = np.abs(light(tf, low + np.rint((tried - low) / step) * step) - exact)
         if error.mean() <= UNRESOLVED * exact[:, 3].mean():
             break
         entries *= 4
@@ -91,14 +87,10 @@ BRICK_BYTES = 2.2
 
 
 class LargeVolume:
-    """A volume of which bricks are read when they are needed.
+    """A volume of which bricks are read when they are needed, into so many bytes of memory.
 
-    Args:
-        source: The volume with its levels.
-        memory: Bytes that its bricks may take in memory.
-        name: Name in messages.
-        overview: The volume itself, if it is small and in memory anyway.
-        nearest: Whether its voxels are shown without interpolation; those of coarser levels must be voxels then, too.
+    ``overview`` is the volume itself, if it is small and in memory anyway. Voxels that are shown without interpolation
+    (``nearest``) must be voxels at coarser levels, too.
     """
 
     def __init__(
@@ -166,15 +158,10 @@ class LargeVolume:
 
 
 class BrickMapper:
-    """Our own ray caster for large volumes, with the methods of VTK's.
+    """Our own ray caster for large volumes, with the methods of VTK's, on the stage of the volume's overview.
 
-    Args:
-        volume: The volume.
-        tf: Transfer function for its values, with an opacity unit distance.
-        stage: Stage of its overview.
-        shading: Shading of the volume.
-        step: Sample distance in stage units; levels other than the overview are drawn with the same number of their
-            own voxels.
+    The transfer function is one for the volume's values, with a unit distance. The sample distance is in stage units;
+    levels other than the overview are drawn with the same number of their own voxels.
     """
 
     name = "bricks"
@@ -219,10 +206,7 @@ class BrickMapper:
 
 
 def seen_of(volume: LargeVolume, tf: TransferFunction) -> tuple[tuple[float, float], NDArray[np.float64]]:
-    """Return the range of a volume's values, and the intervals of those that are visible. (R, 2)
-
-    If only the range of the overview is known, finer levels have values beyond it.
-    """
+    """Return the range of a volume's values, maybe wider than the overview's, and the visible intervals. (R, 2)"""
     (low, high), (first, last) = volume.range, tf.range
     if volume.is_range_known:
         return (low, high), np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
@@ -257,25 +241,12 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
 ) -> vtkImageData | LargeVolume:
     """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
 
-    A format of which bricks cannot be read (see :data:`svv.bricks.opened.BRICKED`) is always read as a whole.
-
-    Args:
-        path: Its file or folder.
-        dims: See :func:`svv.dvr.read.volumes.read_volume`.
-        dtype: See there.
-        spacing: See there.
-        array: See there; also the path of a dataset in an HDF5 file, or of an array in a Zarr group.
-        mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
-        memory: Gigabytes that drawing may take; by default half of what there is.
-        progress: Called often; the work stops when it raises.
-        channel: See :func:`svv.dvr.read.volumes.read_volume`.
-        time: See there.
-        resample_to: See :func:`svv.dvr.read.volumes.read_volume`.
-        nearest: Whether its voxels are shown without interpolation, as labels need. Coarser levels for drawing by
-            bricks then consist of voxels, not of means, and the file's own are not used.
-
-    Raises:
-        BadInput: See there.
+    A format of which bricks cannot be read (see :data:`svv.bricks.opened.BRICKED`) is always read as a whole. Arguments
+    that are not explained here, and errors, are those of :func:`svv.dvr.read.volumes.read_volume`. ``array`` may also
+    be the path of a dataset in an HDF5 file, or of an array in a Zarr group. ``mapper`` is ``auto``, ``bricks``,
+    ``gpu`` or ``cpu``; ``memory`` is in gigabytes, by default half of what there is. With ``nearest``, voxels are shown
+    without interpolation, as labels need: coarser levels for drawing by bricks then consist of voxels, not of means,
+    and the file's own are not used.
     """
     file, allowed = Path(path), memory_allowed(memory)
     if not file.exists():
@@ -308,11 +279,7 @@ def vtk_bytes(source: Source) -> int:
 
 
 def memory_allowed(gigabytes: float | None) -> int:
-    """Return a limit in bytes; None: half of what there is (:func:`svv.io.files.memory.memory_there`).
-
-    Raises:
-        BadInput: The limit is below a quarter of a gigabyte.
-    """
+    """Return a limit in bytes, by default half of what there is; raise BadInput below a quarter of a gigabyte."""
     if gigabytes is None:
         return memory_there() // 2
     if not 0.25 <= gigabytes < np.inf:
@@ -341,13 +308,6 @@ def quickest(
     what ours would draw otherwise, whole numbers with more levels than the table of colours has entries, and what does
     not fit into memory twice. Ours draws even where there is a GPU if values lie so far apart (fill values) that VTK's
     tables, which run from the smallest to the largest value, would not resolve the function.
-
-    Args:
-        volume: The volume.
-        mapper: The ray caster that was asked for; one that was named stays.
-        memory: See :func:`memory_allowed`.
-        tf: Transfer function, if it is known.
-        rescale: Whether the function is stretched over the values, see ``TransferFunction.fitted``.
     """
     if mapper != "auto" or not isinstance(volume, vtkImageData):
         return mapper
@@ -368,9 +328,7 @@ class Opened:
     image: vtkImageData
     """The volume, or an overview of it."""
     whole: Level
-    """Grid of the whole volume."""
     range: tuple[float, float]
-    """Smallest and largest value."""
     type: str
     """NumPy's name of the values' type."""
     large: LargeVolume | None = None
@@ -378,10 +336,7 @@ class Opened:
 
     @classmethod
     def of(cls, volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> Opened:
-        """Return an image (see ``as_volume``) or a large volume as a subject for a ray caster.
-
-        VTK's CPU ray caster does not know blanking, so that ours draws what is not shown plainly.
-        """
+        """Return an image (see ``as_volume``) or a large volume for a ray caster: ours if VTK's knows no blanking."""
         if isinstance(volume, vtkImageData) and (
             mapper == "bricks" or (not Appearance.of(volume).plain and choose_mapper(mapper) is CpuMapper)
         ):
@@ -397,19 +352,6 @@ class Opened:
         """ParaView's default opacity unit distance, world units."""
         return own_unit_distance(self.image) or unit_distance_for(self.whole)
 
-    def caster(self, tf: TransferFunction) -> BrickMaking | None:
+    def caster(self, tf: TransferFunction) -> Callable[[Stage, Shading, float], BrickMapper] | None:
         """Return what makes the ray caster for a transfer function of the values; None for one of VTK's."""
-        return None if self.large is None else BrickMaking(self.large, tf)
-
-
-@dataclass(frozen=True)
-class BrickMaking:
-    """Makes ray casters for a large volume."""
-
-    volume: LargeVolume
-    tf: TransferFunction
-    name: str = BrickMapper.name
-
-    def __call__(self, stage: Stage, shading: Shading, step: float) -> BrickMapper:
-        """Return the ray caster for the stage of the overview, with a sample distance in its units."""
-        return BrickMapper(self.volume, self.tf, stage, shading, step)
+        return None if self.large is None else partial(BrickMapper, self.large, tf)

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.geometry.box import Box
-from svv.core.volumes.classified import grid_shape
 from svv.dvr.draw.averaging import averaged
-from svv.dvr.draw.classify import as_voxels_are, extinction, hide, resampled
-from svv.dvr.draw.frame import place_part
+from svv.dvr.draw.classify import as_voxels_are, extinction, resampled
+from svv.dvr.draw.frame import place_whole
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
 
@@ -22,29 +21,18 @@ def exponents_over(
 ) -> tuple[NDArray[np.float32], list[NDArray[np.float16]]]:
     """Return a volume's values on a grid, and the logarithm of the extinction that each function gives them there.
 
-    Args:
-        image: A volume (see :func:`svv.dvr.read.grids.as_volume`).
-        functions: Transfer functions for its values, with their unit distances.
-        box: The box over which the grid lies, in world units.
-        cells: Cells of the grid per box unit.
-
-    Returns:
-        Values, NaN outside the volume, and exponents as in :class:`svv.core.volumes.classified.ClassifiedVolume`, each
-        (X + 1, Y + 1, Z + 1).
-
-    Raises:
-        BadInput: A function lies outside the volume's values, or shows nothing or all of it.
+    The functions are for the values of a volume (see ``as_volume``), with unit distances; the grid has ``cells`` per
+    box unit over a box in world units. Values are NaN outside the volume, exponents as in a ClassifiedVolume, (X + 1, Y
+    + 1, Z + 1) each. Raises BadInput if a function lies outside the values, or shows nothing or all of the volume.
     """
     numbers = to_array(image)
-    first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
     low, high = float(numbers.min()), float(numbers.max())
     values = np.zeros(0, np.float32)
     found: list[NDArray[np.float16]] = []
     for function in functions:
-        stage = place_part(numbers, first, (first, last), image, function.fitted(low, high, rescale=False))
+        stage = place_whole(image, function.fitted(low, high, rescale=False))
         if not found:
-            values = resampled(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
-            hide(stage, box, cells, values)
+            values = resampled(stage, box, cells)
         known, sigma = extinction(stage, box, *stage.staged((low, high)).tolist())
         found.append(averaged(values, known, sigma, [0], as_voxels_are(stage, box, known))[0])
     return stage.of_volume(values).astype(np.float32).T, found

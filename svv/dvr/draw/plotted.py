@@ -60,11 +60,7 @@ FIELD_DATA, CELLS = (3, 4), (2, 4)
 
 
 def actor_of(given: object) -> vtkVolume | None:
-    """Return the volume that an actor, a renderer, a window or a plotter shows; None for anything else.
-
-    Raises:
-        BadInput: There is none, or more than one.
-    """
+    """Return the only volume that an actor, renderer, window or plotter shows, or raise BadInput; None for others."""
     if isinstance(given, vtkVolume):
         return given
     if isinstance(given, (list, tuple)) and given and all(isinstance(one, vtkVolume) for one in given):
@@ -95,10 +91,8 @@ def image_shown(given: object) -> vtkImageData | None:
     """Return the volume that :func:`actor_of` finds, in its place in the world; None if that returns None.
 
     Values, interpolation, position and scale are those of the actor; what may look otherwise is noted
-    (:func:`svv.dvr.read.grids.assumed_of`).
-
-    Raises:
-        BadInput: The reasons of :func:`actor_of`; the actor shows its volume in a way that is not reproduced.
+    (:func:`svv.dvr.read.grids.assumed_of`). Raises BadInput if the actor shows its volume in a way that is not
+    reproduced.
     """
     actor = actor_of(given)
     if actor is None:
@@ -121,10 +115,10 @@ def image_shown(given: object) -> vtkImageData | None:
             notes.append(BETWEEN.format(kind=data.GetClassName()))
     else:
         image, nearest = as_volume(data, array, "The volume", cells), voxels
-        if _on_cells(data, image):
+        if image.GetDimensions() != data.GetDimensions():  # its voxels are the cells of the data
             image, crop = with_outer_halves(image, None)
             put(image, replace(Appearance.of(image), crop=crop))
-    image = moved(image, _matrix(actor), "The actor", "give it three equal numbers, or resample the grid")
+    image = moved(image, matrix_of(actor), "The actor", "give it three equal numbers, or resample the grid")
     put(image, replace(Appearance.of(image), nearest=nearest))
     renderers = _renderers(given) or []
     if shown.GetShade() and renderers:
@@ -138,15 +132,14 @@ def image_shown(given: object) -> vtkImageData | None:
 def function_of(given: object, name: str = "transfer function") -> TransferFunction | None:
     """Return the transfer function, unit distance and shading of a property, actor or plotter; None for anything else.
 
-    Raises:
-        BadInput: The reasons of :func:`actor_of`; the property has a 2D function, or opacities depend on gradients.
+    Raises BadInput for the reasons of :func:`actor_of`, for 2D functions, and for opacities that depend on gradients.
     """
     actor = None if isinstance(given, vtkVolumeProperty) else actor_of(given)
     shown = given if actor is None else actor.GetProperty()
     if not isinstance(shown, vtkVolumeProperty):
         return None
     _refuse_property(shown)
-    scale = 1.0 if actor is None else float(np.cbrt(abs(np.linalg.det(_matrix(actor)[:3, :3]))))
+    scale = 1.0 if actor is None else float(np.cbrt(abs(np.linalg.det(matrix_of(actor)[:3, :3]))))
     if not scale:
         raise BadInput(NOTHING.format(who="The actor"))
     colour = shown.GetRGBTransferFunction() if shown.GetColorChannels() == 3 else _coloured(shown)
@@ -166,14 +159,7 @@ def shows_voxels(given: object) -> bool:
 def moved(image: vtkImageData, matrix: Array, who: str, instead: str) -> vtkImageData:
     """Move an image by a matrix (4, 4); what scales its axes differently is kept as :attr:`.Appearance.stretch`.
 
-    Args:
-        image: A volume; it is changed.
-        matrix: From its place to the world.
-        who: What moves it, in messages.
-        instead: What to do instead if that shears it.
-
-    Raises:
-        BadInput: The matrix shears the volume, or scales it to nothing.
+    If the matrix shears the volume, or scales it to nothing, BadInput says who moves it, and what to do instead.
     """
     place = index_to_world(image)
     after = matrix @ place
@@ -191,7 +177,7 @@ def moved(image: vtkImageData, matrix: Array, who: str, instead: str) -> vtkImag
 def with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImageData, Array]:
     """Return an image of cells with another layer around it, and a part (2, 3) that ends at its outermost cells' faces.
 
-    Voxels lie at the centres of cells. Beyond those of the outermost cells, VTK shows their values.
+    Voxels lie at the centres of cells; beyond those of the outermost cells, VTK shows their values.
     """
     shown, axes = Appearance.of(image), index_to_world(image)
     wider = from_array(np.pad(to_array(image), 1, mode="edge"), name=image.GetPointData().GetScalars().GetName())
@@ -203,12 +189,8 @@ def with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImage
     return wider, np.array([np.maximum(whole[0], crop[0] + 1.0), np.minimum(whole[1], crop[1] + 1.0)])
 
 
-def _on_cells(data: vtkImageData, image: vtkImageData) -> bool:
-    """Return whether an image's voxels are the cells of the data that it was made of."""
-    return image.GetDimensions() != data.GetDimensions()
-
-
-def _matrix(actor: vtkVolume) -> Array:
+def matrix_of(actor: vtkVolume) -> Array:
+    """Return the matrix from an actor's data to the world. (4, 4)"""
     matrix = actor.GetMatrix()
     return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
 

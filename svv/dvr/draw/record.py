@@ -60,12 +60,7 @@ def grid_of(level: Level, kind: str, span: tuple[float, float]) -> VolumeGrid:
 
 
 def describe_deviations(image: vtkImageData, tf: TransferFunction) -> tuple[str, ...]:
-    """Return sentences on what may look otherwise than expected.
-
-    Args:
-        image: A volume, or its overview.
-        tf: Its transfer function, on linear scales (see :meth:`.TransferFunction.fitted`).
-    """
+    """Return sentences on what may look otherwise than expected of a volume, or of its overview, on linear scales."""
     nearest, values = Appearance.of(image).nearest, to_array(image)
     own = slicer.NEAREST.format(name=tf.name)
     notes = [note for note in tf.notes if not (nearest and note == own)]
@@ -112,10 +107,7 @@ def _between(values: NDArray[np.number], labels: Array, tf: TransferFunction) ->
 
 
 def _neighbours(values: NDArray[np.number], labels: Array) -> dict[tuple[float, float], int]:
-    """Return the pairs of different values that neighbours along an axis have, on some of the volume's lines.
-
-    Each with the number of its neighbours, in order.
-    """
+    """Return the pairs of values that neighbours have on some of the volume's lines, with their numbers, in order."""
     found: Counter[tuple[int, int]] = Counter()
     for axis in range(3):
         lines = np.moveaxis(values, axis, -1)

@@ -1,7 +1,6 @@
 """Whether the tables of VTK's ray casters, over all values of a volume, tell the steps of a transfer function apart.
 
-One value far from the others, such as a fill value, makes the entries of a table so wide that what the function shows
-may lie within a single one.
+One value far from the others, such as a fill value, may put all that the function shows into a single entry.
 """
 
 from __future__ import annotations
@@ -41,14 +40,9 @@ WIDTHS = 16.0
 def is_resolved(
     caster: str, tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike, voxels: NDArray[np.number]
 ) -> bool:
-    """Return whether the table of one of VTK's ray casters shows values as the function does.
+    """Return whether the table of VTK's ``cpu`` or ``gpu`` ray caster shows values as the function does.
 
-    Args:
-        caster: ``cpu`` or ``gpu``.
-        tf: Transfer function for the values.
-        span: Smallest and largest value.
-        dtype: Their type.
-        voxels: Some of them, or none. Any shape
+    The values have a type and a smallest and largest one (``span``); some or none of their voxels are given.
     """
     low, high = span
     if not high > low:
@@ -81,8 +75,8 @@ def describe_fallback_caster(caster: str, tf: TransferFunction, span: tuple[floa
 def limits(tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike) -> tuple[float, float]:
     """Return the values to which those of a volume may be limited so that the CPU ray caster's table resolves them.
 
-    What is beyond looks like the limits or is invisible; it is ``WIDTHS`` away so that values between voxels, which
-    are interpolated, change little. The limits are the span itself if the table resolves the function over that.
+    What is beyond looks like the limits or is invisible; they are ``WIDTHS`` away, so that interpolation changes
+    little.
     """
     if is_resolved("cpu", tf, span, dtype, np.empty(0)):
         return span
@@ -94,8 +88,8 @@ def limits(tf: TransferFunction, span: tuple[float, float], dtype: DTypeLike) ->
 def refine_tables(look: vtkVolumeProperty, low: float, high: float) -> None:
     """Let the GPU ray caster make tables of all its ``ENTRIES`` for values from low to high.
 
-    It makes as many as the two closest points of a function ask for. So two points are added that are as close as that,
-    beyond all values. (Two points at one value would ask for no number, see :mod:`svv.dvr.functions.jumps`.)
+    It makes as many as the two closest points of a function ask for, so two points are added that are as close, beyond
+    all values. (Two points at one value would ask for no number, see :mod:`svv.dvr.functions.jumps`.)
     """
     step = (high - low) / ENTRIES["gpu"]
     for function in (look.GetRGBTransferFunction(), look.GetScalarOpacity()):
@@ -109,17 +103,18 @@ def refine_tables(look: vtkVolumeProperty, low: float, high: float) -> None:
                     function.AddPoint(value, function.GetValue(last))
 
 
+def light(tf: TransferFunction, at: Array) -> Array:
+    """Return the colours of values times their opacities, and these. (N, 4)"""
+    opacity = tf.opacity_at(at)[:, None]
+    return np.concatenate([tf.colour_at(at) * opacity, opacity], axis=1)
+
+
 def _middles(low: float, high: float, count: int) -> Array:
     return np.asarray(low + (high - low) * (np.arange(count) + 0.5) / count)
 
 
 def _error(caster: str, tf: TransferFunction, span: tuple[float, float], entries: int, values: Array) -> float:
     """Return the mean error of the table at values, as a fraction of their mean opacity."""
-
-    def light(tf: TransferFunction, at: Array) -> Array:
-        opacity = tf.opacity_at(at)[:, None]
-        return np.concatenate([tf.colour_at(at) * opacity, opacity], axis=1)
-
     given = settled(tf, span[1] - span[0])
     low, high = span
     share, step = (values - low) / (high - low), (high - low) / (entries - 1)

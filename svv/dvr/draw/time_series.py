@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.geometry.box import Box
-from svv.core.volumes.classified import ValueGrid, grid_shape
-from svv.dvr.draw.classify import coded, hide, resampled, voxel_edges
-from svv.dvr.draw.frame import place_part, set_stage
+from svv.core.volumes.classified import ValueGrid
+from svv.dvr.draw.classify import coded, resampled, voxel_edges
+from svv.dvr.draw.frame import place_whole, set_stage
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.grids import to_array
 from svv.errors import BadInput
@@ -29,18 +29,12 @@ def visible_bounds(image: vtkImageData, function: TransferFunction) -> NDArray[n
 
 
 def values_over(image: vtkImageData, box: Box, cells: int, interval: tuple[float, float]) -> ValueGrid:
-    """Return a volume's values on the vertices of a grid over a box.
+    """Return a volume's values on the vertices of a grid with ``cells`` per box unit over a box in world units.
 
-    Args:
-        image: A volume (see :func:`svv.dvr.read.grids.as_volume`).
-        box: The box, in world units.
-        cells: Cells of the grid per box unit.
-        interval: Values that count as 0 and 1; those beyond count as the nearer one.
+    The ends of the interval count as 0 and 1, and values beyond as the nearer one.
     """
-    first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
-    stage = place_part(to_array(image), first, (first, last), image, ANY)
-    own = resampled(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
-    hide(stage, box, cells, own)
+    stage = place_whole(image, ANY)
+    own = resampled(stage, box, cells)
     low, high = stage.staged(interval)
     codes: NDArray[np.uint16] = np.ascontiguousarray(coded(own, (low, high)).transpose(2, 1, 0))
     return ValueGrid(cells, codes, interval, (0.0, 1.0), edges=voxel_edges(stage, box, cells))

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,21 +38,10 @@ from svv.io.views.viewset import ViewSet
 from svv.options.making import MapperName, ViewOptions
 
 Caster = CpuMapper | GpuMapper | BrickMapper
-"""A ray caster."""
 
 
-class Making(Protocol):
-    """What makes a ray caster: its class, or an object that knows more about the volume."""
-
-    @property
-    def name(self) -> str:
-        """Name of the ray caster."""
-        ...
-
-    def __call__(self, stage: Stage, shading: Shading, step: float) -> Caster:
-        """Return the ray caster for a stage, with a sample distance in stage units."""
-        ...
-
+Making = Callable[[Stage, Shading, float], Caster]
+"""What makes a ray caster for a stage, with a sample distance in stage units."""
 
 STEP = {"cpu": 0.5, "bricks": 0.5, "gpu": 0.25}
 """Finest default sample distance in voxels (VTK's own is half a voxel). It is finer on the GPU, where that costs
@@ -85,24 +74,15 @@ def render_views(
     progress: Progress = silent,
     nearest: bool = False,
 ) -> NDArray[np.uint8]:
-    """Render a volume from cameras of the same image size.
+    """Render a volume, as for :func:`make_views`, from cameras of the same image size. (n, height, width, 4)
 
-    Args:
-        image: A volume, as for :func:`make_views`. A large one is always drawn by bricks.
-        tf: Transfer function for the image's values.
-        cameras: Cameras in the world units of the image.
-        mapper: ``auto``, ``gpu``, ``cpu`` or ``bricks``.
-        shading: Shading of the volume; by default the function's, or a headlight with ParaView's coefficients.
-        step: Sample distance in voxels (see ``Stage.voxel``), the same in all views; by default ``default_step``.
-        progress: Called after each view.
-        nearest: Whether to show each voxel's own value, without interpolation, as labels need.
+    The levels are uint8 with straight alpha. ``mapper`` is ``auto``, ``gpu``, ``cpu`` or ``bricks`` (always for a large
+    volume), ``shading`` by default the function's or a headlight with ParaView's coefficients, and ``step`` the sample
+    distance in voxels (``Stage.voxel``), by default :func:`default_step`. With ``nearest``, voxels are not
+    interpolated.
 
-    Returns:
-        uint8 levels with straight alpha. (n, height, width, 4)
-
-    Raises:
-        BadInput: The volume is rejected by ``given_volume``, the transfer function shows nothing or only a box, cameras
-            differ in size, the mapper is unknown, or it is ``gpu`` and OpenGL is not available.
+    Raises BadInput if the volume is rejected, the function shows nothing or only a box, cameras differ in size, the
+    mapper is unknown, or OpenGL is not available for ``gpu``.
     """
     volume = given_volume(image, nearest, ViewOptions(mapper=cast("MapperName", mapper)))
     fit = fitted_to(volume, tf, mapper, rescale=False)
@@ -192,12 +172,10 @@ class Subject:
     stage: Stage
     grid: VolumeGrid
     whole: Level
-    """Grid of the whole volume."""
     name: str
     tf: TransferFunction
     """Transfer function for the volume's own values."""
     tf_rescaled: bool = False
-    """Whether the function was stretched over the data's range."""
     notes: tuple[str, ...] = ()
     """Sentences on what may look otherwise than expected."""
     classify: Callable[[Stage], ClassifiedVolume] = classified
@@ -255,35 +233,24 @@ def open_caster(
     only: Making | None = None,
     kept: DrawnViews | None = None,
 ) -> tuple[Caster, float]:
-    """Open a ray caster that renders one view after another; close it at the end.
+    """Open a ray caster that renders one view after another (close it at the end); return its sample distance, too.
 
-    Args:
-        stage: Stage with the volume to render, or with the overview of a large one.
-        mapper: ``auto``, ``gpu`` or ``cpu``; not used for a large volume.
-        shading: Shading of the volume.
-        step: Sample distance in voxels, by default ``default_step``.
-        only: What makes the caster if only one is suitable; ``mapper`` is then not used.
-        kept: Views that have been drawn, whose sample distance is used.
-
-    Returns:
-        The caster, and its sample distance in stage units.
-
-    Raises:
-        BadInput: The mapper is unknown, the step is not a positive number, or the mapper is ``gpu`` and OpenGL is not
-            available.
+    The stage may be that of an overview. ``step`` is the distance in voxels, by default :func:`default_step` or what
+    views that have been drawn had; the one returned is in stage units. ``only`` makes the caster if only one is
+    suitable, and ``mapper`` is then not used. Raises BadInput if the mapper is unknown or lacks OpenGL, or the step is
+    not positive.
     """
     make_caster = only or choose_mapper(mapper)
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
+    caster = make_caster(stage, shading, stage.voxel)  # its own sample distance follows
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
     shown = stage.appearance
     jumps = shown.nearest or shown.blank is not None
-    finest = STEP[make_caster.name] * (0.5 if jumps else 1.0)
+    finest = STEP[caster.name] * (0.5 if jumps else 1.0)
     if shown.crop is not None:  # rays must not miss a thin slice
         sides = np.diff(shown.crop, axis=0) * stage.image.GetSpacing() / shown.stretch
         finest = min(finest, 0.5 * float(sides.min()) / stage.voxel)
-    distance = max((step or finest) * stage.voxel, least)
-    caster = make_caster(stage, shading, distance)
 
     def measure() -> float:
         return default_step(caster, stage, finest) if step is None else step
@@ -294,11 +261,11 @@ def open_caster(
 
 
 def default_step(caster: Caster, stage: Stage, finest: float) -> float:
-    """Return the sample distance in voxels that a volume needs with its transfer function.
+    """Return the sample distance in voxels that a volume needs with its transfer function; change that of the caster.
 
     It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
-    of a voxel, on black as well as on white. If none does, it is ``finest``, or a part of that if what is seen is so
-    thin (``FINER``). The sample distance of the caster is changed.
+    of a voxel, on black as well as on white. If none does, it is ``finest``, or a part of that if what is seen is thin
+    (``FINER``).
     """
     radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
     cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)

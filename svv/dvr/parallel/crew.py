@@ -1,11 +1,8 @@
 """The ranks of a parallel run as a crew that draws one volume together; only images travel, never the volume.
 
-Each rank casts rays through its piece alone (see :mod:`svv.dvr.parallel.pieces`). All use the samples that a single
-process would take: those at whole steps from the near clipping plane, which is the same on all ranks. Each sample lies
-in one rank's own cells. The ranks' premultiplied images are composited front to back, each rank doing one band of rows.
-
-The leader calls the public methods in a ``with`` statement: each sends an order, and all ranks then do the same. The
-others are in :meth:`Crew.serve` until the statement ends.
+Each rank casts rays through its piece alone, with the samples of a single process: those at whole steps from the near
+clipping plane, which all share; each lies in one rank's cells. The premultiplied images are composited front to back,
+one band of rows per rank. The leader calls public methods, whose orders the others obey in :meth:`Crew.serve`.
 """
 
 from __future__ import annotations
@@ -25,7 +22,7 @@ from svv.core.geometry.cameras import Camera
 from svv.core.rays.sort_last import front_to_back, over
 from svv.core.volumes.classified import ClassifiedVolume, grid_shape
 from svv.dvr.draw.casters import FULL, CpuMapper, Pixels, straight
-from svv.dvr.draw.classify import classified_grid, extinction, frequencies, grid_over, resampled
+from svv.dvr.draw.classify import classified_grid, extinction, frequencies, grid_over, resampled_part
 from svv.dvr.draw.frame import MARGIN, Stage, place_part, visible_box, visible_cells
 from svv.dvr.draw.tables import limits
 from svv.dvr.functions.transfer_functions import TransferFunction
@@ -67,8 +64,8 @@ class PieceStage(Stage):
     def set_clipping_planes(self, renderer: vtkRenderer) -> None:
         """Place the near plane before the whole volume, as on the other ranks, and the far plane behind this piece.
 
-        If the farthest corner lies between ``FAR`` and 1 in the clipping range, VTK's CPU ray caster casts all rays.
-        Otherwise it leaves out those through the outermost pixel of the box, which would show as seams.
+        If the farthest corner lies between ``FAR`` and 1 in the clipping range, VTK's CPU ray caster casts all rays;
+        otherwise it leaves out those through the outermost pixel of the box, which would show as seams.
         """
         renderer.ResetCameraClippingRange(self.around)
         view = renderer.GetActiveCamera()
@@ -125,14 +122,7 @@ class CrewMapper(CpuMapper):
 
 
 class Crew:
-    """One rank's share in drawing a volume together.
-
-    Args:
-        ranks: The ranks.
-        data: The rank's part of the volume, see :func:`svv.dvr.parallel.pieces.take_piece`.
-        array: Name of the array.
-        cells: Whether that of the cells is meant, if points have one of this name, too.
-    """
+    """One rank's share in drawing a volume, of which it has ``data`` (:func:`svv.dvr.parallel.pieces.take_piece`)."""
 
     def __init__(self, ranks: Ranks, data: vtkImageData | None, array: str | None, cells: bool = False) -> None:
         self.ranks, self._data, self._array, self._cells = ranks, data, array, cells
@@ -145,11 +135,7 @@ class Crew:
 
     @property
     def piece(self) -> Piece:
-        """The leader's piece, which also describes the whole volume.
-
-        Raises:
-            BadInput: As :func:`svv.dvr.parallel.pieces.take_piece`.
-        """
+        """The leader's piece, which also describes the whole volume; raises BadInput as :func:`take_piece`."""
         self._need_piece()
         assert self._piece is not None
         return self._piece
@@ -164,11 +150,7 @@ class Crew:
         return self._do(self._digest)
 
     def put_on_stage(self, tf: TransferFunction) -> PieceStage:
-        """Set the stage on all ranks, see :func:`svv.dvr.draw.frame.set_stage`.
-
-        Raises:
-            BadInput: No cell contains a value with an opacity above 0.
-        """
+        """Set the stage on all ranks, see :func:`svv.dvr.draw.frame.set_stage`; BadInput if nothing is visible."""
         self._need_piece()
         return self._do(self._put_on_stage, tf)
 
@@ -347,7 +329,7 @@ class Crew:
         """Return the values at vertices of a grid, NaN at those that belong to others. (Z, Y, X)"""
         stage, own = self._stage, self._boxes[self.ranks.number]
         assert stage is not None
-        values = resampled(stage, box, cells, first, size)
+        values = resampled_part(stage, box, cells, first, size)
         to_index = np.linalg.inv(index_to_world(self.piece.whole))
         steps = to_index[:3, :3] * (box.size / cells)
         corner = to_index[:3, :3] @ np.asarray(box.low) + to_index[:3, 3] + steps @ first

@@ -24,19 +24,7 @@ from svv.options.making import ViewOptions
 def make_crew_views(
     crew: Crew, tf: TransferFunction, options: ViewOptions, shading: Shading, name: str, progress: Progress
 ) -> tuple[ViewSet, ViewSet | None]:
-    """Render the views of a distributed volume that a scene is trained on and tested on; only the leader calls it.
-
-    Args:
-        crew: The ranks with the volume.
-        tf: Transfer function for the volume's values.
-        options: As for :func:`svv.dvr.draw.views.make_views`.
-        shading: Shading of the volume.
-        name: Name of the volume, for the record.
-        progress: Called after each view.
-
-    Raises:
-        BadInput: The GPU ray caster is asked for, or any reason of :func:`svv.dvr.draw.views.make_views`.
-    """
+    """Render the views of a distributed volume as ``make_views``, by the CPU's ray caster; only the leader calls it."""
     if options.mapper in ("gpu", "bricks"):
         raise BadInput("With several ranks, the CPU ray caster draws the views: set the ray caster to auto or cpu.")
     began, piece = time.monotonic(), crew.piece

@@ -1,7 +1,7 @@
 """Pieces of a volume that is distributed over the ranks of a parallel run; each rank has one, or none.
 
-No rank gets the whole volume: a rank keeps its piece and one layer of voxels around it, from which gradients at the
-seams follow. All that depends on the whole volume (its grid, range and visible box) is found by reductions.
+A rank keeps its piece and one layer of voxels around it, from which gradients at the seams follow. All that depends on
+the whole volume (grid, range, visible box) is found by reductions.
 """
 
 from __future__ import annotations
@@ -58,16 +58,9 @@ class Piece:
 def take_piece(ranks: Ranks, data: vtkImageData | None, array: str | None, cells: bool = False) -> Piece:
     """Return a rank's piece of a volume with ghost voxels from its neighbours; all ranks must call it.
 
-    Args:
-        ranks: The ranks.
-        data: The rank's part of the volume, as ParaView divided it; ghost cells in it are removed first. A rank
-            without a part has an empty image or None; if each rank has the whole volume, it is divided here.
-        array: Name of the array; by default as in :func:`svv.dvr.read.grids.as_volume`.
-        cells: See there.
-
-    Raises:
-        BadInput: Something is blanked, the parts do not fit together, or :func:`svv.dvr.read.grids.as_volume` rejects
-            one.
+    ``data`` is the rank's part as ParaView divided it, whose ghost cells are removed first, or an empty image or None;
+    if each rank has the whole volume, it is divided here. See :func:`svv.dvr.read.grids.as_volume` for array and cells.
+    Raises BadInput if something is blanked, the parts do not fit together, or that function rejects one.
     """
     mine = ranks.together(lambda: _own_part(data, array, cells))
     image, on_cells = mine if mine is not None else (vtkImageData(), False)

@@ -35,20 +35,13 @@ NAP = 0.005
 
 
 class Ranks:
-    """The processes of a parallel run.
-
-    Every rank must call the methods in the same order, except :meth:`order` and :meth:`next_order`.
-
-    Args:
-        controller: VTK's controller of all ranks.
-    """
+    """The processes of a parallel run. All must call the methods in the same order, except for orders."""
 
     def __init__(self, controller: vtkMultiProcessController) -> None:
         self.controller = controller
         self.number: int = controller.GetLocalProcessId()
         """Number of this rank; the leader's is 0."""
         self.count: int = controller.GetNumberOfProcesses()
-        """Number of ranks."""
         self.sent = 0
         """Bytes of the arrays that this rank has sent."""
 
@@ -87,11 +80,7 @@ class Ranks:
         return [row.tobytes().rstrip(b"\0").decode() for row in self.everyones(padded)]
 
     def together(self, work: Callable[[], Result]) -> Result:
-        """Return the result of a rank's own part of the work.
-
-        Raises:
-            BadInput: The work failed on some rank; all ranks raise it, so that none waits for another in vain.
-        """
+        """Return the result of a rank's part of the work; if any fails, all raise BadInput, so that none waits."""
         trouble, result = "", None
         try:
             result = work()

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
 
 from svv.errors import BadInput
@@ -29,10 +29,6 @@ CROP, NEAREST, STRETCH = "StyleRF Crop", "StyleRF Nearest", "StyleRF Stretch"
 NOTHING_LEFT = "The display shows nothing of the volume: what its transfer function shows is blanked or cropped away."
 
 
-def _even() -> Array:
-    return np.ones(3)
-
-
 @dataclass(frozen=True, eq=False)
 class Appearance:
     """How a volume is shown. Indices are those of its voxels, (x, y, z); arrays of voxels are [z, y, x]."""
@@ -43,7 +39,7 @@ class Appearance:
     """The part that is shown: lower and upper corner as voxel indices. (2, 3)"""
     nearest: bool = False
     """Whether a sample has the value of the nearest voxel; otherwise values are interpolated trilinearly."""
-    stretch: Array = field(default_factory=_even)
+    stretch: Array = field(default_factory=lambda: np.ones(3))
     """How much longer than their mean the axes are in the world than in the data; the product is 1. (3,)
 
     The opacity of a sample is that of its length in the data, as in VTK."""
@@ -68,7 +64,7 @@ class Appearance:
             blank,
             None if crop is None else vtk_to_numpy(crop).reshape(2, 3).copy(),
             nearest is not None,
-            _even() if stretch is None else vtk_to_numpy(stretch).copy(),
+            np.ones(3) if stretch is None else vtk_to_numpy(stretch).copy(),
         )
 
     def part(self, start: NDArray[np.intp], stop: NDArray[np.intp], mirrored: bool) -> Appearance:
@@ -84,11 +80,7 @@ class Appearance:
         return Appearance(blank, crop, self.nearest, self.stretch)
 
     def shown_cells(self, seen: Mask) -> Mask:
-        """Return those of the visible cells (nz - 1, ny - 1, nx - 1) of which something is left.
-
-        Raises:
-            BadInput: Nothing is left of any.
-        """
+        """Return which visible cells (nz - 1, ny - 1, nx - 1) something is left of; raise BadInput if nothing is."""
         left = seen
         if self.blank is not None:
             left = left & ~_wholly_hidden(self.blank)
@@ -126,6 +118,15 @@ def named(name: str, values: NDArray[np.number]) -> vtkDataArray:
     """Return a copy of an array, of tuples if it has two axes, as VTK has it, with a name."""
     array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
     array.SetName(name)
+    return array
+
+
+def named_text(name: str, *words: str) -> vtkStringArray:
+    """Return words as VTK has them, with a name."""
+    array = vtkStringArray()
+    array.SetName(name)
+    for word in words:
+        array.InsertNextValue(word)
     return array
 
 
@@ -173,15 +174,8 @@ def without_duplicates(image: vtkImageData) -> vtkImageData:
 def blanked(image: vtkImageData, on_cells: bool, name: str) -> Mask | None:
     """Return which voxels of an image are blanked by its ghost flags; None if none is. (nz, ny, nx)
 
-    A blanked cell of an image with values on points blanks the first of its corners, as in VTK's ray caster.
-
-    Args:
-        image: The image.
-        on_cells: Whether its cells are the voxels.
-        name: Name of the image in messages.
-
-    Raises:
-        BadInput: The values are on cells, and points are blanked.
+    With values on points, a blanked cell blanks the first of its corners, as in VTK's ray caster; with values on cells,
+    blanked points raise BadInput.
     """
     points, cells = (
         None if array is None or not vtk_to_numpy(array).any() else vtk_to_numpy(array) != 0

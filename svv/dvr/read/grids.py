@@ -5,17 +5,17 @@ World coordinates are origin + direction matrix * spacing * index. NumPy arrays 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray, vtkUnsignedCharArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSet, vtkDataSetAttributes, vtkImageData, vtkRectilinearGrid
 
 from svv.bricks.formats.source import REPLACE_THEM, Level
-from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, put, without_duplicates
+from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, named_text, put, without_duplicates
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -36,24 +36,15 @@ LEAST_NUMBERS = 256
 def as_volume(
     image: vtkImageData, array: str | None = None, name: str = "The volume", cells: bool = False
 ) -> vtkImageData:
-    """Check an image and reduce it to one single-component point scalar array.
+    """Check an image and reduce it to one single-component point scalar array, with its own copy of the values.
 
-    Cell scalars become point scalars at the cells' centres, which keeps every value unchanged (averaging at the
-    corners would blur thin features); the bounds shrink by half a cell on each side.
+    Cell scalars become point scalars at the cells' centres, which keeps every value (averaging at the corners would
+    blur thin features); the bounds shrink by half a cell on each side. The array is by default that of the active
+    scalars, or the first with one component; ``cells`` chooses that of the cells if points have one of its name, too.
+    Blanking, and an appearance that the image carries (:mod:`svv.dvr.read.appearance`), are kept.
 
-    Args:
-        image: An image; it is not changed.
-        array: Name of the array; by default the active scalars, or the first array with one component.
-        name: Name of the image in messages.
-        cells: Whether the array of the cells is meant, if both points and cells have one of this name.
-
-    Returns:
-        A new image with its own copy of the values. Blanked points or cells stay blanked, and an appearance that the
-        image carries (:mod:`svv.dvr.read.appearance`) is kept.
-
-    Raises:
-        BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two
-            points along an axis; the spacing is not positive; or the axes are not perpendicular.
+    Raises BadInput if there are no scalars, or they have several components, NaN or infinities; there are fewer than
+    two points along an axis; the spacing is not positive; or the axes are not perpendicular.
     """
     image = without_duplicates(image)
     scalars, on_cells = pick_scalars(image, array, name, cells)
@@ -83,16 +74,9 @@ def from_array(
     origin: Triple = (0.0, 0.0, 0.0),
     name: str = "scalars",
 ) -> vtkImageData:
-    """Return an image made from an array indexed [z, y, x].
+    """Return an image made from an array (nz, ny, nx) of integers, reals or booleans; raise BadInput for any other.
 
-    Args:
-        values: Array of any integer, float or boolean type. (nz, ny, nx)
-        spacing: Distances between voxels (x, y, z), world units.
-        origin: World position of the first voxel (x, y, z).
-        name: Name of the scalar array.
-
-    Raises:
-        BadInput: The array does not have three axes, or its type is not numeric.
+    Spacing and origin, the position of the first voxel, are (x, y, z) in world units.
     """
     if values.ndim != 3:
         raise BadInput(f"A volume needs three axes, but the array's shape is {values.shape}.")
@@ -107,14 +91,7 @@ def from_array(
 def rectilinear(
     values: NDArray[np.number], planes: Sequence[NDArray[np.float64]], name: str, assumed: str | None = None
 ) -> vtkRectilinearGrid:
-    """Return a grid with a value where planes cross, which may be at uneven distances and are put in rising order.
-
-    Args:
-        values: Array of any numeric type. (nz, ny, nx)
-        planes: Places along x, y and z, rising or falling.
-        name: Name of the scalar array.
-        assumed: See :func:`assumed_of`.
-    """
+    """Return a grid with a value (nz, ny, nx) where planes along x, y and z cross, which are put in rising order."""
     turned = [slice(None, None, -1 if part[0] > part[-1] else 1) for part in planes]
     grid = vtkRectilinearGrid()
     grid.SetDimensions(*values.shape[::-1])
@@ -132,11 +109,7 @@ def to_array(image: vtkImageData) -> NDArray[np.number]:
 
 
 def check_precision(values: NDArray[np.number]) -> None:
-    """Reject 64-bit integers that double precision, in which transfer functions are, cannot tell apart.
-
-    Raises:
-        BadInput: There are less than ``LEAST_NUMBERS`` such numbers in the range of the values.
-    """
+    """Raise BadInput for 64-bit integers that double precision, in which transfer functions are, cannot tell apart."""
     if values.dtype.kind not in "iu" or values.dtype.itemsize < 8:
         return
     low, high = int(values.min()), int(values.max())
@@ -150,12 +123,34 @@ def check_precision(values: NDArray[np.number]) -> None:
 
 def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
     """Return the matrix from voxel indices, counted from the first voxel, to world coordinates. (4, 4)"""
-    direction = image.GetDirectionMatrix()
-    axes = np.array([[direction.GetElement(i, j) for j in range(3)] for i in range(3)])
     matrix = np.eye(4)
-    matrix[:3, :3] = axes * image.GetSpacing()
+    matrix[:3, :3] = np.reshape(direction_of(image), (3, 3)) * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin() + matrix[:3, :3] @ image.GetExtent()[::2]
     return matrix
+
+
+def direction_of(image: vtkImageData) -> list[float]:
+    """Return an image's direction matrix, row by row."""
+    matrix = image.GetDirectionMatrix()
+    return [matrix.GetElement(i, j) for i in range(3) for j in range(3)]
+
+
+def grid_numbers(image: vtkImageData) -> dict[str, Sequence[float]]:
+    """Return an image's grid as JSON, for another process (:func:`image_on`)."""
+    return {
+        "extent": image.GetExtent(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
+        "direction": direction_of(image),
+    }  # fmt: skip
+
+
+def image_on(grid: Mapping[str, Sequence[float]]) -> vtkImageData:
+    """Return an image without values on a grid (:func:`grid_numbers`)."""
+    image = vtkImageData()
+    image.SetExtent([int(end) for end in grid["extent"]])
+    image.SetSpacing(grid["spacing"])
+    image.SetOrigin(grid["origin"])
+    image.SetDirectionMatrix(grid["direction"])
+    return image
 
 
 def own_unit_distance(image: vtkImageData) -> float | None:
@@ -182,10 +177,7 @@ def put_assumed(image: vtkDataSet, said: str | None) -> None:
     """Let an image carry what :func:`assumed_of` returns."""
     image.GetFieldData().RemoveArray(ASSUMED)
     if said is not None:
-        text = vtkStringArray()
-        text.SetName(ASSUMED)
-        text.InsertNextValue(said)
-        image.GetFieldData().AddArray(text)
+        image.GetFieldData().AddArray(named_text(ASSUMED, said))
 
 
 def level_of_image(image: vtkImageData) -> Level:

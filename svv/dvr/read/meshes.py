@@ -62,21 +62,15 @@ def resampled(
     along: int | None = None,
     name: str = "The input",
 ) -> vtkImageData:
-    """Return a mesh as an image with one scalar per point.
+    """Return a mesh (:func:`is_mesh`) as an image with one scalar per point.
 
     Values of points are interpolated within the cells, as ParaView draws them; a value of a cell is that of every point
-    in it. Where cells of several blocks overlap, those of the finest level of an AMR grid count.
+    in it. Where blocks overlap, the finest level of an AMR grid counts. The array is chosen in the first block as by
+    :func:`svv.dvr.read.grids.pick_scalars`. ``along`` is the number of points along the longest side: by default, the
+    image has as many points as the mesh has values, more if it has edges in the image, or the spacing of the finest
+    level, as far as memory reaches.
 
-    Args:
-        data: The mesh, see :func:`is_mesh`.
-        array: Name of the array; by default as in :func:`svv.dvr.read.grids.pick_scalars`, in the first block.
-        cells: Whether an array of the cells is meant if points have one of that name, too.
-        along: Points of the image along its longest side. By default, the image has as many points as the mesh has
-            values, more if it has edges in the image, or the spacing of the finest level, as far as memory reaches.
-        name: Name of the mesh in messages.
-
-    Raises:
-        BadInput: The mesh has no cells that fill space, or no such array, or the image would not fit into memory.
+    Raises BadInput if the mesh has no cells that fill space, or no such array, or the image would not fit into memory.
     """
     blocks = _arrays_of(data, array, cells, name)
     chosen, on_cells = str(blocks[0][1].GetName()), blocks[0][2]
@@ -128,11 +122,7 @@ def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
 def _arrays_of(
     data: vtkDataObject, array: str | None, cells: bool, name: str
 ) -> list[tuple[vtkDataSet, vtkDataArray, bool]]:
-    """Return the grids of a mesh that fill space and have an array, with it, and whether it is on cells.
-
-    Raises:
-        BadInput: No grid has it.
-    """
+    """Return the grids of a mesh that fill space and have an array, with it and whether it is on cells."""
     every = list(_blocks(data))
     solid = [_solid(block) for block in every if _fills_space(block)]
     refusal = f"{name} is a {data.GetClassName()} without cells, and a volume needs some."
@@ -246,9 +236,8 @@ def _sampled(
 ) -> tuple[vtkImageData, NDArray[np.number], NDArray[np.bool_]]:
     """Return an image over grids, its values, and which of its points lie in a cell. (Z, Y, X) both
 
-    By default, the image has as many points as the mesh has values: if the mesh is a box, that leaves its values as
-    they are, and their gradients smooth. The edges of any other mesh, and those of cells that differ in their values,
-    need finer steps.
+    As many points as the mesh has values leave those of a box as they are, and their gradients smooth. The edges of any
+    other mesh, and those of cells that differ in their values, need finer steps.
     """
     bounds = np.array([part.GetBounds() for part in parts]).reshape(-1, 3, 2)
     low, high = bounds[:, :, 0].min(axis=0), bounds[:, :, 1].max(axis=0)
@@ -300,15 +289,7 @@ def _step(sides: NDArray[np.float64], count: float) -> float:
 def _image_over(
     low: NDArray[np.float64], sides: NDArray[np.float64], step: float, centred: bool, told: tuple[str, int]
 ) -> vtkImageData:
-    """Return an image without values over a box, or over the centres of cells in it.
-
-    Args:
-        low: Lower corner of the box.
-        sides: Its sides.
-        step: Distance of the points, or size of the cells.
-        centred: Whether the points are centres of cells.
-        told: Name of the mesh, and the largest number of points.
-    """
+    """Return an image without values over a box, or over its cells' centres; ``told`` is name and most points."""
     if centred:
         shrunk = np.minimum(step, 0.5 * sides)
         low, sides = low + 0.5 * shrunk, sides - shrunk
@@ -362,9 +343,9 @@ def _with_edges(
 ) -> tuple[NDArray[np.number], NDArray[np.bool_]]:
     """Return values that reach beyond the edges of a mesh, and at which points to show the image. (Z, Y, X) both
 
-    A cell of the image is drawn if none of its corners is blanked. Those are drawn here whose centres lie in the mesh,
-    so that its edges lie neither too far inside nor outside. Corners beyond have the mean value of such centres; all
-    other points get the smallest value, so that the range of the values stays.
+    Those cells of the image are drawn, by corners that are not blanked, whose centres lie in the mesh: its edges lie
+    neither too far inside nor outside. Corners beyond have the mean value of such centres; all other points get the
+    smallest value, so that the range of the values stays.
     """
     if known.all():
         return values, known

@@ -20,14 +20,9 @@ DIRECT = dict.fromkeys((".xdmf", ".xmf"), ("vtkIOXdmf2", "vtkXdmfReader"))
 
 
 def reader_of(path: Path) -> vtkAlgorithm | None:
-    """Return the VTK reader that PyVista chooses for a file.
+    """Return the VTK reader that PyVista chooses for a file, not yet named to it; BadInput if PyVista fails on it.
 
-    Returns:
-        A ``vtkAlgorithm`` whose file name is not yet set; None for formats that PyVista does not know or reads without
-        VTK, if PyVista is not installed, and inside ParaView.
-
-    Raises:
-        BadInput: PyVista fails on the file.
+    None inside ParaView, without PyVista, and for formats that PyVista does not know or reads without VTK.
     """
     if path.suffix.lower() in DIRECT:
         module, name = DIRECT[path.suffix.lower()]

@@ -1,8 +1,7 @@
 """Reading of volumes in a process of its own: a reader of VTK that crashes on a damaged file ends that process alone.
 
-VTK's readers are written in C++ and trust files more than one should. The process starts with the first volume (about
-half a second) and serves all later ones; values come back through a pipe, straight into the memory of the result, which
-takes 1 to 3 s a gigabyte, and no more memory in either process than reading takes.
+It starts with the first volume (half a second) and serves all later ones; values come back through a pipe, straight
+into the memory of the result, which takes 1 to 3 s a gigabyte and no further memory.
 """
 
 from __future__ import annotations
@@ -27,7 +26,15 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.json_values import Json
 from svv.dvr.read.appearance import Appearance, put
-from svv.dvr.read.grids import assumed_of, own_unit_distance, put_assumed, put_own_unit_distance, to_array
+from svv.dvr.read.grids import (
+    assumed_of,
+    grid_numbers,
+    image_on,
+    own_unit_distance,
+    put_assumed,
+    put_own_unit_distance,
+    to_array,
+)
 from svv.dvr.read.vtk_readers import failed
 from svv.errors import BadInput
 
@@ -61,11 +68,7 @@ class Apart:
         self._lock = threading.Lock()
 
     def read(self, path: Path, options: Json) -> vtkImageData:
-        """Read a volume as :func:`svv.dvr.read.volumes.read_here` does.
-
-        Raises:
-            BadInput: It raised it, or its process ended.
-        """
+        """Read a volume as :func:`svv.dvr.read.volumes.read_here` does; BadInput also if the process ended."""
         with self._lock:
             if self._owner != os.getpid():
                 self._process = None
@@ -122,12 +125,10 @@ def serve(read: Callable[..., vtkImageData]) -> None:
             _send(out, {"says": str(failed(path, error))})
             continue
         values, shown = np.ascontiguousarray(to_array(image)).reshape(-1), Appearance.of(image)
-        matrix = image.GetDirectionMatrix()
         told = {
-            "dims": image.GetDimensions(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
-            "direction": [matrix.GetElement(i, j) for i in range(3) for j in range(3)], "dtype": values.dtype.str,
-            "name": image.GetPointData().GetScalars().GetName(), "blank": shown.blank is not None,
-            "unit": own_unit_distance(image), "assumed": assumed_of(image),
+            "grid": grid_numbers(image), "dtype": values.dtype.str, "blank": shown.blank is not None,
+            "name": image.GetPointData().GetScalars().GetName(), "unit": own_unit_distance(image),
+            "assumed": assumed_of(image),
         }  # fmt: skip
         _send(out, told)
         content = values.data.cast("B")
@@ -151,11 +152,7 @@ def _received(stream: BufferedReader) -> vtkImageData:
     told = json.loads(line)
     if "says" in told:
         raise BadInput(told["says"])
-    image = vtkImageData()
-    image.SetDimensions(*told["dims"])
-    image.SetSpacing(*told["spacing"])
-    image.SetOrigin(*told["origin"])
-    image.SetDirectionMatrix(*told["direction"])
+    image = image_on(told["grid"])
     scalars = create_vtk_array(get_vtk_array_type(np.dtype(told["dtype"])))
     scalars.SetName(told["name"])
     scalars.SetNumberOfTuples(image.GetNumberOfPoints())

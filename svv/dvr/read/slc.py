@@ -1,7 +1,6 @@
 """Volumes of VolVis (``.slc``): 8 bits, as they are or run-length encoded slice by slice.
 
-VTK's reader leaves a voxel unset in each slice of most encoded files: the format's usual encoder stops one voxel before
-the end of a slice, and what VTK then returns for the last one is whatever was in memory.
+The usual encoder stops one voxel before the end of a slice, for which VTK's reader returns whatever was in memory.
 """
 
 from __future__ import annotations
@@ -28,13 +27,7 @@ ENCODED = re.compile(rb"\s*(\d+)\s*X")
 
 
 def read_slc(file: Path) -> vtkImageData:
-    """Read a volume of VolVis.
-
-    Where a slice lacks its last voxel (see the module), that voxel has the value of the one before it.
-
-    Raises:
-        BadInput: The file is damaged, has other than 8 bits, or exceeds the memory.
-    """
+    """Read a volume of VolVis, if a slice lacks its last voxel with the one before it; or raise BadInput."""
     content = file.read_bytes()
     head = HEADER.match(content)
     if head is None:

@@ -34,8 +34,7 @@ EVEN = 4 * float(np.finfo(np.float32).eps)
 def vtk_messages() -> Iterator[Callable[[], str]]:
     """Collect VTK's messages; the function that it yields returns the text so far.
 
-    VTK's logger and the libraries that VTK uses (MetaIO, libtiff) also write directly to the standard error of the
-    process; that output is discarded in the meantime.
+    What VTK's logger and libraries (MetaIO, libtiff) write to standard error meanwhile is discarded.
     """
     before, window = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
@@ -51,18 +50,10 @@ def vtk_messages() -> Iterator[Callable[[], str]]:
 
 
 def run(reader: vtkAlgorithm, path: Path, choice: Choice = Choice()) -> vtkDataObject:  # noqa: B008 - frozen
-    """Run a VTK reader on a file or a folder.
+    """Run a VTK reader on a file or folder, at the time point that is chosen if there are several.
 
-    Args:
-        reader: The reader.
-        path: The file or folder.
-        choice: The time point that is shown, if there are several.
-
-    Returns:
-        A ``vtkImageData``, or a grid of another kind if that is what it contains (:func:`svv.dvr.read.meshes.is_mesh`).
-
-    Raises:
-        BadInput: VTK reported an error, the data is no grid, or there are several time points of which none is chosen.
+    Returns an image, or a grid of another kind if it contains that (:func:`svv.dvr.read.meshes.is_mesh`). Raises
+    BadInput if VTK reported an error, the data is no grid, or there are several time points of which none is chosen.
     """
     with vtk_messages() as messages:
         # A folder has the first of these names, EnSight's files the last.

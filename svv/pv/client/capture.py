@@ -1,13 +1,12 @@
 """Copy how a volume is displayed from the client's active view into a filter's panel.
 
-Only the client knows the views, so this is client code: it sets properties, which ParaView then sends to the server
-like any others. ``paraview.simple`` and ``servermanager`` are imported only when they are needed: in a program that
-is just starting, importing them would create an additional session.
+Only the client knows the views, so this is client code, which sets properties. ``paraview.simple`` and
+``servermanager`` are imported only when needed: in a program that is just starting, they would create another session.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -76,15 +75,7 @@ SEEN = "StyleRF.seen"
 
 
 def volume_display(source: Proxy, view: View | None = None) -> Display:
-    """Return the representation that shows a source as a volume.
-
-    Args:
-        source: Proxy of a source or filter, as in ``paraview.simple``.
-        view: View that shows it; by default the active view, then any other.
-
-    Raises:
-        BadInput: No view shows it as a volume.
-    """
+    """Return the representation that shows a source as a volume, first in the active view, or raise BadInput."""
     for display in _volume_displays(source, view):
         return display
     raise BadInput(
@@ -108,14 +99,9 @@ def _volume_displays(source: Proxy, view: View | None = None) -> Iterator[Displa
 
 
 def shown_as(display: Display) -> dict[str, object]:
-    """Return how a representation shows a volume, as values for the filters' properties, by property name.
+    """Return how a representation shows a volume, as values of filters' properties, or raise BadInput."""
+    from paraview import simple
 
-    Args:
-        display: Proxy of a representation.
-
-    Raises:
-        BadInput: It shows the volume in a way that is not supported; the message says what to do.
-    """
     refused = refused_by(display)
     if refused:
         raise BadInput(refused)
@@ -124,7 +110,8 @@ def shown_as(display: Display) -> dict[str, object]:
         raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
     # Representations of unstructured grids have neither light nor some of the other properties.
     shade = int(getattr(display, "Shade", 0))
-    light = next(map(light_of, _views_of(display)), "") if shade else ""
+    views = [view for view in simple.GetRenderViews() if display in view.Representations]
+    light = light_of(views[0]) if shade and views else ""
     if light == LIGHTS:
         raise BadInput(LIGHTS)
     if display.ScalarOpacityFunction is not None:
@@ -141,23 +128,11 @@ def shown_as(display: Display) -> dict[str, object]:
     }
 
 
-def _views_of(display: Display) -> list[View]:
-    """Return the 3D views with a representation."""
-    from paraview import simple
-
-    return [view for view in simple.GetRenderViews() if display in view.Representations]
-
-
 def capture(filter: Proxy, view: View | None = None) -> None:
-    """Copy how the display of a filter's input shows it to the filter's panel: transfer function, shading, place ...
+    """Copy how a view, by default the active one, shows a filter's input to its panel: function, shading, place ...
 
-    Args:
-        filter: Proxy of a StyleRF filter.
-        view: View that shows its input; by default the active view.
-
-    Raises:
-        BadInput: The input is not shown as a volume, or in a way that is not supported; the filter then refuses to draw
-            it, for the same reason.
+    Raises BadInput if it does not show it as a volume, or in a way that is not supported, which the filter then
+    refuses.
     """
     _take(filter, volume_display(filter.Input, view), {})
 
@@ -185,10 +160,7 @@ def capture_changes(proxy: SMProxy, event: str, name: str) -> None:
 
 
 def waits(filter: Proxy) -> bool:
-    """Return whether a filter in the window has failed for want of a transfer function, and so waits for *Apply*.
-
-    Capturing one would let it learn as soon as a view is drawn, which nobody has asked for.
-    """
+    """Return whether a filter of the window lacks a function: learning then waits for *Apply*, not for a view."""
     return in_window() and filter.TransferFunction is None and bool(failure_of(filter))
 
 
@@ -216,10 +188,7 @@ def default_colours() -> str:
 
 
 def _capture_first(filter: Proxy, displays: Iterable[Display], before: Mapping[str, object]) -> None:
-    """Capture the first display, if any, as far as it differs from before.
-
-    Whatever goes wrong must not keep others from being set up.
-    """
+    """Capture the first display, if any, as far as it differs from before; no error keeps others from being set up."""
     try:
         for display in islice(displays, 1):
             _take(filter, display, before)
@@ -257,11 +226,7 @@ OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
 
 
 def watch_new_filters() -> None:
-    """Set up every StyleRF filter when it is created, and capture the display of its input if it has one.
-
-    A new filter has no transfer function; capturing one saves the user from linking it by hand, both in the window and
-    in scripts. The plugin calls this in the client.
-    """
+    """Set up every new StyleRF filter, and capture the display of its input; the plugin calls this in the client."""
     manager = vtkSMProxyManager.GetProxyManager()
     # A plugin loaded at startup runs before the session exists, and connecting to a server creates another session.
     manager.AddObserver(manager.ActiveSessionChanged, _session_changed)
@@ -280,25 +245,21 @@ def _watch_session(session: SMSessionProxyManager | None) -> None:
 
 def _registered(session: SMSessionProxyManager, *_: object) -> None:
     strict.install()
-    for name in CAPTURED:
-        # The event does not identify the proxy, but a new one has no transfer function yet.
-        for filter in _proxies(session, name):
-            if filter.TransferFunction is None and filter.Input is not None and not waits(filter):
-                _capture_first(filter, _volume_displays(filter.Input), {})
-    for name in BUTTONS:
-        for filter in _proxies(session, name):
-            watch(filter)
+    # The event does not identify the proxy, but a new one has no transfer function yet.
+    for filter in _proxies(session, CAPTURED):
+        if filter.TransferFunction is None and filter.Input is not None and not waits(filter):
+            _capture_first(filter, _volume_displays(filter.Input), {})
+    for filter in _proxies(session, BUTTONS):
+        watch(filter)
     for names, event, do in OBSERVERS:
-        for filter in (filter for name in names for filter in _proxies(session, name)):
+        for filter in _proxies(session, names):
             observe(filter.SMProxy, event, do)
     loading = bool(session.GetInLoadXMLState())
-    for name in BESIDE:
-        for filter in _proxies(session, name):
-            watch_learning(filter, loading)
-    for name in linked_camera.IMAGES:
-        for filter in _proxies(session, name):
-            follow_property.begin(filter, loading)
-    for view in _proxies(session, "RenderView", "views"):
+    for filter in _proxies(session, BESIDE):
+        watch_learning(filter, loading)
+    for filter in _proxies(session, linked_camera.IMAGES):
+        follow_property.begin(filter, loading)
+    for view in _proxies(session, ("RenderView",), "views"):
         for event, do in OF_VIEWS:
             observe(view.SMProxy, event, do)
     for display in _new_displays(session, placing.DISPLAY):
@@ -313,7 +274,7 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
 
 def _new_displays(session: SMSessionProxyManager, kind: str) -> Iterator[Display]:
     """Yield the representations of a kind that have not been seen before."""
-    for display in _proxies(session, kind, "representations"):
+    for display in _proxies(session, (kind,), "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
             display.SMProxy.SetAnnotation(SEEN, "1")
             yield display
@@ -326,7 +287,7 @@ def as_it_is(display: Display) -> None:
     display.MapScalars = 0
 
 
-def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") -> list[Any]:
+def _proxies(session: SMSessionProxyManager, kinds: Sequence[str], group: str = "sources") -> list[Any]:
     from paraview import servermanager  # before Python meets any proxy, because it lets it know their classes
 
     iterator = vtkSMProxyIterator()
@@ -335,7 +296,7 @@ def _proxies(session: SMSessionProxyManager, kind: str, group: str = "sources") 
     iterator.Begin(group)
     found = []
     while not iterator.IsAtEnd():
-        if iterator.GetProxy().GetXMLName() == kind:
+        if iterator.GetProxy().GetXMLName() in kinds:
             found.append(servermanager._getPyProxy(iterator.GetProxy()))
         iterator.Next()
     return found

@@ -1,7 +1,4 @@
-"""Clicks into views, for the buttons of panels that start and stop them.
-
-Client code, as in :mod:`svv.pv.panel.undo`: the client has the mouse and the views.
-"""
+"""Clicks into views, for the buttons of panels that start and stop them; the client has the mouse and the views."""
 
 from __future__ import annotations
 
@@ -66,15 +63,7 @@ class Clicks:
 
 
 def press(filter: Proxy, button: str, views: Sequence[View], act: Act, no_view: str) -> None:
-    """Let clicks into some views act for a button, until another one is pressed or the same one again.
-
-    Args:
-        filter: The filter with the button.
-        button: The button that was pressed.
-        views: The views.
-        act: What a click does.
-        no_view: Warning if there are none.
-    """
+    """Let clicks into some views act for a filter's button, until another or the same one is pressed; or warn."""
     again = False
     while _clicks:
         old = _clicks.pop()
@@ -101,14 +90,9 @@ def place_under(view: View, at: Sequence[int]) -> tuple[float, float]:
 
 
 def pixel_at(place: Sequence[float], sizes: Sequence[int]) -> tuple[int, int] | None:
-    """Return the pixel of a picture's file, x from the left and y from the top, at a point in the image that shows it.
+    """Return the pixel of a picture's file, x from the left and y from the top, at a point in its image; None outside.
 
-    Args:
-        place: Point in the image's coordinates, whose rows are counted from the bottom.
-        sizes: Width and height of the image, then those of the file.
-
-    Returns:
-        The pixel, or None outside the picture.
+    The image's rows are counted from the bottom; ``sizes`` has its width and height, then those of the file.
     """
     width, height, own_width, own_height = sizes
     column, row = place[0] + 0.5, height - place[1] - 0.5  # an image's point lies at the centre of its pixel

@@ -1,37 +1,19 @@
-"""The property Follow Camera: watch the image filters, and start and stop the live camera as they ask.
+"""The property Follow Camera, by which images start and stop to follow; those of the window's new filters do.
 
-The images of filters that the window has made are shown beside the 3D view, and follow its camera from the start.
-
-Client code. Views and layouts must not be changed while ParaView draws them or loads a state, so changes are deferred:
-to a timer in the window, to the next rendering in a script.
+Client code. Views and layouts must not be changed while ParaView draws them or loads a state: a timer in the window
+does it later, and in a script the next rendering.
 """
 
 from __future__ import annotations
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
-from svv.pv.display.linked_camera import (
-    busy,
-    follow,
-    follower_of,
-    followers,
-    forget_closed,
-    placed,
-    saving_animation,
-    show_beside,
-    shows,
-    stop_following,
-    view_closed,
-    view_to_follow,
-)
+from svv.pv.display import linked_camera
 from svv.pv.observers import Watched, WeakReference, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy, SMViewProxy
-from svv.pv.timers import Timer, by_window, window
+from svv.pv.timers import Alarm, by_window
 
 PROPERTY = "FollowCamera"
-
-PAUSE = 50
-"""Interval of the window's timer, in milliseconds."""
 
 _waiting: list[WeakReference[SMProxy]] = []
 """Weak references to the filters with a new image or a newly set property."""
@@ -39,21 +21,12 @@ _waiting: list[WeakReference[SMProxy]] = []
 _beginning: list[bool] = []
 """Non-empty while views are being arranged."""
 
-_timers: list[Timer] = []
-"""The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
-
-
 _known: Watched[list[bool]] = Watched()
 """The filters, each with whether its first image is still to be shown."""
 
 
 def begin(filter: Proxy, loading: bool) -> None:
-    """Let the image of a new filter follow if the window has made it, and show it even if that is turned off.
-
-    Args:
-        filter: Proxy of an image filter.
-        loading: Whether a state is being loaded, which says itself how its images are shown.
-    """
+    """Let the image of a new filter of the window follow, and show it anyway; a loaded state says itself what to do."""
     if filter.SMProxy in _known:
         return
     ours = by_window() and not loading
@@ -78,48 +51,34 @@ def property_set(proxy: SMProxy, event: str, name: str) -> None:
         return
     filter = python_proxy(proxy)
     if not filter.FollowCamera:
-        stop_following(filter)
+        linked_camera.stop_following(filter)
         filter.Moving = 0
-    elif follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
-        forget_closed(filter)
+    elif linked_camera.follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
+        linked_camera.forget_closed(filter)
         _wait_for(proxy)
-        if not _soon():
+        if not _later.set():
             _begin()
 
 
 def image_updated(proxy: SMProxy, event: str) -> None:
     """Remember that a filter has a new image; an observer of the image filters."""
     filter = python_proxy(proxy)
-    follower = follower_of(filter)
+    follower = linked_camera.follower_of(filter)
     if (filter.FollowCamera or _is_new(proxy)) and not (follower is not None and follower.drawing):
         _wait_for(proxy)
-        _soon()
+        _later.set()
 
 
 @with_data(VTK_INT)
 def view_drawn(proxy: SMViewProxy, event: str, interactive: int) -> None:
     """Process the waiting filters; an observer of the 3D views."""
-    for follower in followers():
+    for follower in linked_camera.followers():
         # Cameras are moved by buttons, links and scripts, too; while the mouse moves one, the follower hears of it.
         late = follower.behind or (not interactive and follower.strayed(proxy))
         if late and not follower.drawing:
             _wait_for(follower.filter.SMProxy)
-    if _waiting and (saving_animation() or not _soon()):  # no timer goes off while frames are saved
+    if _waiting and (linked_camera.saving_animation() or not _later.set()):  # no timer goes off while frames are saved
         _begin()
-
-
-def _soon() -> bool:
-    """Start the window's timer for the waiting filters; return False if there is no window (in a script)."""
-    _timers[:] = [timer for timer in _timers if timer.alive]
-    interactor = window()
-    if not _timers and interactor is not None:
-        _timers.append(Timer(interactor, PAUSE, _go))
-    return bool(_timers)
-
-
-def _go() -> None:
-    _timers.clear()
-    _begin()
 
 
 def _begin() -> None:
@@ -128,8 +87,9 @@ def _begin() -> None:
 
     if _beginning:  # showing an image draws a view, which would call this again
         return
-    if (busy() and not saving_animation()) or servermanager.ProxyManager().GetInLoadXMLState():
-        _soon()
+    busy = linked_camera.busy() and not linked_camera.saving_animation()
+    if busy or servermanager.ProxyManager().GetInLoadXMLState():
+        _later.set()
         return
     waiting = [reference.Get() for reference in _waiting]
     _waiting.clear()
@@ -148,15 +108,19 @@ def _follow(waiting: list[SMProxy]) -> None:
         filter = python_proxy(proxy)
         if filter is None or not filter.GetDataInformation().GetNumberOfPoints():
             continue
-        new, follower, view = _is_new(proxy), follower_of(filter), view_to_follow(filter)
+        new, follower, view = _is_new(proxy), linked_camera.follower_of(filter), linked_camera.view_to_follow(filter)
         _known.put(proxy, [False])
         if follower is not None:
             follower.update(False)
-        elif placed(filter) or view is None:  # a picture needs no view of its own
+        elif linked_camera.placed(filter) or view is None:  # a picture needs no view of its own
             continue
-        elif filter.FollowCamera and view_closed(filter):
-            stop_following(filter)
+        elif filter.FollowCamera and linked_camera.view_closed(filter):
+            linked_camera.stop_following(filter)
         elif filter.FollowCamera:
-            follow(filter)
-        elif new and not any(shows(other, [filter]) for other in simple.GetRenderViews()):
-            simple.Render(show_beside(filter, view))
+            linked_camera.follow(filter)
+        elif new and not any(linked_camera.shows(other, [filter]) for other in simple.GetRenderViews()):
+            simple.Render(linked_camera.show_beside(filter, view))
+
+
+_later = Alarm(50, _begin)
+"""The window's timer for the waiting filters."""

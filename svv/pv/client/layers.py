@@ -1,12 +1,10 @@
-"""Layers of one scene: the arrays of a volume, each as it was shown when it was added.
-
-Client code, for the macro *StyleRF add layer* and for scripts.
-"""
+"""Layers of one scene: the arrays of a volume, each as it was shown when it was added; for a macro and for scripts."""
 
 from __future__ import annotations
 
 from svv.errors import BadInput
 from svv.pv.client.capture import shown_as, volume_display
+from svv.pv.display.linked_camera import inputs_of
 from svv.pv.panel.undo import values_of
 from svv.pv.paraview_types import Proxy
 
@@ -17,24 +15,13 @@ MOST = 8
 
 
 def add_layer(volume: Proxy | None = None) -> Proxy:
-    """Add the array by which a volume is coloured as a layer, with its transfer function.
+    """Add the array by which a volume, by default the active source, is coloured as a layer, with its function.
 
-    Each layer is a StyleRF Train. From the second one on, StyleRF Join shows all of them as one scene. Another layer is
-    trained with the settings of the one before it.
+    Each layer is a StyleRF Train, which is returned before it is applied. From the second one on, StyleRF Join shows
+    all as one scene. Another layer is trained with the settings of the one before it. Raises BadInput if the volume is
+    not shown, or in a way that is not supported, its array is a layer already, or there are too many. In pvpython::
 
-    Args:
-        volume: Source or filter that is shown as a volume; by default the active one.
-
-    Returns:
-        The new StyleRF Train, which is not applied yet.
-
-    Raises:
-        BadInput: The volume is not shown, or in a way that is not supported; its array is a layer already; or there are
-            too many.
-
-    In pvpython, with a volume that is coloured by the array ``cloud``::
-
-        add_layer(volume)
+        add_layer(volume)  # coloured by the array cloud
         ColorBy(GetDisplayProperties(volume), ("POINTS", "rain"))
         add_layer(volume)
         FindSource("StyleRFJoin1")  # cloud and rain
@@ -74,16 +61,11 @@ def _join_with(train: Proxy, others: list[Proxy]) -> None:
 
     known = [one.SMProxy for one in others]
     for join in _all(JOIN):
-        inputs = _inputs(join)
+        inputs = inputs_of(join)
         if any(given.SMProxy in known for given in inputs):
             join.Input = [*inputs, train]
             return
     simple.StyleRFJoin(Input=[*others, train])
-
-
-def _inputs(join: Proxy) -> list[Proxy]:
-    given = join.Input
-    return [given] if hasattr(given, "SMProxy") else list(given or ())
 
 
 def _all(kind: str) -> list[Proxy]:

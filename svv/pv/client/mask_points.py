@@ -1,7 +1,4 @@
-"""Points of a mask, set by clicking into the view of the picture: the buttons of StyleRF Stylize's panel.
-
-Client code. A click changes the text of a region's points, which the panel then shows.
-"""
+"""Points of a mask, set by clicks into the view of the picture: buttons of StyleRF Stylize's panel, in client code."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from svv.pv.client.clicks import Act, pixel_at, place_under, press
+from svv.pv.display.linked_camera import displays_in
 from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Display, Property, Proxy, SMProxy, View
 
@@ -39,20 +37,13 @@ def views_of_mask(paint: Proxy) -> list[View]:
     from paraview import simple
 
     def shows(display: Display) -> bool:
-        given = getattr(display, "Input", None)
-        return given is not None and given.SMProxy == paint.SMProxy and given.Port == MASK and bool(display.Visibility)
+        return bool(display.Input.SMProxy == paint.SMProxy and display.Input.Port == MASK)
 
-    return [view for view in simple.GetRenderViews() if any(map(shows, view.Representations))]
+    return [view for view in simple.GetRenderViews() if any(map(shows, displays_in(view)))]
 
 
 def set_point(paint: Proxy, place: Sequence[float], button: str) -> None:
-    """Set or remove a point, depending on the button.
-
-    Args:
-        paint: Proxy of StyleRF Stylize.
-        place: Point in the coordinates of its second output.
-        button: One of :data:`KINDS`.
-    """
+    """Set or remove a point of a mask at a place in the second output of StyleRF Stylize, by one of KINDS."""
     paint.UpdatePropertyInformation()
     sizes = [int(n) for n in (paint.GetProperty("PictureSize").GetData() or "").split()]
     at = pixel_at(place, sizes) if sizes else None
@@ -73,9 +64,9 @@ def set_point(paint: Proxy, place: Sequence[float], button: str) -> None:
 
 def _without_nearest(rows: dict[str, Property], at: tuple[int, int]) -> None:
     """Remove the point that is nearest to a pixel from the properties' texts."""
-    from svv.pv.work.style_masks import points_in
+    from svv.pv.work.style_masks import pixels_in
 
-    known = [(kind, point) for kind, row in rows.items() for point in points_in(row.GetData() or "", kind)]
+    known = [(kind, point) for kind, row in rows.items() for point in pixels_in(row.GetData() or "", kind)]
     if not known:
         return
     kind, nearest = min(known, key=lambda one: math.dist(one[1], at))

@@ -1,7 +1,4 @@
-"""The orbit as an animation: Play and Save Animation circle a scene, while the data's time stands still.
-
-Client code, for the user interface and for scripts.
-"""
+"""The orbit as an animation: Play and Save Animation circle a scene, while the data's time stands still."""
 
 from __future__ import annotations
 
@@ -17,20 +14,11 @@ NONE = "There is nothing to orbit: add StyleRF Render or StyleRF Stylized View f
 
 
 def play_orbit(filter: Proxy | None = None, frames: int | None = None) -> Proxy:
-    """Animate the frames of the orbit, or the views of a set.
+    """Animate the frames of the orbit, or the views of a set, at the data's time that is shown now; return the track.
 
-    The data stays at the time that is shown now.
-
-    Args:
-        filter: Proxy of StyleRF Render, Stylized View, Views or a folder of views; by default the active one, or the
-            one created last. The orbit's camera replaces its own.
-        frames: Number of frames of the animation, at least 2; by default the number of images.
-
-    Returns:
-        The animation track.
-
-    Raises:
-        BadInput: There is no such filter, or there are too few frames.
+    The filter is StyleRF Render, Stylized View, Views or a folder of views, by default the active one or the newest;
+    the orbit's camera replaces its own. There are at least 2 frames, by default as many as images. Raises BadInput if
+    there is no such filter, or there are too few frames.
     """
     from paraview import simple
 

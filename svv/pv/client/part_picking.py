@@ -1,8 +1,7 @@
 """Places in a scene, chosen by clicks into views: buttons of the panels of StyleRF Edit and StyleRF Palette.
 
-Client code. A click asks the filter whose picture was clicked on which point in space is visible there, for filters
-behind the panel's may hide regions; the client tells it to the panel's filter, and appends the answer to a property.
-Points, unlike pixels, mean the same after the camera has moved and other regions were hidden.
+Client code. The filter whose picture was clicked on says which point is visible there; the panel's filter is told, and
+its answer appended to a property. Points mean the same after the camera has moved and other regions were hidden.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from svv.pv.client.clicks import pixel_at, place_under, press
-from svv.pv.display.linked_camera import PLACED, camera_numbers, parallel_scale_of, upstream
+from svv.pv.display.linked_camera import PLACED, camera_numbers, displays_in, parallel_scale_of, upstream
 from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Property, Proxy, SMProxy, View
 
@@ -35,14 +34,7 @@ def pressed(proxy: SMProxy, event: str, name: str) -> None:
 
 
 def pick(edit: Proxy, view: View, at: Sequence[int], button: str = "ClickPart") -> None:
-    """Add the place that is visible at a pixel of a view to a property, and show the result.
-
-    Args:
-        edit: Proxy of StyleRF Edit or StyleRF Palette.
-        view: A 3D view with a camera, or one that shows the image of StyleRF Render.
-        at: Pixel from the lower left of the view.
-        button: One of :data:`ROWS`: what the click means.
-    """
+    """Add the place at a pixel, from the lower left, of a view to the property of a button, and show the result."""
     seen = seen_at(edit, view, at)
     if seen is None:
         return
@@ -78,8 +70,8 @@ def _asked(filter: Proxy, seen: Mapping[str, object]) -> str:
 def seen_at(edit: Proxy, view: View, at: Sequence[int]) -> dict[str, object] | None:
     """Return the camera and the pixel that a click means, as values of StyleRF Render; None beside an image.
 
-    In a view that shows an image of the filter's scene, the camera is that of the image, otherwise the view's own. If
-    the view shows a picture of the scene, the place that is visible in it is there as well, or why there is none.
+    In a view of an image of the filter's scene, the camera is the image's, otherwise the view's own. If the view shows
+    a picture of the scene, the place that is visible in it is there as well, or why there is none.
     """
     picture, flat = _picture_in(view, edit)
     if picture is None or not flat:
@@ -102,10 +94,7 @@ def seen_at(edit: Proxy, view: View, at: Sequence[int]) -> dict[str, object] | N
 
 def _picture_in(view: View, edit: Proxy) -> tuple[Proxy | None, bool]:
     """Return the filter whose picture of the filter's scene, before it or after it, a view shows, and if it is flat."""
-    for display in view.Representations:
-        given = getattr(display, "Input", None)
-        if given is None or not display.Visibility:
-            continue
+    for given in (display.Input for display in displays_in(view)):
         flat = given.SMProxy.GetXMLName() == IMAGE
         shown = given.Input if given.SMProxy.GetXMLName() == PLACED else given
         if shown is None or shown.SMProxy.GetXMLName() not in (IMAGE, VOLUME):

@@ -1,8 +1,7 @@
 """Pictures in the 3D view: StyleRF Place In View, whose image is rendered for the camera of the view that shows it.
 
-Client code. Before a view is drawn, the images of the pictures in it that follow a camera are given the view's: small
-ones while the mouse moves, sharp ones otherwise. So scripts, links between cameras, and buttons that turn a view work
-like the mouse.
+Client code. Before a view is drawn, the images in it that follow a camera are given the view's: so scripts, links
+between cameras, and buttons that turn a view work like the mouse. While that moves, images are small.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from functools import partial
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
-from svv.pv.display.linked_camera import IMAGES, PLACED, busy, look_through, timed
+from svv.pv.display.linked_camera import IMAGES, PLACED, busy, displays_in, look_through, timed
 from svv.pv.observers import python_proxy, with_data
 from svv.pv.paraview_types import Display, Proxy, SMViewProxy, View
 
@@ -36,12 +35,10 @@ def as_placed(display: Display) -> bool:
 
 def pictures_in(view: View) -> Iterator[tuple[Proxy, Proxy]]:
     """Yield the pictures that a view shows, with the filters of their images."""
-    for display in view.Representations:
-        given = getattr(display, "Input", None)
-        if given is not None and display.Visibility and given.SMProxy.GetXMLName() == PLACED:
-            image = _image_of(display)
-            if image is not None:
-                yield given, image
+    for display in displays_in(view):
+        image = _image_of(display) if display.Input.SMProxy.GetXMLName() == PLACED else None
+        if image is not None:
+            yield display.Input, image
 
 
 def _image_of(display: Display) -> Proxy | None:

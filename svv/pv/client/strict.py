@@ -1,9 +1,7 @@
-"""Errors of filters become exceptions of the script that runs them (:func:`svv.pv.strict`).
+"""Errors of filters become exceptions of the script that runs them (:func:`svv.pv.strict`), in pvpython and pvbatch.
 
 VTK lets no exception out of a filter, so a filter notes that it has failed, and what the script called raises it: every
-function of ``paraview.simple``, and ``UpdatePipeline`` of a source. Functions that save refuse what is not there.
-
-Client code, for pvpython and pvbatch only: in ParaView's window nothing changes.
+function of ``paraview.simple``, and ``UpdatePipeline``. Functions that save refuse what is not there.
 """
 
 from __future__ import annotations
@@ -16,16 +14,8 @@ from types import FunctionType, ModuleType, TracebackType
 from typing import Any
 
 from svv.errors import BadInput, Cancelled
-from svv.pv.failed import (
-    FAILED_STRICT,
-    NUMBER,
-    end_now,
-    in_script,
-    is_strict,
-    name_of,
-    set_strict,
-    take_failure,
-)
+from svv.pv.display.linked_camera import displays_in, inputs_of
+from svv.pv.failed import FAILED_STRICT, NUMBER, end_now, in_script, is_strict, name_of, set_strict, take_failure
 from svv.pv.paraview_types import Proxy, View
 
 OURS = "StyleRF"
@@ -82,12 +72,7 @@ def _functions_of(simple: ModuleType) -> Iterator[tuple[str, FunctionType]]:
 
 
 def _telling(function: Function, before: Function | None = None) -> Function:
-    """Return a function that does the same, and raises what has failed meanwhile.
-
-    Args:
-        function: The function.
-        before: Called with the same arguments before it, if scripts are strict; raises what speaks against it.
-    """
+    """Return a function that does the same, and raises what has failed; ``before`` raises what speaks against it."""
 
     @functools.wraps(function)
     def telling(*arguments: Any, **options: Any) -> Any:
@@ -167,7 +152,7 @@ def _before_picture(filename: object, shown: Any = None, *_: object, **options: 
     if shown is None:
         return
     views: list[View] = [shown] if hasattr(shown, "Representations") else simple.GetViewsInLayout(shown)
-    displays = [(display, view) for view in views for display in _visible(view)]
+    displays = [(display, view) for view in views for display in displays_in(view)]
     for display, view in displays:
         display.Input.UpdatePipeline(view.ViewTime)
         _check(display.Input, filename)
@@ -183,12 +168,6 @@ _BEFORE: dict[str, Function] = {
     "WriteImage": _before_picture,
 }
 """What is asked before a function saves something."""
-
-
-def _visible(view: View) -> Iterator[Any]:
-    for display in getattr(view, "Representations", ()):
-        if getattr(display, "Visibility", 0) and getattr(display, "Input", None) is not None:
-            yield display
 
 
 def _check(source: Proxy, file: object) -> None:
@@ -210,13 +189,12 @@ def _ours_until(source: Any) -> Iterator[Any]:
     ahead, seen = [source], set()
     while ahead:
         one = ahead.pop(0)
-        if one is None or one.GetGlobalIDAsString() in seen:
+        if one.GetGlobalIDAsString() in seen:
             continue
         seen.add(one.GetGlobalIDAsString())
         if _is_ours(one):
             yield one
-        given: Any = getattr(one, "Input", None)
-        ahead += [given] if given is None or hasattr(given, "SMProxy") else list(given)  # one proxy, or several
+        ahead += inputs_of(one)
 
 
 def _is_ours(proxy: Any) -> bool:

@@ -1,7 +1,7 @@
 """What becomes of each property of ParaView's volume representation, colour map and opacity function.
 
-The tables are complete for ParaView 5.11 and 6.1: a test compares them with ParaView's own lists, and another one sees
-in ParaView's pictures that the properties under ``NO_EFFECT`` have none.
+The tables are complete for ParaView 5.11 and 6.1: one test compares them with ParaView's own lists, another sees in its
+pictures that the properties under ``NO_EFFECT`` have none.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ PANEL = Row(REPRODUCED, "the property of the same name in the filter's panel")
 WITH = Row(NO_EFFECT, "belongs to another property, which is refused")
 STATE = Row(NO_EFFECT, "concerns the panel or the session, not the picture")
 SURFACE = Row(NO_EFFECT, "belongs to surfaces, or to colour maps that are applied to single values")
+SEVERAL = Row(NO_EFFECT, "of arrays with several components, which are refused")
+NO_NUMBER = Row(NO_EFFECT, "of values that are not numbers, which are refused")
+MOVES = Row(NO_EFFECT, "moves the points, which are reproduced")
 
 NOT_SHADED = (
     "The volume is shown with Volumetric Scattering Blending, and StyleRF's light is not scattered: set it to 0 in the "
@@ -40,12 +43,12 @@ NOT_SHADED = (
 )
 
 REPRESENTATION: Mapping[str, Row] = {
-    "DummyInput": STATE,
+    **dict.fromkeys(("DummyInput", "ForceUseCache", "ForcedCacheKey", "Pickable"), STATE),
+    **dict.fromkeys(("InterpolationType", "UseCropping", "CroppingOrigin", "CroppingScale"), PANEL),
+    **dict.fromkeys(("Position", "Scale", "Orientation", "Origin"), PANEL),
+    **dict.fromkeys(("Shade", "Diffuse", "Specular", "SpecularPower"), PANEL),
     "Input": Row(REPRODUCED, "the filter's input"),
     "Visibility": Row(NO_EFFECT, "an invisible volume may be drawn, too"),
-    "ForceUseCache": STATE,
-    "ForcedCacheKey": STATE,
-    "Pickable": STATE,
     "ColorArrayName": Row(REPRODUCED, "the panel's Scalars, with the association to points or cells"),
     "LookupTable": Row(REPRODUCED, "the panel's Transfer Function"),
     "ScalarOpacityFunction": Row(REPRODUCED, "the opacities of the Transfer Function"),
@@ -55,20 +58,8 @@ REPRESENTATION: Mapping[str, Row] = {
         "set it to a positive number in the display's properties.",
         lambda value: isinstance(value, float | int) and not value > 0.0,
     ),
-    "InterpolationType": PANEL,
-    "UseCropping": PANEL,
-    "CroppingOrigin": PANEL,
-    "CroppingScale": PANEL,
-    "Position": PANEL,
     "Translation": Row(REPRODUCED, "the panel's Position: its name since ParaView 5.13"),
-    "Scale": PANEL,
-    "Orientation": PANEL,
-    "Origin": PANEL,
-    "Shade": PANEL,
     "Ambient": Row(REPRODUCED, "the panel's Ambient; 0 in the light kit, in which ParaView shows none"),
-    "Diffuse": PANEL,
-    "Specular": PANEL,
-    "SpecularPower": PANEL,
     "VolumeRenderingMode": Row(
         REFUSED,
         "The volume is shown with the Volume Rendering Mode {value}, and StyleRF draws as ParaView does on a graphics "
@@ -128,43 +119,25 @@ WITH_SHADE = ("VolumetricScatteringBlending",)
 """Properties that show only if the volume is shaded."""
 
 COLOURS: Mapping[str, Row] = {
+    **dict.fromkeys(("UseBelowRangeColor", "BelowRangeColor"), Row(REPRODUCED, "a jump at the first point")),
+    **dict.fromkeys(("UseAboveRangeColor", "AboveRangeColor"), Row(REPRODUCED, "a jump at the last point")),
     "RGBPoints": Row(REPRODUCED, "the points of the Transfer Function"),
     "ColorSpace": Row(REPRODUCED, "its colour space"),
     "HSVWrap": Row(REPRODUCED, "its way around the circle of hues"),
     "UseLogScale": Row(REPRODUCED, "its scale, as ParaView draws it in volumes (svv.dvr.functions.scales)"),
-    "UseBelowRangeColor": Row(REPRODUCED, "a jump at the first point"),
-    "BelowRangeColor": Row(REPRODUCED, "a jump at the first point"),
-    "UseAboveRangeColor": Row(REPRODUCED, "a jump at the last point"),
-    "AboveRangeColor": Row(REPRODUCED, "a jump at the last point"),
     "AllowDuplicateScalars": Row(REPRODUCED, "points that it removes are not there"),
     "ScalarOpacityFunction": Row(REPRODUCED, "the opacities of the Transfer Function"),
-    "Use2DTransferFunction": STATE,
-    "Using2DTransferFunction": STATE,
-    "UsingSeparateOpacityArray": STATE,
-    "NameOfLastPresetApplied": STATE,
     "TransferFunction2D": WITH,
-    "VectorMode": Row(NO_EFFECT, "of arrays with several components, which are refused"),
-    "VectorComponent": Row(NO_EFFECT, "of arrays with several components, which are refused"),
-    "NanColor": Row(NO_EFFECT, "of values that are not numbers, which are refused"),
-    "NanOpacity": Row(NO_EFFECT, "of values that are not numbers, which are refused"),
-    "Discretize": SURFACE,
-    "NumberOfTableValues": SURFACE,
-    "InterpretValuesAsCategories": SURFACE,
-    "IndexedColors": SURFACE,
-    "IndexedOpacities": SURFACE,
-    "Annotations": SURFACE,
-    "ActiveAnnotatedValues": SURFACE,
-    "AnnotationsInitialized": SURFACE,
-    "ShowCategoricalColorsinDataRangeOnly": SURFACE,
-    "EnableOpacityMapping": SURFACE,
-    "UseOpacityControlPointsFreehandDrawing": STATE,
-    "AutomaticRescaleRangeMode": Row(NO_EFFECT, "moves the points, which are reproduced"),
-    "RescaleOnVisibilityChange": Row(NO_EFFECT, "moves the points, which are reproduced"),
-    "ScalarRangeInitialized": STATE,
-    "ShowDataHistogram": STATE,
-    "AutomaticDataHistogramComputation": STATE,
-    "DataHistogramNumberOfBins": STATE,
-    "Build": STATE,
+    **dict.fromkeys(("VectorMode", "VectorComponent"), SEVERAL),
+    **dict.fromkeys(("NanColor", "NanOpacity"), NO_NUMBER),
+    **dict.fromkeys(("AutomaticRescaleRangeMode", "RescaleOnVisibilityChange"), MOVES),
+    **dict.fromkeys(("Discretize", "NumberOfTableValues", "InterpretValuesAsCategories", "IndexedColors"), SURFACE),
+    **dict.fromkeys(("IndexedOpacities", "EnableOpacityMapping", "ShowCategoricalColorsinDataRangeOnly"), SURFACE),
+    **dict.fromkeys(("Annotations", "ActiveAnnotatedValues", "AnnotationsInitialized"), SURFACE),
+    **dict.fromkeys(("Use2DTransferFunction", "Using2DTransferFunction", "UsingSeparateOpacityArray"), STATE),
+    **dict.fromkeys(("NameOfLastPresetApplied", "UseOpacityControlPointsFreehandDrawing"), STATE),
+    **dict.fromkeys(("ScalarRangeInitialized", "ShowDataHistogram", "AutomaticDataHistogramComputation"), STATE),
+    **dict.fromkeys(("DataHistogramNumberOfBins", "Build"), STATE),
 }
 """Rows of the properties of the colour map."""
 
@@ -192,21 +165,14 @@ CROPPED = (
 
 
 def crops_as_known() -> bool:
-    """Return whether this ParaView crops in a known way (:data:`svv.pv.display.shown.CROPS_INDICES`).
-
-    Between 5.11 and 5.13, what the display's scale multiplies has changed; 5.12 was not seen.
-    """
+    """Return whether this ParaView crops in a known way: that changed between 5.11 and 5.13, and 5.12 was not seen."""
     from paraview.servermanager import vtkSMProxyManager
 
     return (vtkSMProxyManager.GetVersionMajor(), vtkSMProxyManager.GetVersionMinor()) != (5, 12)
 
 
 def refused_by(display: Display) -> str:
-    """Return the sentence that says why a display cannot be reproduced; empty if it can.
-
-    Args:
-        display: Proxy of a representation.
-    """
+    """Return the sentence that says why a display cannot be reproduced; empty if it can."""
     if name_in(display, "UseCropping") is not None and value_of(display, "UseCropping") and not crops_as_known():
         return CROPPED
     for name, row in REPRESENTATION.items():

@@ -1,7 +1,6 @@
-"""The live camera: one camera for the volume rendering on the left and the scene's image on the right.
+"""The live camera: one camera for the volume rendering on the left and the scene's image on the right. Client code.
 
-Client code, for the user interface and for scripts with an interactive view. :mod:`svv.pv.client.follow_property`
-starts and stops it according to a filter's property *Follow Camera*.
+:mod:`svv.pv.client.follow_property` starts and stops it according to a filter's property *Follow Camera*.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Container, Iterator, Sequence
+from typing import Any
 
 from svv.core.frame_rate import Pace
 from svv.errors import BadInput
@@ -45,14 +45,9 @@ _followers: list[CameraFollower] = []
 
 
 class CameraFollower:
-    """Passes a view's camera to a filter whenever it moves: a small image during the motion, a sharp one at its end.
+    """Passes a view's camera to an image filter when it moves: a small image meanwhile, a sharp one at its end.
 
-    It keeps only weak references to the three, so each can be deleted; following then ends.
-
-    Args:
-        view: View whose camera is followed.
-        filter: Proxy of StyleRF Render or StyleRF Stylized View.
-        target: View that shows the filter's image.
+    ``target`` shows the image. Only weak references are kept to the three, so each can be deleted; following then ends.
     """
 
     def __init__(self, view: View, filter: Proxy, target: View) -> None:
@@ -94,7 +89,7 @@ class CameraFollower:
         return self._wanted is not None
 
     def strayed(self, view: SMProxy) -> bool:
-        """Whether this is the followed view, given as a proxy, and its camera is not that of the image.
+        """Whether this is the followed view's proxy, and its camera is not that of the image.
 
         While an animation is saved, it may also be the view of the image: the other one need not be drawn then.
         """
@@ -216,13 +211,8 @@ def timed(filter: Proxy, update: Callable[[], object]) -> None:
 def through(view: View, filter: Proxy, moving: bool) -> tuple[list[float], float, list[int], int]:
     """Return camera, parallel scale and size of an image that follows a view, and whether it is made in a hurry.
 
-    The longer side is :data:`LARGEST`, or that of the view if this is smaller and the image is placed in a 3D view.
-    While the mouse moves, it is as large as :class:`svv.core.frame_rate.Pace` permits.
-
-    Args:
-        view: The followed view.
-        filter: The image's filter.
-        moving: Whether the mouse moves the view's camera.
+    The longer side is :data:`LARGEST`, or that of a smaller view in which the image is placed. While the mouse moves,
+    it is as large as :class:`svv.core.frame_rate.Pace` permits.
     """
     scale = pace_of(filter).part if moving else 1.0
     longer = max(view.ViewSize)
@@ -281,17 +271,10 @@ def fit(view: View, width: int, height: int) -> None:
 
 
 def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollower:
-    """Let an image follow a camera, and set its filter's property Follow Camera.
+    """Let an image follow a camera in a separate view (:func:`show_beside`), and set the property Follow Camera.
 
-    The image has a separate view (:func:`show_beside`). In the window, a followed view with nothing in it is given the
-    image's camera.
-
-    Args:
-        filter: Proxy of a StyleRF image filter; by default the active one, or the one created last.
-        view: View whose camera is followed; by default the view that shows the volume, or the active one.
-
-    Raises:
-        BadInput: There is no image filter, or no 3D view.
+    By default, the filter is the active or newest image filter, the view that of the volume or the active one. In the
+    window, a view with nothing in it is given the image's camera. Raises BadInput without filter or 3D view.
     """
     from paraview import simple
 
@@ -315,14 +298,7 @@ def follow(filter: Proxy | None = None, view: View | None = None) -> CameraFollo
 
 
 def show_beside(filter: Proxy, view: View) -> View:
-    """Show an image in a view of its own, and return that view.
-
-    It is the one that already shows it, or one that was made for an image that is gone, or a new one to the right.
-
-    Args:
-        filter: Proxy of a StyleRF image filter.
-        view: The 3D view, which stays the active one if another is made.
-    """
+    """Show an image in its view, one left by another image, or a new one to the right of the 3D view; return that."""
     from paraview import simple
 
     target = view_beside(filter, view)
@@ -347,8 +323,9 @@ def view_beside(filter: Proxy, view: View) -> View | None:
     from paraview import simple
 
     others = [other for other in simple.GetRenderViews() if other != view]
-    showing = (other for other in others if shows(other, [filter]))
-    return next(showing, None) or next((one for one in others if made_for_image(one) and not any(given_to(one))), None)
+    showing = [other for other in others if shows(other, [filter])]
+    left = [other for other in others if made_for_image(other) and not any(displays_in(other))]
+    return next(iter([*showing, *left]), None)
 
 
 def made_for_image(view: View) -> bool:
@@ -412,10 +389,7 @@ def stop_following(filter: Proxy | None = None) -> None:
 
 
 def view_to_follow(filter: Proxy) -> View | None:
-    """Return the 3D view that shows the volume of a filter's image, or the active one; None if there is no 3D view.
-
-    Views that were made for images are none.
-    """
+    """Return the 3D view of the volume of a filter's image, or the active one, but none made for images; or None."""
     from paraview import simple
 
     active = simple.GetActiveView()
@@ -430,32 +404,31 @@ def view_to_follow(filter: Proxy) -> View | None:
 
 def shows(view: View, sources: Sequence[Proxy]) -> bool:
     """Return whether a view shows any of these sources."""
-    return any(one.SMProxy == source.SMProxy for one in given_to(view) for source in sources)
+    return any(one.Input.SMProxy == source.SMProxy for one in displays_in(view) for source in sources)
 
 
-def given_to(view: View) -> Iterator[Proxy]:
-    """Yield the sources and filters that a view shows."""
-    for display in view.Representations:
-        given = getattr(display, "Input", None)
-        if given is not None and display.Visibility:
-            yield given
+def displays_in(view: View) -> Iterator[Display]:
+    """Yield the representations by which a view, of any kind, shows sources and filters."""
+    for display in getattr(view, "Representations", ()):
+        if getattr(display, "Visibility", 0) and getattr(display, "Input", None) is not None:
+            yield display
+
+
+def inputs_of(source: Proxy) -> list[Proxy]:
+    """Return the inputs of a filter, some of which take several; none of a source."""
+    given: Any = getattr(source, "Input", None)
+    return [given] if hasattr(given, "SMProxy") else list(given or ())
 
 
 def upstream(filter: Proxy) -> Iterator[Proxy]:
     """Yield the filters and sources upstream of a filter."""
-    given = getattr(filter, "Input", None)
-    if given is not None:
-        for one in [given] if hasattr(given, "SMProxy") else given:  # some filters take several inputs
-            yield one
-            yield from upstream(one)
+    for one in inputs_of(filter):
+        yield one
+        yield from upstream(one)
 
 
 def newest(kinds: Container[str], missing: str) -> Proxy:
-    """Return the active filter if it is of one of these kinds, otherwise the last one that is.
-
-    Raises:
-        BadInput: There is none; ``missing`` is the sentence.
-    """
+    """Return the active filter if it is of these kinds, else the last one that is; or raise BadInput(missing)."""
     from paraview import simple
 
     for source in [simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))]:

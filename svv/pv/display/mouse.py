@@ -1,7 +1,4 @@
-"""The mouse in a view that shows an image turns the camera that the image follows: its events go to the followed view.
-
-Client code, see :mod:`svv.pv.display.linked_camera`.
-"""
+"""The mouse in a view with an image turns the camera that it follows: its events go to the followed view."""
 
 from __future__ import annotations
 
@@ -21,14 +18,7 @@ BEFORE_OTHERS = 1.0
 
 
 class ForwardedMouse:
-    """Passes mouse events from one view on to another, at the same place relative to its size.
-
-    It keeps only weak references to the views' interactors.
-
-    Args:
-        view: View in which the mouse is used.
-        other: View that receives the events.
-    """
+    """Passes mouse events from one view on to another, at the same place relative to its size; holds neither."""
 
     def __init__(self, view: View, other: View) -> None:
         self._from, self._to = WeakReference(view.GetInteractor()), WeakReference(other.GetInteractor())

@@ -10,7 +10,7 @@ from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkRenderingCore import vtkVolume
 
-from svv.dvr.draw.plotted import moved, with_outer_halves
+from svv.dvr.draw.plotted import matrix_of, moved, with_outer_halves
 from svv.dvr.read.appearance import Appearance, put, without_duplicates
 from svv.dvr.read.grids import as_volume, index_to_world, pick_scalars
 from svv.errors import BadInput
@@ -61,23 +61,14 @@ CUBIC = ("InterpolationType", "Cubic")
 
 
 def volume_shown(data: vtkImageData, values: Values, name: str = "The input") -> vtkImageData:
-    """Return the volume that a display shows (:func:`svv.dvr.read.grids.as_volume`), in its place in the world.
-
-    Args:
-        data: The display's input.
-        values: A panel's values.
-        name: Name of the input in messages.
-
-    Raises:
-        BadInput: The reasons of :func:`svv.dvr.read.grids.as_volume`, or the display shears the volume.
-    """
+    """Return the volume that a display shows of its input, in its place in the world; or raise BadInput."""
     data, chosen = without_duplicates(data), (values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
     image, (_, on_cells) = as_volume(data, *chosen), pick_scalars(data, *chosen)
     given: DisplayValues = {**PLAIN, **chosen_of(values)}
     crop = _crop(data, image, given, on_cells) if given["UseCropping"] else None
     if on_cells:
         image, crop = with_outer_halves(image, crop)
-    image = moved(image, matrix_of(given), "The display", INSTEAD)
+    image = moved(image, matrix_in(given), "The display", INSTEAD)
     put(image, replace(Appearance.of(image), crop=crop, nearest=given["InterpolationType"] == "Nearest"))
     return image
 
@@ -87,15 +78,14 @@ def scale_of(values: Values) -> float:
     return float(np.cbrt(np.abs(np.prod(values.get("Scale", PLAIN["Scale"])))))
 
 
-def matrix_of(given: DisplayValues) -> Array:
+def matrix_in(given: DisplayValues) -> Array:
     """Return the matrix from the data to the world of a display with these properties. (4, 4)"""
     prop = vtkVolume()
     prop.SetPosition(*given["Position"])
     prop.SetScale(*given["Scale"])
     prop.SetOrientation(*given["Orientation"])
     prop.SetOrigin(*given["Origin"])
-    matrix = prop.GetMatrix()
-    return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+    return matrix_of(prop)
 
 
 def _crop(data: vtkImageData, image: vtkImageData, given: DisplayValues, on_cells: bool) -> Array:

@@ -1,4 +1,1 @@
-"""The filters, readers and the writer: what happens on *Apply*, and how results are kept.
-
-``base`` has their common class, ``engine`` calls the layers below.
-"""
+"""The filters, readers and the writer: what happens on *Apply*, and how results are kept."""

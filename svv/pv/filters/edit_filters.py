@@ -1,12 +1,6 @@
-"""The filters under Filters > StyleRF that change a scene at once: its edits, and several scenes in one.
-
-Each class is a list of properties and a few calls into :mod:`svv.pv.work.editing` and
-:mod:`svv.fields.scene.joined`. ParaView shows its docstring as help.
-"""
+"""The filters under Filters > StyleRF that change a scene at once. ParaView shows the classes' docstrings as help."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproxy
 
@@ -18,37 +12,27 @@ from svv.pv.work.cached import SceneOutput
 from svv.pv.work.picking import Click, Picking, point_seen
 from svv.pv.work.vtk_data import finished_scene_of, key_of_scene, scene_of
 
-if TYPE_CHECKING:
-    pass
-
 __all__ = ["StyleRFEdit", "StyleRFJoin"]
 
 
 @smproxy.filter(label="StyleRF Edit", support_reload=False)
 @menu
-@panel(
-    *few_first(
-        (
-            *(f"Region{k}{what}" for k in range(3) for what in ("Recolour", "Opacity", "Hide")),
-            "Say",
-            "Strength",
-            "SaveFile",
-        ),
-        button("UndoEdit", "Undo the last change that was applied."),
-        button("RedoEdit", "Redo the last change that was undone."),
-        button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
-        *part_properties(),
-        *edit_properties(),
-        switch("ShowHidden", False, "Show regions that were hidden before this filter."),
-        text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
-        integer(
-            "Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50, True
-        ),
-        switch("AsTrained", False, "Undo all edits that the scene came with, before applying those above.", True),
-        *save_properties(),
-        status(),
-    )
-)
+@panel(*few_first(
+    (*(f"Region{k}{what}" for k in range(3) for what in ("Recolour", "Opacity", "Hide")), "Say", "Strength",
+     "SaveFile"),
+    button("UndoEdit", "Undo the last change that was applied."),
+    button("RedoEdit", "Redo the last change that was undone."),
+    button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
+    *part_properties(),
+    *edit_properties(),
+    switch("ShowHidden", False, "Show regions that were hidden before this filter."),
+    text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
+    integer("Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50,
+            True),
+    switch("AsTrained", False, "Undo all edits that the scene came with, before applying those above.", True),
+    *save_properties(),
+    status(),
+))  # fmt: skip
 @takes_scene
 class StyleRFEdit(SceneOutput, Picking):
     """Edit a scene at once, without training. The rows of the input's table are the regions."""
@@ -57,9 +41,6 @@ class StyleRFEdit(SceneOutput, Picking):
         """Do nothing: the client handles this button, in :mod:`svv.pv.panel.undo`."""
 
     RedoEdit = ResetEdits = ClickPart = UndoEdit
-
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
 
     def answer(self, seen: Click) -> str:
         scene = self.last("given")
@@ -82,9 +63,6 @@ class StyleRFJoin(SceneOutput):
     them, then add this filter. Their regions become regions of one scene, in the order of the inputs, and extinctions
     add.
     """
-
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
         """Accept several scenes."""

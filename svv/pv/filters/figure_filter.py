@@ -47,8 +47,7 @@ class StyleRFFigure(Filter):
     StyleRF Edit names regions.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkImageData")
+    ports = (1, 1, "vtkImageData")
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Announce the figure's size, which is known when it is drawn."""

@@ -1,7 +1,4 @@
-"""Figures for papers, drawn by the Python that started ParaView: matplotlib must not be loaded into ParaView's.
-
-(:mod:`svv.job.figure_program` draws them.) The macro *StyleRF figure* uses :func:`add_figure`.
-"""
+"""Figures for papers, drawn by the Python that started ParaView: matplotlib must not be loaded into ParaView's."""
 
 from __future__ import annotations
 
@@ -53,12 +50,7 @@ def camera_in(values: Values) -> Camera | None:
 
 
 def pixels_of(scene: Scene, values: Values, progress: Progress) -> tuple[NDArray[np.uint8], str]:
-    """Return a figure of a scene as the panel asks for it, straight RGBA (height, width, 4), and what to know of it.
-
-    Raises:
-        BadInput: The figure cannot be drawn, or there is no Python with matplotlib to draw it.
-        Cancelled: The user pressed Abort.
-    """
+    """Return a figure of a scene, straight RGBA (height, width, 4), and what to know of it; raise as :func:`write`."""
     from PIL import Image
 
     with work_folder() as folder:
@@ -69,10 +61,7 @@ def pixels_of(scene: Scene, values: Values, progress: Progress) -> tuple[NDArray
 
 
 def write(scene: Scene, values: Values, out: Path, progress: Progress) -> str:
-    """Write a figure of a scene to a file, and return what users should know of it.
-
-    Raises as :func:`pixels_of`, and BadInput for another kind of file.
-    """
+    """Write a figure of a scene to a file, and return what users should know of it; raise as :func:`run_outside`."""
     from svv.job.figure_program import request
 
     if out.suffix.lower() not in KINDS:
@@ -88,14 +77,8 @@ def write(scene: Scene, values: Values, out: Path, progress: Progress) -> str:
 def run_outside(words: Sequence[str], progress: Progress, folders: Sequence[Path] = ()) -> str:
     """Run a program that draws a figure in the Python that started ParaView; return what it says, as one line.
 
-    Args:
-        words: Python's arguments.
-        progress: Called every 0.1 seconds.
-        folders: Folders of further packages.
-
-    Raises:
-        BadInput: It failed; the sentence is its last line.
-        Cancelled: The user pressed Abort; the program is ended.
+    ``words`` are Python's arguments, ``folders`` hold further packages, and progress is called every 0.1 seconds.
+    Raises BadInput with its last line if it failed, and Cancelled if the user pressed Abort, which ends it.
     """
     python = os.environ.get(PYTHON) or (sys.executable if "python" in Path(sys.executable or "").name.lower() else "")
     if not python:
@@ -148,14 +131,9 @@ def _is_scene(source: Proxy) -> bool:
 
 
 def add_figure(source: Proxy | None = None, view: View | None = None) -> Proxy:
-    """Add StyleRF Figure to a scene, seen as the active view sees it; return its proxy, which is not applied yet.
+    """Add StyleRF Figure to a scene, or an image of one, as a view sees it; return its proxy, not applied yet.
 
-    Args:
-        source: A filter or reader whose output is a scene, or an image of one; by default the active one.
-        view: The view; by default the active one.
-
-    Raises:
-        BadInput: The source is not a scene.
+    Source and view are by default the active ones. Raises BadInput if the source is no scene.
     """
     from paraview import simple
 

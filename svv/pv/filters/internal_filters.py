@@ -20,9 +20,6 @@ __all__ = ["StyleRFPieces", "StyleRFUnitDistance"]
 class StyleRFPieces(DividedInput):
     """Lend a script the ranks among which a volume is divided (svv.pv.work.parallel); it is in no menu."""
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
-
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
         do_next_job(inputs[0])
 
@@ -32,10 +29,12 @@ class StyleRFPieces(DividedInput):
 class StyleRFUnitDistance(Filter):
     """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.work.volume_display)."""
 
+    ports = (0, 1, "vtkTable")
+
     def __init__(self) -> None:
         import paraview.modules.vtkRemotingViews  # noqa: F401  (lets a server's Python know the class of displays)
 
-        super().__init__(0, 1, "vtkTable")
+        super().__init__()
 
     def RequestData(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Set it, on every rank."""

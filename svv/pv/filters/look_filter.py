@@ -45,9 +45,6 @@ class StyleRFLook(SceneOutput):
     by painting. Save Look keeps how the input looks.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
-
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.fields.devices.gpu import device_named
         from svv.job.looks.look import Look

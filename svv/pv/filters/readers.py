@@ -28,8 +28,7 @@ __all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader"]
 class StyleRFSceneWriter(Filter):
     """Write a scene to a file (.svv)."""
 
-    def __init__(self) -> None:
-        super().__init__(1, 0, "vtkTable")
+    ports = (1, 0, "vtkTable")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
         finished_scene_of(inputs[0]).save(self.values["FileName"])
@@ -47,8 +46,7 @@ class StyleRFSceneReader(Filter):
     has time steps, it is the one of the time that ParaView shows.
     """
 
-    def __init__(self) -> None:
-        super().__init__(0, 1, "vtkTable")
+    ports = (0, 1, "vtkTable")
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         info, executive = out_info.GetInformationObject(0), self.GetExecutive()
@@ -114,8 +112,7 @@ class StyleRFViewsReader(ViewsOutput):
     cameras. Connect StyleRF Train.
     """
 
-    def __init__(self) -> None:
-        super().__init__(0, 2, "vtkImageData")
+    ports = (0, 2, "vtkImageData")
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         try:

@@ -40,12 +40,7 @@ def as_edited_since(
 ) -> tuple[Scene | Stored, str]:
     """Return a filter's scene as the transfer function shows it now, and what to say about that, after a space.
 
-    Args:
-        filter: The filter. What it has to show is kept until the function or the scene changes.
-        scene: The scene, as it was trained or painted.
-        name: Name under which that is kept.
-        present: The present inputs.
-        followed: What is said if the scene shows the present time already, though it was trained at another one.
+    ``followed`` is what is said if the scene shows the present time already, though it was trained at another one.
     """
     made, stale = filter.steps.made, followed or filter.steps.describe_staleness(present)
     filter.shows_edits = can_be_retuned(scene, filter.data)
@@ -71,10 +66,7 @@ def as_edited_since(
 
 
 def retuned(scene: Scene | Stored, values: Values, data: vtkDataObject | None) -> tuple[Scene | None, str]:
-    """Return a scene with the opacities of the panel's transfer function; None if it cannot show them, and why.
-
-    The scene itself is returned if the opacities are the same.
-    """
+    """Return a scene with the opacities of the panel's transfer function; None if it cannot show them, and why."""
     from svv.fields.scene.scene import Scene
     from svv.job.opacities import with_opacities
     from svv.pv.display.shown import volume_shown
@@ -92,11 +84,7 @@ def retuned(scene: Scene | Stored, values: Values, data: vtkDataObject | None) -
 
 
 def tuned_like(scene: Scene, other: Scene) -> Scene:
-    """Return a scene with the opacities of another one that was made of the same.
-
-    Raises:
-        BadInput: It cannot show them.
-    """
+    """Return a scene with the opacities of another that was made of the same, or raise BadInput if it cannot."""
     from svv.dvr.functions.transfer_functions import TransferFunction
     from svv.fields.following.other_cells import on_cells
     from svv.job.opacities import with_opacities

@@ -1,9 +1,4 @@
-"""The filters under Filters > StyleRF that learn anew of a scene: its palette and its paintings.
-
-Each class is a list of properties and a few calls into :mod:`svv.pv.work.editing`,
-:mod:`svv.pv.work.style_masks`, :mod:`svv.pv.work.styling` and :mod:`svv.pv.work.engine`. ParaView shows its
-docstring as help.
-"""
+"""The filters under Filters > StyleRF that learn anew of a scene. ParaView shows the classes' docstrings as help."""
 
 from __future__ import annotations
 
@@ -23,26 +18,8 @@ from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.filters.retuned import tuned_like
 from svv.pv.live.handed import file_of_views
 from svv.pv.live.scene_beside import SceneBeside
+from svv.pv.panel import groups
 from svv.pv.panel.first_screen import few_first, picked, titled, without
-from svv.pv.panel.groups import (
-    ADDED,
-    NO_GALLERY,
-    OFFERED,
-    PALETTE,
-    PICTURES,
-    REGIONS,
-    added_properties,
-    correction_properties,
-    device,
-    learning_properties,
-    menu,
-    point_properties,
-    pointing_properties,
-    preview_file,
-    save_properties,
-    style_properties,
-    takes_scene,
-)
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import (
@@ -79,7 +56,7 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
 
 
 @smproxy.filter(label="StyleRF Palette", support_reload=False)
-@menu
+@groups.menu
 @panel(*few_first(
     (*(f"Region{k}{what}" for k in range(3) for what in ("SetColour", "Remove")), "ViewsFile", "PointRegion", "Points",
      "Colour0Add", "Live", "SaveFile"),
@@ -90,22 +67,22 @@ __all__ = ["StyleRFPalette", "StyleRFStylize"]
         <Hints><Optional/></Hints></InputProperty>''', None, {}),
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json of the views that the scene was trained on."),
-    *pointing_properties(),
+    *groups.pointing_properties(),
     text("Merge", "Regions to merge, such as 0, 1; 2, 3 for two groups."),
-    *(p for region in range(PALETTE) for p in correction_properties(region)),
-    *(p for number in range(ADDED) for p in added_properties(number)),
+    *(p for region in range(groups.PALETTE) for p in groups.correction_properties(region)),
+    *(p for number in range(groups.ADDED) for p in groups.added_properties(number)),
     *live(),
-    *learning_properties(PaletteOptions()),
-    device(),
+    *groups.learning_properties(PaletteOptions()),
+    groups.device(),
     button("TrainAgain", "Train again, even if nothing has changed."),
     button("UndoPalette", "Undo the last change that was applied, such as a click."),
     button("RedoPalette", "Redo the last change that was undone."),
     button("ResetPalette", "Reset this panel, so that the scene passes through unchanged."),
-    *save_properties(),
+    *groups.save_properties(),
     *cached_names_property(),
     status(),
 ))  # fmt: skip
-@takes_scene
+@groups.takes_scene
 class StyleRFPalette(SceneBeside, Pointing):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
     base network is kept; paintings are dropped, because they belong to the old regions.
@@ -114,8 +91,10 @@ class StyleRFPalette(SceneBeside, Pointing):
     button = "Train Again"
     slots = ("corrected",)
 
+    ports = (2, 1, "vtkTable")
+
     def __init__(self) -> None:
-        super().__init__(2, 1, "vtkTable")
+        super().__init__()
         self._views: Data | None = None
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
@@ -214,24 +193,26 @@ class StyleRFPalette(SceneBeside, Pointing):
 
 
 @smproxy.filter(label="StyleRF Stylize", support_reload=False)
-@menu
+@groups.menu
 @smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
 @panel(*few_first(
     ("StyleFiles", "Live", "Gallery", "Mapping", "StrokeSize", "Strength", "PreviewOnly", "ShownMask", "Region0Style",
      "Region1Style", "Region2Style", "SaveFile"),
-    files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
+    files("StyleFiles", groups.PICTURES, "Pictures", "Style pictures for the regions."),
     *live(),
-    choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
+    choice("Gallery", (groups.NO_GALLERY, *groups.OFFERED), groups.NO_GALLERY,
            "One more style, from the gallery or in ink."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
            "Which pictures regions get that name none: in turn, or that of the closest mean colour."),
     *picked(properties_of(PaintOptions()), "StrokeSize"),
     number("Strength", 1.0, "How strongly the painting shows: 0 gives the palette's colours, 1 the paint.", 0.0, 1.0),
-    *titled("Painting", [*without(properties_of(PaintOptions()), "StrokeSize"), preview_file(), device()]),
+    *titled("Painting", [
+        *without(properties_of(PaintOptions()), "StrokeSize"), groups.preview_file(), groups.device(),
+    ]),
     switch("PreviewOnly", False, "Show the masks without painting."),
-    integer("ShownMask", 0, "Region whose picture and mask the second output shows.", 0, REGIONS - 1),
-    *point_properties(),
-    *(p for region in range(REGIONS) for p in style_properties(region)),
+    integer("ShownMask", 0, "Region whose picture and mask the second output shows.", 0, groups.REGIONS - 1),
+    *groups.point_properties(),
+    *(p for region in range(groups.REGIONS) for p in groups.style_properties(region)),
     *titled("Masks", [
         integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.",
                 0, 32),
@@ -245,11 +226,11 @@ class StyleRFPalette(SceneBeside, Pointing):
     ]),
     button("PaintAgain", "Paint again: from the start, or on the last painting if Continue is on."),
     button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),
-    *save_properties(),
+    *groups.save_properties(),
     *cached_names_property(),
     status(),
 ))  # fmt: skip
-@takes_scene
+@groups.takes_scene
 class StyleRFStylize(SceneBeside):
     """Paint the regions of a scene in the style of pictures, consistently from all directions. The second output shows
     a picture and the part of it that a region learns from.
@@ -258,8 +239,10 @@ class StyleRFStylize(SceneBeside):
     button = "Paint Again"
     slots = (PAINTING,)
 
+    ports = (1, 2, "vtkTable")
+
     def __init__(self) -> None:
-        super().__init__(1, 2, "vtkTable")
+        super().__init__()
         self._reset, self._round = False, 0
 
     def FillOutputPortInformation(self, port: int, info: Request) -> int:

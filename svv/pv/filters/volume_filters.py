@@ -1,8 +1,4 @@
-"""Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.filters.scene_filters` has the others.
-
-Each class is a list of properties and a few calls into :mod:`svv.pv.work.engine`. ParaView shows its docstring as
-help.
-"""
+"""Filters > StyleRF that read a volume or draw a scene. ParaView shows the classes' docstrings as help."""
 
 from __future__ import annotations
 
@@ -21,21 +17,8 @@ from svv.options.making import ViewOptions
 from svv.pv.filters.retuned import as_edited_since
 from svv.pv.live.beside import Beside, DrawnBeside
 from svv.pv.live.ordered import SHARPENS, Ordered
+from svv.pv.panel import groups
 from svv.pv.panel.first_screen import stylized_view_properties
-from svv.pv.panel.groups import (
-    cut_properties,
-    device,
-    image_properties,
-    keep_input_visible,
-    menu,
-    shown_beside,
-    take_buttons,
-    takes_image,
-    takes_scene,
-    takes_volume,
-    training_properties,
-    volume_properties,
-)
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import cached_names_property, file, panel, picked, shown_view, status, switch
@@ -44,8 +27,9 @@ from svv.pv.results.keys import key_in, key_of, name_of, source_of
 from svv.pv.results.stored import Stored, describe_parts
 from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
+from svv.pv.work import vtk_data
 from svv.pv.work.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
-from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in, write_views
+from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in
 from svv.pv.work.default_function import describe_default_function
 from svv.pv.work.own_edits import edits_of, painted_as_edited, put_edited
 from svv.pv.work.parallel import DividedInput
@@ -53,19 +37,6 @@ from svv.pv.work.picking import Clickable
 from svv.pv.work.resampled import describe_resampled_input
 from svv.pv.work.shown_scene import ShownScene, mark_scene, shown_in
 from svv.pv.work.unfinished import mark_unfinished
-from svv.pv.work.vtk_data import (
-    drawn_in,
-    key_of_scene,
-    numbers_of,
-    put_baked,
-    put_camera,
-    put_drawn,
-    put_mesh,
-    put_no_views,
-    put_scene,
-    put_stored,
-    scene_of,
-)
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -78,25 +49,24 @@ __all__ = [
 
 
 @smproxy.filter(label="StyleRF Views", support_reload=False)
-@menu
-@keep_input_visible
+@groups.menu
+@groups.keep_input_visible
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
-    *volume_properties(ViewOptions()),
-    *take_buttons(),
+    *groups.volume_properties(ViewOptions()),
+    *groups.take_buttons(),
     file("Folder", "", "", "Folder to which the views are also written, as a set that `svv` and other programs read."),
     *shown_view(),
     *cached_names_property(),
     status(),
 )
-@takes_volume
+@groups.takes_volume
 class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     """Draw views of a volume from all directions, for training. The first output shows one view, the second holds the
     cameras. Connect StyleRF Train, or choose a folder in which to keep the views.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 2, "vtkImageData")
+    ports = (1, 2, "vtkImageData")
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         set_image_information(self, out_info, self.values["ViewSize"], self.values["ViewSize"])
@@ -104,6 +74,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
         return 1
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+        from svv.io.views.viewset import write_splits
         from svv.pv.work.engine import draw_views, moment_of, volume_of
 
         now, folder = moment_of(inputs[0], self.values, time_asked_for(self)), self.values["Folder"]
@@ -120,7 +91,8 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             return found and self.get_or_make("written", (key_of(now), folder), lambda: found)
 
         def write() -> Views:
-            write_views(views, Path(folder), part(self.progress, 0.9, 1.0))
+            train, test = views
+            write_splits(Path(folder), train, test, part(self.progress, 0.9, 1.0))
             return views
 
         self.begin_with("views", "views", now)
@@ -140,31 +112,28 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             views, name = self.steps.result
             self.show(views[0], outputs, key_in(name))
         elif "views" in self.stated():  # results made from the views are found by this key
-            put_no_views(key_in(self.stated()["views"]), *outputs)
+            vtk_data.put_no_views(key_in(self.stated()["views"]), *outputs)
 
 
 @smproxy.filter(label="StyleRF Train", support_reload=False)
-@menu
-@keep_input_visible
+@groups.menu
+@groups.keep_input_visible
 @panel(
     *live(),
-    *training_properties("fast"),
-    *take_buttons(),
+    *groups.training_properties("fast"),
+    *groups.take_buttons(),
     file("SceneFile", "svv", "Scenes",
          "File for the scene, which is read again if the input is the same, so that a saved state need not train.",
          save=True),
-    *volume_properties(ViewOptions(test=0)),
+    *groups.volume_properties(ViewOptions(test=0)),
     *cached_names_property(),
     status(),
 )  # fmt: skip
-@takes_volume
+@groups.takes_volume
 class StyleRFTrain(DividedInput, Beside):
     """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
     with a row for each region. It is trained again only if something that it depends on has changed.
     """
-
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
 
     def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.work.engine import describe_regions, followed, follows, training_moment
@@ -198,9 +167,9 @@ class StyleRFTrain(DividedInput, Beside):
             scene = self.get_or_make("followed", key, lambda: followed(whole, inputs[0], self.values, present))
         scene, told = as_edited_since(self, scene, name, present, moved)
         if isinstance(scene, Stored):
-            put_stored(*Stored.and_content(scene.path), outputs[0])
+            vtk_data.put_stored(*Stored.and_content(scene.path), outputs[0])
         else:
-            put_scene(scene, outputs[0])
+            vtk_data.put_scene(scene, outputs[0])
         self.get_or_make("table", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         said = f"{describe_regions(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
         said = " ".join(
@@ -220,76 +189,73 @@ class StyleRFTrain(DividedInput, Beside):
 
 
 @smproxy.filter(label="StyleRF Render", support_reload=False)
-@menu
-@keep_input_visible
-@shown_beside
-@panel(*image_properties(400), device(), *picked(), status())
-@takes_scene
+@groups.menu
+@groups.keep_input_visible
+@groups.shown_beside
+@panel(*groups.image_properties(400), groups.device(), *picked(), status())
+@groups.takes_scene
 class StyleRFRender(ImageOutput, Clickable):
     """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
     orbit around the scene.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkImageData")
+    ports = (1, 1, "vtkImageData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.pv.work.engine import camera_for, draw, emptiness_of
 
-        scene = scene_of(inputs[0])
+        scene = vtk_data.scene_of(inputs[0])
         camera = camera_for(scene.rig, self.values)
         drawn = draw(scene, camera, self.values, self.progress)
-        put_drawn(outputs[0], drawn, camera)
-        self.framed = " ".join(f"{number:.9g}" for number in numbers_of(camera, scene.rig.centre))
-        self.get_or_make("shown", key_of_scene(inputs[0]), lambda: shown_in(inputs[0])).mark(outputs[0])
+        vtk_data.put_drawn(outputs[0], drawn, camera)
+        self.framed = " ".join(f"{number:.9g}" for number in vtk_data.numbers_of(camera, scene.rig.centre))
+        self.get_or_make("shown", vtk_data.key_of_scene(inputs[0]), lambda: shown_in(inputs[0])).mark(outputs[0])
         return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}"
 
 
 @smproxy.filter(label="StyleRF Place In View", support_reload=False)
-@menu
+@groups.menu
 @panel(
     switch("Opaque", False,
            "Make pixels opaque, or leave them out below one half, so that the picture also hides volumes in the view, "
            "which ParaView otherwise draws over it."),
     status(),
 )  # fmt: skip
-@takes_image
+@groups.takes_image
 class StyleRFPlaceInView(Filter):
     """Place the image of StyleRF Render or StyleRF Stylized View in the 3D view, among everything else, as a surface at
     its pixels' depth. The image's Follow Camera is turned on, so that it is rendered for that view's camera.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkPolyData")
+    ports = (1, 1, "vtkPolyData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
         from svv.core.geometry.depth_mesh import depth_mesh
 
-        drawn = drawn_in(inputs[0])
+        drawn = vtk_data.drawn_in(inputs[0])
         mesh = depth_mesh(*drawn, self.values["Opaque"])
-        put_mesh(mesh, outputs[0])
-        put_camera(drawn[2], outputs[0])
+        vtk_data.put_mesh(mesh, outputs[0])
+        vtk_data.put_camera(drawn[2], outputs[0])
         return f"{len(mesh.points)} points."
 
 
 @smproxy.filter(label="StyleRF Volume", support_reload=False)
-@menu
+@groups.menu
 @smhint.xml('<RepresentationType view="RenderView" type="Volume"/>')
-@panel(*properties_of(BakeOptions()), *cut_properties(), *picked(), status())
-@takes_scene
+@panel(*properties_of(BakeOptions()), *groups.cut_properties(), *picked(), status())
+@groups.takes_scene
 class StyleRFVolume(VolumeOutput, Clickable):
     """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, and
     that can be cut open.
     """
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkImageData")
+    ports = (1, 1, "vtkImageData")
 
     def grid_for(self, data: Data | None) -> Grid:
         from svv.fields.devices.gpu import device_named
         from svv.render.baking.baked import grid_for
 
-        options, scene = options_in(BakeOptions, self.values), scene_of(data)
+        options, scene = options_in(BakeOptions, self.values), vtk_data.scene_of(data)
         device_named(options.device)
         return grid_for(scene, options)
 
@@ -299,9 +265,9 @@ class StyleRFVolume(VolumeOutput, Clickable):
         from svv.render.baking.baked import Baker
 
         options = options_in(BakeOptions, self.values)
-        scene = scene_of(inputs[0]).on(device_named(options.device))
+        scene = vtk_data.scene_of(inputs[0]).on(device_named(options.device))
         baker: Baker = self.get_or_make("baker", options.device, Baker)
-        key = key_of_scene(inputs[0]), options
+        key = vtk_data.key_of_scene(inputs[0]), options
         baked = self.get_or_make("baked", key, lambda: baker.bake(scene, options, self.progress))
         self.get_or_make("volume", object(), lambda: as_cut(baked, self.values))
         self.before(outputs)
@@ -310,25 +276,25 @@ class StyleRFVolume(VolumeOutput, Clickable):
 
     def before(self, outputs: list[Data]) -> None:
         if self.last("volume") is not None:
-            put_baked(self.last("volume"), outputs[0])
+            vtk_data.put_baked(self.last("volume"), outputs[0])
 
 
 @smproxy.filter(label="StyleRF Stylized View", support_reload=False)
-@menu
-@keep_input_visible
-@shown_beside
-@panel(
-    *stylized_view_properties(),
-)
-@takes_volume
+@groups.menu
+@groups.keep_input_visible
+@groups.shown_beside
+@panel(*stylized_view_properties())
+@groups.takes_volume
 class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The volume is drawn as it is
     shown, and a scene trained, painted and rendered; a new camera or an edit needs no new training. The other StyleRF
     filters do this step by step, and take the image for its scene.
     """
 
+    ports = (1, 1, "vtkImageData")
+
     def __init__(self) -> None:
-        super().__init__(1, 1, "vtkImageData")
+        super().__init__()
         self._status = expected()
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
@@ -338,24 +304,13 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         self.get_or_make("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         return said
 
-    def result(  # long: one step after the other
-        self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
-    ) -> str:
-        from svv.pv.work.engine import (
-            camera_for,
-            describe_regions,
-            draw,
-            emptiness_of,
-            followed,
-            follows,
-            moving_from,
-            training_moment,
-        )
+    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+        from svv.pv.work import engine
         from svv.pv.work.requests import learning
         from svv.pv.work.style_files import files_of, lost_file, style_key
 
         values = self.values
-        present, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
+        present, each = engine.training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
         now = self.settled(present)
         styles = style_key(values, self.known_files()) if values["StyleFiles"] else ""
         self.lost = lost_file(values)
@@ -398,19 +353,19 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         note = LOST.format(lost=self.lost) if self.lost else self.note
         shown = describe_resampled_input(inputs[0], values) + describe_default_function(inputs[0], values)
-        said = f"{describe_regions(scene)}{hint}.{shown}{note}"
+        said = f"{engine.describe_regions(scene)}{hint}.{shown}{note}"
         said = " ".join(filter(None, [said, scene.made.get("source", {}).get("assumed"), describe_parts(scene)]))
         whole, made, moved = scene, self.steps.made, ""
         if isinstance(whole, Stored):
             return said + self._drawn(whole, name, present, (inputs[0], outputs[0]))
-        camera = camera_for(whole.rig, values)
+        camera = engine.camera_for(whole.rig, values)
         if made is not None and made.data == present.data:
             self.get_or_make(
-                "moving", (name, made.data), lambda: moving_from(whole, inputs[0], values, present, self.times)
+                "moving", (name, made.data), lambda: engine.moving_from(whole, inputs[0], values, present, self.times)
             )
-        if made is not None and follows(whole, inputs[0], made, present):
+        if made is not None and engine.follows(whole, inputs[0], made, present):
             moving = self.get_or_make("moving", (name, made.data), lambda: None)
-            make = partial(followed, whole, inputs[0], values, present, moving)
+            make = partial(engine.followed, whole, inputs[0], values, present, moving)
             scene = self.get_or_make("followed", (name, present.data), make)
             moved = f" Followed to time {present.time:g}."
         scene, told = as_edited_since(self, scene, name, present, moved)
@@ -420,11 +375,11 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         _, scene, edited = self.get_or_make(
             "edited", key, lambda: (plain, *painted_as_edited(plain, edits, self.progress))
         )
-        drawn = draw(scene, camera, values, self.progress)
-        put_drawn(outputs[0], drawn, camera)
-        self.get_or_make("given", key, lambda: ShownScene(partial(put_scene, scene)))
+        drawn = engine.draw(scene, camera, values, self.progress)
+        vtk_data.put_drawn(outputs[0], drawn, camera)
+        self.get_or_make("given", key, lambda: ShownScene(partial(vtk_data.put_scene, scene)))
         self.get_or_make("glance", None, lambda: None)  # no longer needed
-        return said + told + edited + emptiness_of(scene, drawn["Depth"])
+        return said + told + edited + engine.emptiness_of(scene, drawn["Depth"])
 
     def _drawn(self, scene: Stored, name: str, present: Moment, put: tuple[Data, Data]) -> str:
         """Output an image of a scene that another process draws, for input and output; return what to say about it."""

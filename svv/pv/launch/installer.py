@@ -1,7 +1,4 @@
-"""Find and run pip or uv: environments made by pipx or uv contain no pip.
-
-This module needs only Python's standard library, because it runs before anything is installed.
-"""
+"""Find and run pip or uv (environments made by pipx or uv contain no pip), with Python's standard library alone."""
 
 from __future__ import annotations
 
@@ -18,13 +15,7 @@ from svv.errors import BadInput
 
 
 def command() -> list[str]:
-    """Return the command, up to the package names, that installs into the running Python.
-
-    Nothing is compiled to byte code ahead of time: that would take 280 MB, most of which is never imported.
-
-    Raises:
-        BadInput: There is neither a pip for this Python nor uv.
-    """
+    """Return the command, up to the packages' names, that installs without byte code (280 MB); or raise BadInput."""
     options = ["-qq", "--disable-pip-version-check", "--no-input", "--no-compile"]
     if importlib.util.find_spec("pip") is not None:
         return [sys.executable, "-m", "pip", "install", *options]
@@ -41,25 +32,13 @@ def command() -> list[str]:
 
 
 def install(packages: Sequence[str], *options: str, quiet: bool = False) -> bool:
-    """Install packages; errors go to stderr unless ``quiet``.
-
-    Args:
-        packages: Requirements in pip's syntax.
-        options: Further options that pip and uv share, such as ``--no-deps``.
-        quiet: Suppress all output, for an attempt with a fallback.
-
-    Returns:
-        Whether it worked.
-    """
+    """Install requirements, with options that pip and uv share; return whether it worked. Quiet hides all output."""
     silence = subprocess.DEVNULL if quiet else None
     return not subprocess.run([*command(), *options, *packages], stdout=silence, stderr=silence).returncode
 
 
 def pins(file: Path, python: tuple[int, int]) -> list[str]:
-    """Return the lines of constraints.txt that apply to a version of Python, without their markers.
-
-    pip would evaluate the markers for the Python that it runs in, which may differ from the target's.
-    """
+    """Return the lines of constraints.txt for a version of Python, which may not be pip's, without their markers."""
     kept = []
     for line in file.read_text().splitlines():
         pin, _, marker = line.partition(";")

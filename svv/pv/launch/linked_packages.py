@@ -1,7 +1,6 @@
 """Let a ParaView use packages that are installed already, through a folder of links to them and to nothing else.
 
-ParaView must not see a whole environment that contains VTK, pyvista or matplotlib. The folder therefore contains only
-svv's direct and indirect dependencies.
+The folder contains only svv's direct and indirect dependencies: ParaView must not see an environment's VTK or pyvista.
 """
 
 from __future__ import annotations
@@ -19,15 +18,9 @@ Accept = Callable[[Distribution], bool]
 
 
 def search(requirements: Iterable[str], path: list[str], accept: Accept) -> tuple[list[Distribution], list[str]]:
-    """Search for packages and all their dependencies.
+    """Search folders, the first one first, for packages that requirements name, and all their dependencies.
 
-    Args:
-        requirements: Requirements such as ``numpy>=1.24``; dependencies whose markers do not apply are ignored.
-        path: Folders with packages; the first one that has a package takes precedence.
-        accept: Called with each package whose version fits.
-
-    Returns:
-        The packages that fit, and the requirements for those that are missing or do not fit.
+    Returns those whose version fits and which ``accept`` takes, and the requirements for which there are none.
     """
     installed = _installed(path)
     asked: dict[NormalizedName, set[str]] = {}
@@ -58,16 +51,7 @@ def search(requirements: Iterable[str], path: list[str], accept: Accept) -> tupl
 
 
 def link(packages: Iterable[Distribution], folder: Path, never: Collection[str]) -> None:
-    """Add links to packages to a folder.
-
-    Args:
-        packages: Packages to link.
-        folder: Folder for the links; its present content is kept.
-        never: Names of modules to leave out.
-
-    Raises:
-        OSError: A link cannot be created.
-    """
+    """Add links to packages, but for modules never to link, to a folder; raises OSError if one cannot be created."""
     for package in packages:
         for name in sorted({file.parts[0] for file in package.files or []} - {"..", "__pycache__", *never}):
             _link(Path(str(package.locate_file(name))), folder / name)

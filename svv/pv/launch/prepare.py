@@ -1,9 +1,7 @@
 """Prepare the environment that provides ParaView with the packages that svv needs, once for each Python version.
 
-The environment is a folder on PYTHONPATH, not a virtual environment, so it needs no interpreter of ParaView's version:
-ParaView has its own. If that interpreter is compatible with the running Python, the folder contains links to the
-packages installed here (:mod:`svv.pv.launch.linked_packages`), and pip adds those that are missing or do not fit;
-otherwise pip fills the folder (``--target``).
+It is a folder on PYTHONPATH. If ParaView's Python is compatible with the running one, it links the packages installed
+here (:mod:`svv.pv.launch.linked_packages`), and pip adds what is missing; otherwise pip fills it (``--target``).
 """
 
 from __future__ import annotations
@@ -34,17 +32,10 @@ ROUNDS = 10
 
 
 def prepare(folder: str | Path | None = None, torch: str | None = None) -> str:
-    """Fill the environment of a ParaView, unless that has been done already.
+    """Fill the environment of a ParaView, unless that has been done already; return one line that describes it.
 
-    Args:
-        folder: Folder of ParaView; see :func:`svv.pv.launch.programs.find`.
-        torch: Build of torch; see :func:`svv.pv.launch.torch_build.wanted`.
-
-    Returns:
-        One line that describes the environment.
-
-    Raises:
-        BadInput: There is no ParaView, or the packages cannot be installed or do not work in it.
+    See :func:`svv.pv.launch.programs.find` for the folder, and :func:`svv.pv.launch.torch_build.wanted` for torch.
+    Raises BadInput if there is no ParaView, or the packages cannot be installed or do not work in it.
     """
     choice = torch_build.wanted(torch)
     paraview = find(folder)
@@ -85,7 +76,7 @@ def _dependencies() -> list[str]:
     try:
         import tomllib
 
-        with (_root() / "pyproject.toml").open("rb") as file:
+        with (Path(__file__).resolve().parents[3] / "pyproject.toml").open("rb") as file:
             return list(tomllib.load(file)["project"]["dependencies"])
     except (ImportError, OSError):
         pass
@@ -112,7 +103,8 @@ def _fill(paraview: ParaView, folder: Path, packages: list[str], pins: list[str]
     _install_torch(folder, pins, choice, options)
     (torch,) = importlib.metadata.distributions(name="torch", path=[str(folder)])
     others = [package for package in packages if not _is_torch(package)]
-    if not installer.install([*others, *_needed_by(torch)], *options):
+    others += [line for line in torch.requires or [] if "extra ==" not in line]
+    if not installer.install(others, *options):
         raise BadInput("pip could not install what svv needs for ParaView; its messages are above.")
     return ""
 
@@ -163,10 +155,6 @@ def _is_torch(requirement: str) -> bool:
     return requirement.startswith("torch") and not requirement[5:6].isalpha()
 
 
-def _needed_by(package: Distribution) -> list[str]:
-    return [line for line in package.requires or [] if "extra ==" not in line]
-
-
 def _check(paraview: ParaView, folder: Path) -> None:
     """Check in ParaView itself that the packages work, and that they include no second VTK."""
     clash = [name for name in SECOND_VTK if (folder / name).exists()]
@@ -186,7 +174,3 @@ def _read_stamp(target: Path) -> object:
         return parsed((target / STAMP).read_text())
     except (OSError, ValueError):
         return None
-
-
-def _root() -> Path:
-    return Path(__file__).resolve().parents[3]

@@ -1,8 +1,7 @@
 """Choose how Python starts processes inside ParaView.
 
-Since version 3.14 Python first starts a fork server with ``sys.executable``. In ParaView's programs that is the program
-itself, which takes the server's arguments for its own and exits. numba then cannot create its lock, and a warning opens
-ParaView's Output Messages.
+Since 3.14 Python first starts a fork server with ``sys.executable``, in ParaView's programs the program itself, which
+exits: numba then cannot create its lock, and a warning opens ParaView's Output Messages.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Start ParaView's programs with the StyleRF plugin and with an environment that contains no second VTK.
 
-This module needs only Python's standard library and does not import ``paraview``, because it runs before ParaView.
-
-The program replaces the current process: exit code and signals are its own, and ``mpiexec`` may start one per rank.
+This module needs only Python's standard library, because it runs before ParaView. The program replaces the current
+process: exit code and signals are its own, and ``mpiexec`` may start one per rank.
 """
 
 from __future__ import annotations
@@ -54,16 +53,11 @@ class ParaView:
     bin: Path
     """Folder of its programs."""
     version: tuple[int, int]
-    """Version, such as (5, 11)."""
     python: tuple[int, int]
     """Version of its Python, such as (3, 11)."""
 
     def program(self, name: str) -> Path:
-        """Return the path of one of its programs.
-
-        Raises:
-            BadInput: This ParaView does not contain it.
-        """
+        """Return the path of one of its programs; raise BadInput if this ParaView does not contain it."""
         path = self.bin / name
         if not path.is_file():
             raise BadInput(f"The ParaView in {self.bin} has no {name}; {INSTALL_HINT}.")
@@ -71,15 +65,7 @@ class ParaView:
 
 
 def find(folder: str | Path | None = None, environ: Mapping[str, str] = os.environ) -> ParaView:
-    """Find the user's ParaView.
-
-    Args:
-        folder: Its folder (or the ``bin`` in it); by default that named by SVV_PARAVIEW, or the first on the PATH.
-        environ: Environment variables.
-
-    Raises:
-        BadInput: There is no ParaView, it is too old, or it does not start.
-    """
+    """Find the user's ParaView: in a folder (or its ``bin``), that of SVV_PARAVIEW, or on the PATH; or BadInput."""
     named = folder or environ.get("SVV_PARAVIEW")
     if named:
         folders = [Path(named).expanduser() / sub for sub in ("bin", "", "Contents/bin", "Contents/MacOS")]
@@ -130,8 +116,7 @@ def _versions(pvpython: Path) -> tuple[tuple[int, int], tuple[int, int]]:
 def environment_folder(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> Path:
     """Return the folder for a ParaView's packages, which may not exist yet: one for each version of Python.
 
-    SVV_ENVIRONMENT names its parent; by default that is ``.venv-paraview`` in a checkout, or a folder in the user's
-    data directory.
+    SVV_ENVIRONMENT names its parent, by default ``.venv-paraview`` in a checkout, or a folder of the user's data.
     """
     named = environ.get("SVV_ENVIRONMENT")
     if named:
@@ -144,26 +129,15 @@ def environment_folder(paraview: ParaView, environ: Mapping[str, str] = os.envir
 
 
 def is_whole(environment: Path) -> bool:
-    """Return whether the packages to which an environment has links still exist in the same versions.
-
-    A package's metadata is in a folder with the version in its name; the environment has a link to that folder, too.
-    """
+    """Return whether the packages to which an environment links are there, in the versions that folders' names say."""
     with os.scandir(environment) as entries:
         return all(os.path.exists(entry.path) for entry in entries if entry.is_symlink())
 
 
 def plugin_folder() -> Path:
-    """Return the folder of ``StyleRF.py``: in a checkout, next to an installed ``svv``, or where pip puts data files.
-
-    Raises:
-        BadInput: None of them contains it.
-    """
-    places = [
-        _home() / "plugin",
-        _home(),
-        _home() / "../../../share/svv/plugin",
-    ]  # from PREFIX/lib/python3.X/site-packages
-    for place in places:
+    """Return the folder of ``StyleRF.py``: in a checkout, next to ``svv``, or with pip's data files; or BadInput."""
+    # The last one is seen from PREFIX/lib/python3.X/site-packages.
+    for place in (_home() / "plugin", _home(), _home() / "../../../share/svv/plugin"):
         if (place / "StyleRF.py").is_file():
             return place.resolve()
     raise BadInput("The plugin StyleRF.py was not found near the package svv: install svv again.")
@@ -172,8 +146,8 @@ def plugin_folder() -> Path:
 def python_path(paraview: ParaView, environment: Path, environ: Mapping[str, str] = os.environ) -> list[str]:
     """Return the folders that precede ParaView's own modules on its Python path.
 
-    They are, in order: the compatibility shim (if this ParaView needs it), svv, the packages it needs, and the user's
-    PYTHONPATH without folders that contain another VTK.
+    They are, in order: the compatibility shim (if needed), svv, the packages it needs, and the user's PYTHONPATH
+    without folders that contain another VTK.
     """
     folders = [_svv_alone(environment), environment]
     if paraview.version < (5, 12) and paraview.python >= (3, 11):
@@ -208,11 +182,7 @@ def _svv_alone(environment: Path) -> Path:
 
 
 def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return environment variables with which a ParaView finds the plugin, svv, and the packages that it needs.
-
-    Raises:
-        BadInput: Those packages are not installed yet, or have changed.
-    """
+    """Return variables with which a ParaView finds plugin, svv and its packages; BadInput if some are not there."""
     environment = environment_folder(paraview, environ)
     if not (environment / STAMP).is_file():
         raise BadInput(
@@ -238,11 +208,7 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
 
 
 def needs_display(paraview: ParaView, program: str) -> bool:
-    """Return whether one of ParaView's programs needs an X display.
-
-    Since 6.0 only the user interface does. In older versions all programs do (including pvserver, which renders),
-    except in the headless builds, which are recognized by the folder's name.
-    """
+    """Return whether a program needs an X display: since 6.0 only the window; before, all but headless builds."""
     if not sys.platform.startswith("linux"):
         return False
     if program == "paraview":
@@ -252,16 +218,10 @@ def needs_display(paraview: ParaView, program: str) -> bool:
 
 
 def start_display(size: str = "1280x1024x24") -> tuple[subprocess.Popen[bytes], str]:
-    """Start a private X display in memory, which ends with the process that started it.
+    """Start a private X display in memory, which ends with this process; return its process and the value for DISPLAY.
 
-    The X server chooses a free display number itself, so several can start at the same time. It keeps its state when
-    the last client disconnects (``-noreset``), because ParaView opens and closes windows.
-
-    Returns:
-        The X server's process, and the value for DISPLAY.
-
-    Raises:
-        BadInput: There is no Xvfb, or it does not start.
+    The X server chooses a free number itself, so several can start at the same time. It keeps its state when the last
+    client disconnects (``-noreset``), because ParaView opens and closes windows. Raises BadInput without Xvfb.
     """
     xvfb = shutil.which("Xvfb")
     if xvfb is None:
@@ -294,16 +254,7 @@ def start_display(size: str = "1280x1024x24") -> tuple[subprocess.Popen[bytes], 
 
 
 def run(program: str, arguments: Sequence[str], folder: str | Path | None = None) -> NoReturn:
-    """Replace the current process with one of ParaView's programs.
-
-    Args:
-        program: One of PROGRAMS.
-        arguments: Its arguments, passed on unchanged.
-        folder: Folder of ParaView; see :func:`find`.
-
-    Raises:
-        BadInput: ParaView is missing, too old or not prepared, or no display is available.
-    """
+    """Replace the current process with one of PROGRAMS, of :func:`find`, and its arguments; or raise BadInput."""
     paraview = find(folder)
     path = paraview.program(program)
     environ = environ_for(paraview)

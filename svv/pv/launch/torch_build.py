@@ -1,8 +1,7 @@
-"""Choose a build of torch, for the CPU alone or with CUDA, and install it.
+"""Choose a build of torch, for the CPU alone or with CUDA, and install it, with Python's standard library alone.
 
-On Linux (x86-64) pip finds a build with CUDA, 5 GB that are useless without an NVIDIA GPU. torch's own index has a
-build for the CPU alone. This module needs only Python's standard library, because ``make`` runs it before anything is
-installed.
+On Linux (x86-64) pip finds a build with CUDA, 5 GB that are useless without an NVIDIA GPU; torch's own index has one
+for the CPU alone. ``make`` runs this module before anything is installed.
 """
 
 from __future__ import annotations
@@ -66,11 +65,7 @@ class Plan:
 
 
 def wanted(choice: str | None = None, environ: Mapping[str, str] = os.environ) -> str:
-    """Return the user's choice: the argument, or the environment variable TORCH, or ``auto``.
-
-    Raises:
-        BadInput: It is not one of CHOICES.
-    """
+    """Return the user's choice: the argument, or the variable TORCH, or ``auto``; BadInput if it is no choice."""
     word = choice or environ.get("TORCH") or "auto"
     if word not in CHOICES:
         raise BadInput(f"There is no build of torch called '{word}': choose one of {', '.join(CHOICES)}.")
@@ -117,10 +112,7 @@ def index(environ: Mapping[str, str] = os.environ) -> str:
 
 
 def answers(address: str, within: float = ANSWER_WITHIN) -> bool:
-    """Return whether an index has torch; the request uses the proxy that the environment variables name.
-
-    An unknown certificate counts as an answer: pip, which is called next, may know it.
-    """
+    """Return whether an index has torch, or an unknown certificate: pip, which is called next, may know it."""
     found: list[bool] = []
 
     def ask() -> None:
@@ -140,15 +132,7 @@ def answers(address: str, within: float = ANSWER_WITHIN) -> bool:
 
 
 def plan(choice: str, there: Torch | None) -> Plan:
-    """Decide how to get torch.
-
-    Args:
-        choice: One of CHOICES.
-        there: The torch in the environment, if any.
-
-    Raises:
-        BadInput: There is none to keep.
-    """
+    """Decide how to get torch, by one of CHOICES and what is there; raise BadInput if there is none to keep."""
     if choice == "keep" and not suits(there, choice):
         raise BadInput(f"There is no torch {'.'.join(map(str, OLDEST))} or newer to keep: choose cpu or cuda.")
     if suits(there, choice):
@@ -166,17 +150,7 @@ def plan(choice: str, there: Torch | None) -> Plan:
 
 
 def install(choice: str, there: Torch | None, pin: str, *options: str) -> None:
-    """Install torch alone, without its dependencies, as the user chose; announce the build in one line.
-
-    Args:
-        choice: One of CHOICES.
-        there: The torch in the environment, if any.
-        pin: Requirement, such as torch==2.13.0.
-        options: Options for pip, such as ``--target``.
-
-    Raises:
-        BadInput: The chosen build, or any, cannot be installed.
-    """
+    """Install torch (``pin`` is its requirement) alone, as the user chose, and say which build; or raise BadInput."""
     what = plan(choice, there)
     if what.source == "keep" and there is not None:
         _say(f"torch {there.version} {what.reason}; TORCH=cpu|cuda selects another build.")

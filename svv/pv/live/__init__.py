@@ -1,4 +1,1 @@
-"""Live: scenes are learned beside the window, and filters show the best there is until they are done.
-
-The processes that learn are started by :mod:`svv.io.files.worker`.
-"""
+"""Live: scenes are learned beside the window, and filters show the best there is until they are done."""

@@ -1,8 +1,7 @@
 """Filters that learn beside ParaView's window: in a process of their own, whose results they show as they arrive.
 
 With *Live* on, and if the window has made the filter (:mod:`svv.pv.live.sharpening`), a result that is not kept yet is
-ordered from :mod:`svv.pv.live.learner` instead of being made here. Until it is kept, the filter outputs the best there
-is.
+ordered from :mod:`svv.pv.live.learner`. Until it is kept, the filter outputs the best there is.
 """
 
 from __future__ import annotations
@@ -59,8 +58,8 @@ class Beside(Keeping):
     nothing = "There is no scene yet."
     """What is shown before there is anything."""
 
-    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
-        super().__init__(inputs, outputs, kind)
+    def __init__(self) -> None:
+        super().__init__()
         self._learner = Ordered(type(self).__name__, self.draws)
         self._wanted: Wanted = ("", "", "")
         self.data: vtkDataObject | None = None
@@ -81,13 +80,7 @@ class Beside(Keeping):
         raise NotImplementedError
 
     def wants(self, scene: str, result: str = "", more: str = "") -> None:
-        """Say what is wanted.
-
-        Args:
-            scene: Name of the scene that is learned, or of the one that is the input.
-            result: Name of the painted or corrected scene; '' if the scene itself is wanted.
-            more: What else a new order is to be made for.
-        """
+        """Say which scene is learned, or is the input, which painted or corrected one is wanted of it, and more."""
         self._wanted = scene, result, more
 
     def settled(self, now: Moment) -> Moment:
@@ -174,12 +167,7 @@ class Beside(Keeping):
     def found_or_made(
         self, slot: str, kind: str, now: Moment, make: Callable[[], Any], own: Callable[[], Any] | None = None
     ) -> tuple[Any, str]:
-        """Return a result and its name as :meth:`Keeping.found_or_made`, or order it.
-
-        Raises:
-            NotYet: It has been ordered.
-            BadInput: It could not be made.
-        """
+        """Return a result and its name as :meth:`Keeping.found_or_made`, or order it and raise NotYet."""
         lives = self._lives()
         if lives and self._anew:
             Cache.of_user().remove(name_of(kind, source_of(now), now.settings))

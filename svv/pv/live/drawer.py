@@ -1,8 +1,7 @@
 """The process that draws scenes for ParaView's window with Live on: those that are being learned, and finished ones.
 
-Loading what draws a scene holds up a process for seconds, and a sharp image takes a second; both would hold up
-ParaView's window. The process waits for orders and obeys the newest one: it gives a small image, which
-:mod:`svv.pv.live.glimpse` enlarges, and then the sharp one, unless the camera moves on.
+Loading what draws a scene holds up a process for seconds, and a sharp image takes a second. It obeys the newest order:
+it gives a small image, which :mod:`svv.pv.live.glimpse` enlarges, and then the sharp one, unless the camera moves on.
 """
 
 from __future__ import annotations
@@ -57,7 +56,6 @@ class Shown:
     """A scene that is to be drawn."""
 
     file: Path
-    """Its file."""
     state: tuple[int, int] = (0, 0)
     """What tells it from others that were in the same file."""
     finished: bool = False
@@ -79,12 +77,10 @@ class Drawer:
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
-        self._number, self._wanted = 0, None
-        self._died = False
+        self._number, self._died = 0, False
+        self._wanted: tuple[Shown, Values] | None = None
         self._drawn: Drawn | None = None
         self._read: list[int | bool] | None = None
-
-    _wanted: tuple[Shown, Values] | None
 
     def start(self) -> Worker:
         """Start the process, unless it is running, and return it."""
@@ -104,12 +100,7 @@ class Drawer:
         self.start().send({"warm": str(file)})
 
     def ask(self, shown: Shown, values: Values) -> bool:
-        """Ask for an image, unless it was asked for last; return whether it was not.
-
-        Args:
-            shown: What is to be drawn.
-            values: The panel's values, as which it is to be drawn.
-        """
+        """Ask for an image as a panel's values say, unless it was asked for last; return whether it was not."""
         wanted = (shown, with_names({name: value for name, value in values.items() if name in NAMES}))
         again = wanted == self._wanted
         if again and (self.alive or self._died):
@@ -126,14 +117,9 @@ class Drawer:
         return True
 
     def image(self, patience: float = 0.0) -> Drawn | None:
-        """Return the newest image; None before the first.
+        """Return the newest image, None before the first; wait some seconds for the sharp one that was asked for.
 
-        Args:
-            patience: Seconds to wait for the sharp image that was asked for last, if it is not there.
-
-        Raises:
-            BadInput: It cannot be drawn.
-            Gone: The file is no longer there.
+        Raises BadInput if it cannot be drawn, and Gone if the file is no longer there.
         """
         until = time.monotonic() + patience
         while self.pending and time.monotonic() < until:
@@ -209,12 +195,7 @@ def main() -> None:
 
 
 class Drawing:
-    """Obeys orders, always the newest one.
-
-    Args:
-        orders: Where they come from.
-        folder: Where images go.
-    """
+    """Obeys orders, always the newest one, and puts images into a folder."""
 
     def __init__(self, orders: Orders, folder: Path) -> None:
         self._orders, self._folder = orders, folder

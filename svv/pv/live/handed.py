@@ -10,6 +10,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 
 from svv.dvr.read.appearance import GHOSTS
+from svv.dvr.read.grids import grid_numbers, image_on
 from svv.io.files.atomic import cannot_write
 from svv.io.files.cache import Cache
 from svv.pv.panel_values import Values
@@ -31,20 +32,7 @@ ABOUT = "about.json"
 
 
 def hand_over(image: vtkImageData, values: Values, time: float | None, folder: Path) -> None:
-    """Write a volume to a new folder: its grid, and of its arrays those that a panel's values choose or may choose.
-
-    Raises:
-        BadInput: It cannot be written.
-    """
-    direction = image.GetDirectionMatrix()
-    about: dict[str, object] = {
-        "dimensions": image.GetDimensions(),
-        "spacing": image.GetSpacing(),
-        "origin": image.GetOrigin(),
-        "extent": image.GetExtent(),
-        "direction": [direction.GetElement(i, j) for i in range(3) for j in range(3)],
-        "time": time,
-    }
+    """Write a volume to a new folder: its grid, and the arrays that a panel's values choose or may choose."""
     arrays: list[list[object]] = []
     try:
         folder.mkdir()
@@ -58,7 +46,7 @@ def hand_over(image: vtkImageData, values: Values, time: float | None, folder: P
                 file = f"{len(arrays)}.npy"
                 np.save(folder / file, vtk_to_numpy(array))
                 arrays.append([file, cells, array.GetName(), array.GetDataType(), array is active])
-        (folder / ABOUT).write_text(json.dumps({**about, "arrays": arrays}))
+        (folder / ABOUT).write_text(json.dumps({"grid": grid_numbers(image), "time": time, "arrays": arrays}))
     except OSError as error:
         raise cannot_write(folder, error) from error
 
@@ -85,10 +73,7 @@ def file_of_views(data: vtkDataObject | None) -> Path | None:
 
 
 def taken(folder: Path) -> vtkImageData | vtkTable:
-    """Return the scene's table, or the volume, in a folder.
-
-    The volume's arrays stay on the disk, and are read as they are needed.
-    """
+    """Return the scene's table, or the volume, in a folder; its arrays are read from the disk when needed."""
     if (folder / SCENE_FILE).exists():
         from svv.fields.scene.scene import Scene
 
@@ -96,11 +81,7 @@ def taken(folder: Path) -> vtkImageData | vtkTable:
         put_scene(Scene.load(folder / SCENE_FILE), table)
         return table
     about = json.loads((folder / ABOUT).read_text())
-    image = vtkImageData()
-    image.SetExtent(about["extent"])
-    image.SetSpacing(about["spacing"])
-    image.SetOrigin(about["origin"])
-    image.SetDirectionMatrix(about["direction"])
+    image = image_on(about["grid"])
     for file, cells, name, kind, active in about["arrays"]:
         array = numpy_to_vtk(np.load(folder / file, mmap_mode="c"), array_type=kind)  # VTK has several for a size
         array.SetName(name)

@@ -1,7 +1,6 @@
 """The process that learns beside ParaView's window: a learner (:mod:`svv.job.learner`) in pvpython, at low priority.
 
-It makes the requests that the filters in ParaView would make (:mod:`svv.pv.work.requests`), so its results are the
-same, and keeps them in the cache under the names under which those filters look for them.
+It makes the requests that the filters would make, so its results are the same, and keeps them where those look.
 """
 
 from __future__ import annotations
@@ -79,11 +78,7 @@ class Window:
         self._views: tuple[object, ViewSet] | None = None
 
     def request(self, order: Order) -> Request:
-        """Return what an order asks for. An input that it brings stays with those of the same scene that follow.
-
-        Raises:
-            BadInput: The panel cannot be obeyed, or the volume differs from what ParaView has.
-        """
+        """Return what an order asks for, with the input that it or one before brings; BadInput if that has changed."""
         from svv.fields.devices.gpu import device_named
         from svv.pv.work.requests import correcting, learning, painting
 

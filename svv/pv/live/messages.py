@@ -11,9 +11,7 @@ class DrawOrder(TypedDict, total=False):
     """What a filter tells the process that draws."""
 
     number: int
-    """Number of the order."""
     file: str
-    """The scene's file."""
     state: tuple[int, int]
     """What tells the scene from others that were in the same file."""
     finished: bool
@@ -28,12 +26,9 @@ class DrawnOf(TypedDict, total=False):
     """What the process that draws says of an order."""
 
     number: int
-    """Number of the order."""
     drawn: list[int | bool] | None
     """Order of the newest image, and whether that is the sharp one."""
     edited: str
     """What to say of the panel's edits of the scene, after a space."""
     gone: bool
-    """Whether the scene's file is no longer there."""
     error: str
-    """Why there is no image."""

@@ -1,7 +1,4 @@
-"""What a filter has ordered from the processes beside ParaView's window: one learns, and one draws.
-
-:mod:`svv.pv.live.learner` and :mod:`svv.pv.live.drawer` are the processes.
-"""
+"""What a filter has ordered from the processes beside ParaView's window: the learner and the drawer."""
 
 from __future__ import annotations
 
@@ -33,12 +30,7 @@ SHARPENS = " A sharper image is being drawn."
 
 
 class Ordered:
-    """What one filter has ordered, and the process that makes it; the process is started when it is needed.
-
-    Args:
-        kind: Name of the filter's class.
-        draws: Whether images of what there is are wanted, for which there is another process.
-    """
+    """What one filter has ordered, and the process that makes it; another one draws it, if that is wanted."""
 
     def __init__(self, kind: str, draws: bool) -> None:
         self._kind, self._draws = kind, draws
@@ -63,11 +55,7 @@ class Ordered:
             self._drawer.load(self._worker.folder / WARM)
 
     def asks_for(self, wanted: Wanted) -> bool:
-        """Return whether this is being made, or has been stopped by the user.
-
-        Raises:
-            BadInput: It could not be made.
-        """
+        """Return whether this is being made, or was stopped by the user; raise BadInput if it could not be made."""
         if self._wanted != wanted:
             return False
         if self._stopped:
@@ -82,13 +70,7 @@ class Ordered:
         return True
 
     def order(self, wanted: Wanted, values: Values, hand: Callable[[Path], None]) -> None:
-        """Order a result, instead of the last one.
-
-        Args:
-            wanted: What is wanted.
-            values: The panel's values.
-            hand: Writes the input to a new folder, for a process that does not have it.
-        """
+        """Order a result instead of the last one; ``hand`` writes the input for a process that does not have it."""
         self.start()
         assert self._worker is not None
         self._number += 1
@@ -104,11 +86,7 @@ class Ordered:
         self._wanted, self._stopped, self._paused = wanted, False, False
 
     def picture(self, values: Values) -> Drawn | None:
-        """Return the newest image of the newest state, or of the last result; None if there is none yet.
-
-        Raises:
-            BadInput: It cannot be drawn.
-        """
+        """Return the newest image of the newest state, or of the last result, None before any; or raise BadInput."""
         return self._drawer.image(self._patience(values) if self._ask(values) else 0.0)
 
     def state(self) -> Path | None:
@@ -119,14 +97,7 @@ class Ordered:
     def result(self, stored: Stored, values: Values, late: bool) -> tuple[Drawn | None, bool, str]:
         """Return the newest image of a result, whether it is the one that was asked for, and what to say of its edits.
 
-        Args:
-            stored: The result.
-            values: The panel's values, as which it is to be drawn.
-            late: Whether the image may come later, as news, instead of being waited for.
-
-        Raises:
-            BadInput: It cannot be drawn.
-            Gone: It is no longer in the cache.
+        If it may be late, it comes as news, and is not waited for. Raises BadInput, or Gone if the result is not kept.
         """
         shown = Shown(stored.path, finished=True)
         new, self._shown = shown != self._shown, shown

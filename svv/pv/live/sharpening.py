@@ -1,8 +1,7 @@
-"""Show what filters learn beside ParaView's window as it becomes better.
+"""Show what filters learn beside ParaView's window as it becomes better: a timer asks them for news.
 
-Client code: a timer of the window asks the filters that are learning, and updates those that have something new.
-Filters that a script makes, or a state that a script loads, are not told that there is a window: they are finished when
-they return.
+Client code. Filters that a script makes, or a state that a script loads, are not told that there is a window: they are
+finished when they return.
 """
 
 from __future__ import annotations
@@ -11,14 +10,11 @@ from typing import Any
 
 from svv.pv.connection import server_gone
 from svv.pv.display.linked_camera import busy, follower_of, may_be_late, shows, upstream
-from svv.pv.observers import Watched
-from svv.pv.timers import Timer, by_window, window
+from svv.pv.observers import Watched, python_proxy, with_data
+from svv.pv.timers import Alarm, by_window
 
 BESIDE = ("StyleRFStylizedView", "StyleRFTrain", "StyleRFStylize", "StyleRFPalette")
 """Filters that learn beside the window (:class:`svv.pv.live.beside.Beside`)."""
-
-LOOK_EVERY = 250
-"""Interval of the timer while something is learning, milliseconds."""
 
 BUTTONS = ("Pause", "GoOn", "StopHere")
 """Buttons after which there is news."""
@@ -29,17 +25,9 @@ SAVING = ("SaveScene", "SaveFigure")
 _watched: Watched[list[str]] = Watched()
 """The filters, each with what it last told."""
 
-_timers: list[Timer] = []
-"""The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
-
 
 def watch_learning(filter: Any, loading: bool = False) -> None:
-    """Tell a filter whether the window has made it, and keep what it shows up to date while it learns beside that.
-
-    Args:
-        filter: Proxy of one of :data:`BESIDE`.
-        loading: Whether a state is being loaded, whose results may all be there.
-    """
+    """Tell a filter of BESIDE, new or of a state that loads, if the window has made it; keep it up to date."""
     proxy = filter.SMProxy
     if proxy in _watched:
         return
@@ -51,12 +39,7 @@ def watch_learning(filter: Any, loading: bool = False) -> None:
 
 
 def in_window(filter: Any, soon: bool = True) -> None:
-    """Tell a filter that the window has made it, so that its property Live counts.
-
-    Args:
-        filter: Proxy of one of :data:`BESIDE`.
-        soon: Whether it will be applied for the first time, for which its process gets ready.
-    """
+    """Tell a filter that the window has made it, so that Live counts, and that it will soon be applied first."""
     _tell(filter.SMProxy, "InWindow", 2 if soon else 1)
     filter.SMProxy.UpdatePropertyInformation(filter.SMProxy.GetProperty("Status"))
 
@@ -71,18 +54,16 @@ def _updated(proxy: Any, event: str) -> None:
     if not _in_window(proxy) or server_gone(proxy):
         return
     if _news_of(proxy).endswith("*"):
-        _soon()
+        _later.set()
     proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
 
 
+@with_data("string0")
 def _pressed(proxy: Any, event: str, name: str) -> None:
     if name in SAVING:
         proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
     if name in BUTTONS and _in_window(proxy):
-        _soon()
-
-
-_pressed.CallDataType = "string0"  # type: ignore[attr-defined]
+        _later.set()
 
 
 def _in_window(proxy: Any) -> bool:
@@ -96,18 +77,10 @@ def _news_of(proxy: Any) -> str:
     return str(told.GetElement(0) or "")
 
 
-def _soon() -> None:
-    _timers[:] = [timer for timer in _timers if timer.alive]
-    interactor = window()
-    if not _timers and interactor is not None:
-        _timers.append(Timer(interactor, LOOK_EVERY, _look))
-
-
 def _look() -> None:
     """Ask all filters that learn, and update those with news."""
-    _timers.clear()
     if busy():
-        _soon()
+        _later.set()
         return
     for proxy, last in _watched.items():
         if server_gone(proxy) or not _in_window(proxy):
@@ -118,14 +91,14 @@ def _look() -> None:
             _show(proxy, news)
         if news.endswith("*"):
             proxy.UpdatePropertyInformation(proxy.GetProperty("Status"))
-            _soon()
+            _later.set()
 
 
 def _show(proxy: Any, news: str) -> None:
     """Update a filter that has something new, and draw the views that show it."""
-    from paraview import servermanager, simple
+    from paraview import simple
 
-    filter = servermanager._getPyProxy(proxy)
+    filter = python_proxy(proxy)
     _tell(proxy, "LiveState", news)
     may_be_late(proxy)
     if news.endswith(" none"):
@@ -137,5 +110,9 @@ def _show(proxy: Any, news: str) -> None:
         follower.update(False)
     behind = [source for source in simple.GetSources().values() if filter in list(upstream(source))]
     for view in simple.GetViews():
-        if hasattr(view, "Representations") and shows(view, [filter, *behind]):
+        if shows(view, [filter, *behind]):
             simple.Render(view)
+
+
+_later = Alarm(250, _look)
+"""The window's timer while something is learning."""

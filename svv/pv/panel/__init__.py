@@ -1,4 +1,1 @@
-"""ParaView's panels: properties made from the options' dataclasses, their groups, undo.
-
-What the properties do is in :mod:`svv.pv.filters`.
-"""
+"""ParaView's panels: properties made from the options' dataclasses, their groups, undo."""

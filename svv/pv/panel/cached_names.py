@@ -1,8 +1,7 @@
 """The property *Kept As*: after each run of a filter it holds the names under which the results are kept.
 
-The filter itself runs on the server, with the data, and cannot set its own properties, whereas states consist of
-properties. This is therefore client code. The property is not sent to the server, whose filter has the names already:
-that would make ParaView discard what a view has just been given to show, if it is the view that updates the filter.
+The filter runs on the server and cannot set its own properties, of which states consist: this is client code. The
+property is not sent to the filter, which has the names: ParaView would discard what a view has just been given to show.
 """
 
 from __future__ import annotations

@@ -8,16 +8,7 @@ from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
 from svv.options.making import PaintOptions, ViewOptions
-from svv.pv.panel.groups import (
-    PICTURES,
-    edit_properties,
-    image_properties,
-    preview_file,
-    save_properties,
-    take_buttons,
-    training_properties,
-    volume_properties,
-)
+from svv.pv.panel import groups
 from svv.pv.panel.live_properties import live
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import Property, cached_names_property, files, group, status
@@ -33,20 +24,20 @@ VISIBLE = re.compile(r'panel_visibility="default"')
 
 def stylized_view_properties() -> list[Property]:
     """Return the properties of StyleRF Stylized View: first the few that choose how the painting looks."""
-    training = training_properties("fast", skip=("ignore_fixed",))  # nothing stands still in views that it draws
-    image, volume = image_properties(400), volume_properties(ViewOptions(test=0))
+    training = groups.training_properties("fast", skip=("ignore_fixed",))  # nothing stands still in views that it draws
+    image, volume = groups.image_properties(400), groups.volume_properties(ViewOptions(test=0))
     edits = ("Say", "Strength", *(f"Region{k}Hide" for k in range(3)), "SaveFile")
     return [
-        files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
+        files("StyleFiles", groups.PICTURES, "Pictures", "Style pictures for the volume."),
         *map(with_meanings, picked(training, "Preset")),
         *picked(properties_of(PaintOptions()), "StrokeSize"),
         *picked(volume, "Shade"),
         *picked(image, "FollowCamera"),
         *live(),
-        *take_buttons(),
-        *few_first(edits, *edit_properties(), *save_properties()),
+        *groups.take_buttons(),
+        *few_first(edits, *groups.edit_properties(), *groups.save_properties()),
         status(),
-        *titled("Training", [*without(training, "Preset"), preview_file()]),
+        *titled("Training", [*without(training, "Preset"), groups.preview_file()]),
         *titled("Image", without(image, "FollowCamera")),
         *titled("Volume", without(volume, "Shade")),
         *cached_names_property(),
@@ -65,7 +56,7 @@ def advanced(properties: Sequence[Property]) -> list[Property]:
 
 
 def few_first(names: Sequence[str], *properties: Property) -> list[Property]:
-    """Return the properties such that the panel shows only those of these names at first, the others as advanced ones.
+    """Return the properties such that the panel shows those of these names at first, and the others as advanced.
 
     Status, buttons, and what appears only beside one of these stay as they are.
     """
@@ -78,12 +69,7 @@ def few_first(names: Sequence[str], *properties: Property) -> list[Property]:
 
 
 def titled(label: str, properties: Sequence[Property]) -> list[Property]:
-    """Return the properties as advanced ones under a common heading; groups among them keep their own.
-
-    Args:
-        label: The heading.
-        properties: Properties; a group follows those that belong to it.
-    """
+    """Return the properties as advanced ones under a common heading; groups, which follow theirs, keep their own."""
     grouped = {name for one in properties if not one.name for name in re.findall(r'<Property name="(\w+)"', one.xml)}
     shown = [one for one in properties if one.name and one.name not in grouped and 'visibility="never"' not in one.xml]
     others = [one for one in properties if one not in shown]

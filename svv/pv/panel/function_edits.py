@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -26,12 +27,7 @@ class Shows(Modifiable, Protocol):
 
 
 def watch(filter: Shows, table: object) -> None:
-    """Mark a filter as modified at every edit of a transfer function, as long as it exists and shows edits.
-
-    Args:
-        filter: The filter.
-        table: The colour transfer function with its opacity function; anything else has no edits.
-    """
+    """Mark a filter as modified at every edit of a transfer function, as long as it exists and shows edits."""
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction  # not needed for the panel
 
     if isinstance(table, vtkDiscretizableColorTransferFunction) and table.GetScalarOpacityFunction() is not None:
@@ -44,8 +40,8 @@ def watch(filter: Shows, table: object) -> None:
 def observe_for(filter: Modifiable, function: Observed, do: Observer) -> None:
     """Call an observer at every modification of a function, until a filter is gone.
 
-    What ends that also keeps the function's Python object. Without it, Python would collect the observer together with
-    that object, while VTK has the function and calls the observer still: a crash.
+    What ends that also keeps the function's Python object: without it, Python would collect the observer together with
+    that, while VTK still calls it: a crash.
     """
     end = weakref.finalize(filter, function.RemoveObserver, function.AddObserver("ModifiedEvent", do))
     end.atexit = False
@@ -68,12 +64,16 @@ def _teller(filter: Shows, table: vtkDiscretizableColorTransferFunction, opacity
 
 def _points(table: vtkDiscretizableColorTransferFunction, opacity: vtkPiecewiseFunction) -> list[tuple[float, ...]]:
     """Return the points of a function, its colours' first."""
-    found = []
-    for function, width in ((table, 6), (opacity, 4)):
-        for number in range(function.GetSize()):
-            function.GetNodeValue(number, node := [0.0] * width)
-            found.append(tuple(node))
-    return found
+    return [*nodes_of(table, 6), *nodes_of(opacity, 4)]
+
+
+def nodes_of(
+    function: vtkDiscretizableColorTransferFunction | vtkPiecewiseFunction, width: int
+) -> Iterator[tuple[float, ...]]:
+    """Yield the numbers of each point of a function, of which a colour has 6 and an opacity has 4."""
+    for number in range(function.GetSize()):
+        function.GetNodeValue(number, node := [0.0] * width)
+        yield tuple(node)
 
 
 def marker(filter: Modifiable) -> Observer:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
@@ -88,22 +88,22 @@ def takes_volume(cls: Class) -> Class:
     return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
 
 
-def takes_image(cls: Class) -> Class:
-    """Give the filter an image of a scene as its input; other data cannot be chosen."""
-    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0)(smdomain.xml(OF_SCENE)(cls))
+def _takes(*kinds: str, **options: bool) -> Callable[[Class], Class]:
+    """Return a decorator that gives a filter data of a scene, of these kinds, as its input; no other can be chosen."""
+
+    def decorate(cls: Class) -> Class:
+        cls = smdomain.datatype(dataTypes=list(kinds), composite_data_supported=False)(cls)
+        return smproperty.input(name="Input", port_index=0, **options)(smdomain.xml(OF_SCENE)(cls))
+
+    return decorate
 
 
-def takes_scene(cls: Class) -> Class:
-    """Give the filter a scene as its input: its table, or an image of it; other data cannot be chosen."""
-    cls = smdomain.datatype(dataTypes=["vtkTable", "vtkImageData"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0)(smdomain.xml(OF_SCENE)(cls))
-
-
-def takes_scenes(cls: Class) -> Class:
-    """Give the filter several scenes as its input, as :func:`takes_scene` does one."""
-    cls = smdomain.datatype(dataTypes=["vtkTable", "vtkImageData"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0, multiple_input=True)(smdomain.xml(OF_SCENE)(cls))
+takes_image = _takes("vtkImageData")
+"""Give the filter an image of a scene as its input."""
+takes_scene = _takes("vtkTable", "vtkImageData")
+"""Give the filter a scene as its input: its table, or an image of it."""
+takes_scenes = _takes("vtkTable", "vtkImageData", multiple_input=True)
+"""Give the filter several scenes as its input."""
 
 
 def volume_properties(views: ViewOptions) -> list[Property]:
@@ -127,35 +127,25 @@ def volume_properties(views: ViewOptions) -> list[Property]:
             "ResampleTo", 0, "Points along the longest side, for inputs that are no images; 0: as cells and memory "
                              "suggest.", 0, advanced=True,
         ),
-        *display_properties(),
+        *group("Display", [
+            choice("InterpolationType", ("Nearest", "Linear", "Cubic"), "Linear",
+                   "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),
+            switch("UseCropping", False, "Show only a part of the volume.", True),
+            numbers("CroppingOrigin", (0.0, 0.0, 0.0), "Offset of that part, in the volume's units.", None, True),
+            numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds (since ParaView 5.13, of its "
+                                                      "extent in voxels) that gives that part.", None, True),
+            numbers("Position", (0.0, 0.0, 0.0), "Where the volume is moved.", None, True),
+            numbers("Scale", (1.0, 1.0, 1.0), "Factors of the volume's size along x, y and z.", None, True),
+            numbers("Orientation", (0.0, 0.0, 0.0), "Angles by which the volume is turned, degrees.", None, True),
+            numbers("Origin", (0.0, 0.0, 0.0), "Point around which the volume is scaled and turned.", None, True),
+        ]),
         *capture_reports(),
         *properties_of(views),
     ]  # fmt: skip
 
 
-def display_properties() -> Sequence[Property]:
-    """Return the properties by which a display changes a volume (:mod:`svv.pv.display.shown`)."""
-    return group("Display", [
-        choice("InterpolationType", ("Nearest", "Linear", "Cubic"), "Linear",
-               "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),
-        switch("UseCropping", False, "Show only a part of the volume.", True),
-        numbers("CroppingOrigin", (0.0, 0.0, 0.0), "Offset of that part, in the volume's units.", None, True),
-        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds (since ParaView 5.13, of its extent "
-                                                  "in voxels) that gives that part.", None, True),
-        numbers("Position", (0.0, 0.0, 0.0), "Where the volume is moved.", None, True),
-        numbers("Scale", (1.0, 1.0, 1.0), "Factors of the volume's size along x, y and z.", None, True),
-        numbers("Orientation", (0.0, 0.0, 0.0), "Angles by which the volume is turned, degrees.", None, True),
-        numbers("Origin", (0.0, 0.0, 0.0), "Point around which the volume is scaled and turned.", None, True),
-    ])  # fmt: skip
-
-
 def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str, ...] = ()) -> list[Property]:
-    """Return the properties of training options: first what to learn from, under a heading of its own, then the others.
-
-    Args:
-        options: The panel's defaults.
-        skip: Names of fields that the panel shows in another way.
-    """
+    """Return the properties of training options, but skipped fields: first those of what to learn from, then others."""
     heading = [made for made in properties_of(options, skip=skip) if made.name in ("ViewsOnly", "IgnoreFixed")]
     return [*group("Learn From", heading), *properties_of(options, skip=(*skip, "views_only", "ignore_fixed"))]
 
@@ -193,11 +183,7 @@ def preview_file() -> Property:
 
 
 def image_properties(size: int) -> list[Property]:
-    """Return the properties of the image of a scene.
-
-    Args:
-        size: Default width and height of the image, pixels.
-    """
+    """Return the properties of the image of a scene, of so many pixels along each side by default."""
     return [
         client_switch("FollowCamera",
                       "Follow the camera of the volume's view: the image stands in a view to the right, where the "
@@ -278,50 +264,23 @@ def pointing_properties() -> Sequence[Property]:
     ])  # fmt: skip
 
 
-def light_properties() -> Sequence[Property]:
-    """Return the properties of the light, for scenes trained with the lighting ``phong``."""
-    return group("Light", [
-        choice("LightFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
-               "Where the light comes from; needs lighting phong."),
-        *shown_where("LightFrom", 1, [
-            number("LightAzimuth", 0.0, "Degrees to the right of the camera, which the light follows.",
-                   -180.0, 180.0),
-            number("LightElevation", 0.0, "Degrees above the camera.", -90.0, 90.0),
-        ]),
-        *shown_where("LightFrom", 2, [
-            numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in the world."),
-        ]),
-        *properties_of(LightEdit()),
-        *properties_of(OcclusionEdit()),
-    ])  # fmt: skip
-
-
-def stroke_properties() -> Sequence[Property]:
-    """Return the properties of brush strokes."""
-    return group("Strokes", [
-        *properties_of(PaintEdit(), skip=("strength",)),
-        switch("MoveStrokeLight", False, "Light the relief of brush strokes from another direction."),
-        *shown_where("MoveStrokeLight", 1, [
-            numbers("StrokeLight", (-0.447, 0.744, 0.496), "Direction (x, y, z) in the world from which that light "
-                                                           "comes."),
-        ]),
-        text("StrokePalette", "Other colours of brush strokes, with their light and dark: a picture's file, "
-                              "gallery:NAME, or #102040,#f0d090. Empty: no change; own: the painting's."),
-    ])  # fmt: skip
-
-
-def outline_properties() -> Sequence[Property]:
-    """Return the properties of the outline: silhouettes and creases in ink."""
-    return group("Outline", [
-        *properties_of(OutlineEdit()),
-        text("OutlineRegions", "Regions to outline, such as 0, 2. Empty: all.", "", True),
-    ])  # fmt: skip
-
-
 def edit_properties() -> Sequence[Property]:
     """Return the properties for editing a scene: its light, regions, paint and outlines, and edits in words."""
     return [
-        *light_properties(),
+        *group("Light", [
+            choice("LightFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
+                   "Where the light comes from; needs lighting phong."),
+            *shown_where("LightFrom", 1, [
+                number("LightAzimuth", 0.0, "Degrees to the right of the camera, which the light follows.",
+                       -180.0, 180.0),
+                number("LightElevation", 0.0, "Degrees above the camera.", -90.0, 90.0),
+            ]),
+            *shown_where("LightFrom", 2, [
+                numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in the world."),
+            ]),
+            *properties_of(LightEdit()),
+            *properties_of(OcclusionEdit()),
+        ]),
         *(p for region in range(REGIONS) for p in region_properties(region)),
         text("Isolate", "The only regions to show, such as 0, 2. Empty: all that are not hidden."),
         text(
@@ -331,14 +290,26 @@ def edit_properties() -> Sequence[Property]:
             "for all but the ball.",
         ),
         *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),
-        *stroke_properties(),
-        *outline_properties(),
+        *group("Strokes", [
+            *properties_of(PaintEdit(), skip=("strength",)),
+            switch("MoveStrokeLight", False, "Light the relief of brush strokes from another direction."),
+            *shown_where("MoveStrokeLight", 1, [
+                numbers("StrokeLight", (-0.447, 0.744, 0.496), "Direction (x, y, z) in the world from which that light "
+                                                               "comes."),
+            ]),
+            text("StrokePalette", "Other colours of brush strokes, with their light and dark: a picture's file, "
+                                  "gallery:NAME, or #102040,#f0d090. Empty: no change; own: the painting's."),
+        ]),
+        *group("Outline", [
+            *properties_of(OutlineEdit()),
+            text("OutlineRegions", "Regions to outline, such as 0, 2. Empty: all.", "", True),
+        ]),
         text(
             "Say",
             "What should change, in words, after everything else: make the core pale jade, thinner, hide region 1, "
             "light from the left; Status shows what was understood.",
         ),
-    ]
+    ]  # fmt: skip
 
 
 EDITS = {made.name: made.default for made in edit_properties() if made.setters}

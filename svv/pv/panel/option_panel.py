@@ -15,13 +15,9 @@ Options = TypeVar("Options")
 def properties_of(
     options: object, prefix: str = "", advanced: bool = False, skip: tuple[str, ...] = ()
 ) -> list[Property]:
-    """Return a property for each field that panels show; the field's docstring becomes its help.
+    """Return a property for each field that panels show, but skipped ones; the field's docstring becomes its help.
 
-    Args:
-        options: A dataclass instance with the panel's defaults, such as ``TrainOptions(preset="fast")``.
-        prefix: Prefix of the property names, such as ``Region0``.
-        advanced: Whether all properties are advanced.
-        skip: Names of fields that this panel shows in another way.
+    The options have the panel's defaults; the names of the properties get a prefix, such as ``Region0``.
     """
     found: list[Property] = []
     switches: set[str] = set()
@@ -41,14 +37,7 @@ def properties_of(
 
 
 def options_in(kind: type[Options], values: Values, prefix: str = "", **others: object) -> Options:
-    """Return the options that a panel's values represent.
-
-    Args:
-        kind: Dataclass of the options.
-        values: Property values by name; fields whose property is missing keep their defaults.
-        prefix: Prefix of the property names, as for :func:`properties_of`.
-        others: Values of fields that the panel shows in another way.
-    """
+    """Return the options that a panel's values represent; fields without a property have their defaults, or others."""
     given = {f.name: _convert_property(f, values, prefix) for f in _shown(kind) if prefix + f.property_name in values}
     return kind(**{**given, **others})
 

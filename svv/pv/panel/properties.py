@@ -1,8 +1,7 @@
 """The properties of the StyleRF filters, as ParaView's panel shows them.
 
-Before 5.13, ParaView's own decorators sort a class's properties by name. Here a class lists its properties in reading
-order, and :func:`panel` passes the list on as a single piece of XML, whose order every version keeps. It also gives the
-class the setters that the XML names: they store a changed value, then call ``Modified()``.
+Before 5.13, ParaView's own decorators sort properties by name, so :func:`panel` passes a class's list on as one piece
+of XML, and gives the class the setters that it names: they store a changed value, then call ``Modified()``.
 """
 
 from __future__ import annotations
@@ -49,13 +48,7 @@ class Property:
 
 
 def _element(
-    kind: str,
-    name: str,
-    help: str,
-    attributes: str,
-    inside: str = "",
-    advanced: bool = False,
-    hints: str = "",
+    kind: str, name: str, help: str, attributes: str, inside: str = "", advanced: bool = False, hints: str = ""
 ) -> str:
     level = "advanced" if advanced else "default"
     hints = f"<Hints>{hints}</Hints>" if hints else ""
@@ -306,10 +299,7 @@ def display() -> Property:
 
 
 def cached_names_property() -> list[Property]:
-    """Return the property with the names under which results are kept, so that a saved state finds them.
-
-    :mod:`svv.pv.panel.cached_names` fills it in. Setting it changes no result, and so starts no work.
-    """
+    """Return the property with the names of kept results, so that a saved state finds them; it starts no work."""
     xml = _single(
         "String", "KeptAs", "", "Names under which the filter keeps its results, so that a saved state finds "
         "them; filled in by the filter. If this is empty, missing results are made without waiting for a button.",

@@ -1,7 +1,6 @@
 """The buttons Undo, Redo and Reset of a panel: they set its properties, as a user would by hand.
 
-The filter itself runs on the server, with the data, and knows only its current values. This is therefore client code:
-it remembers the applied values and sets the panel to them, so that the panel always shows the values in use.
+Client code: the filter runs on the server and knows only its current values; this remembers those that were applied.
 """
 
 from __future__ import annotations
@@ -58,11 +57,7 @@ class PanelHistory:
 
 
 def watch(filter: Proxy) -> None:
-    """Make a filter's buttons work, from now on.
-
-    Args:
-        filter: Proxy of a StyleRF filter with such buttons.
-    """
+    """Make the buttons of a StyleRF filter work, from now on."""
     proxy = filter.SMProxy
     if proxy in _watched:
         return

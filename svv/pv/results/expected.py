@@ -39,10 +39,7 @@ def expected() -> str:
 
 
 def _measured() -> Iterator[float]:
-    """Yield how much longer than in :data:`PRESETS` kept paintings of as many views took, the last one at the end.
-
-    One number for all presets keeps the ratios of their times, whichever of them was measured.
-    """
+    """Yield how much longer than in :data:`PRESETS` kept paintings of as many views took, the last one at the end."""
     try:
         place = Cache.of_user()
     except BadInput:  # the first work says so

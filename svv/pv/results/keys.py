@@ -1,7 +1,6 @@
 """Hashes of what results depend on, the same in every process, and the names under which results are kept.
 
-A name states the kind of the result, its source, its settings, and the version that made it:
-``scene-<source>-<settings>-0.2.0.1.svv``.
+A name has the result's kind, source, settings, and version: ``scene-<source>-<settings>-0.2.0.1.svv``.
 """
 
 from __future__ import annotations
@@ -32,13 +31,7 @@ _scenes: weakref.WeakKeyDictionary[object, str] = weakref.WeakKeyDictionary()
 
 
 def name_of(kind: str, source: str, settings: str) -> str:
-    """Return the name of a result.
-
-    Args:
-        kind: ``views``, or for scenes ``scene``, ``palette`` or ``painting``.
-        source: Hash of what it is made from (:func:`digest`).
-        settings: Hash of its settings (:func:`digest`).
-    """
+    """Return the name of ``views``, a ``scene``, ``palette`` or ``painting``, by hashes of source and settings."""
     return f"{kind}-{source}-{settings}-{__version__}.{GENERATION}{'' if kind == 'views' else '.svv'}"
 
 
@@ -86,11 +79,7 @@ def digest_of_views(views: ViewSet) -> str:
 
 
 def digest_of_listed(file: Path) -> str:
-    """Return a hash of the views that a file lists: of its bytes and those of what it names, without decoding pictures.
-
-    Raises:
-        BadInput: They cannot be read.
-    """
+    """Return a hash of a file that lists views, and of the files that it names, which are not decoded."""
     from svv.io.views.transforms import file_in, mask_files, present, read_transforms, split_of
     from svv.io.views.viewset import CLASSIFIED
 
@@ -104,8 +93,7 @@ def digest_of_listed(file: Path) -> str:
 def digest_of_scene(scene: Scene) -> str:
     """Return a hash of what was learned: box, palette, and networks except the paintings'.
 
-    Neither edits change it nor other opacities of the transfer function. Parts count as well, although no network
-    learned them: paintings belong to regions.
+    Neither edits nor other opacities change it. Parts, which no network learned, count: paintings belong to regions.
     """
     if scene.layers:
         from svv.fields.scene.joined import members  # imports torch, which would delay the start of ParaView's window

@@ -1,7 +1,4 @@
-"""Scenes in files of which ParaView's own process reads the header only: what draws a scene takes seconds to load.
-
-The process that draws for it (:mod:`svv.pv.live.drawer`) reads the file itself.
-"""
+"""Scenes in files of which ParaView's own process reads the header only: what draws a scene takes seconds to load."""
 
 from __future__ import annotations
 
@@ -23,7 +20,6 @@ class Stored:
     """A scene in a file, and what its header says of it."""
 
     path: Path
-    """The file."""
     header: dict[str, Any]
     """Its header (:func:`svv.fields.scene.scene_arrays.arrays_of`)."""
 

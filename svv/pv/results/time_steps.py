@@ -1,7 +1,6 @@
 """Results of time steps, which a filter keeps while the time changes.
 
-An animation moves the time of all data. Training takes minutes, so a filter trains only when it is asked to, and
-otherwise outputs the result that it has.
+An animation moves the time of all data, and training takes minutes: a filter trains only when it is asked to.
 """
 
 from __future__ import annotations
@@ -42,8 +41,8 @@ class Steps(Generic[Result]):
     """The current result of a filter, and those of the most recent time steps.
 
     A result is made if there is none, if it is asked for (:meth:`ask`), if the settings have changed, and if the data
-    has changed although the requested time has not: then something was applied upstream. If only the time has changed,
-    or the transfer function was edited, the current result is kept.
+    has changed although the requested time has not: then something was applied upstream. Otherwise the current one is
+    kept.
     """
 
     def __init__(self) -> None:
@@ -71,13 +70,7 @@ class Steps(Generic[Result]):
         return next(reversed(self.results.values()))[1] if self.results else None
 
     def get(self, now: Moment, make: Callable[[], Result], each: bool = False) -> Result:
-        """Return the current result; if ``make`` raises an exception, nothing changes.
-
-        Args:
-            now: The current inputs and settings.
-            make: Makes a result from them.
-            each: Whether every time step has its own result.
-        """
+        """Return the current result, made anew if necessary; with ``each``, every time step has its own."""
         here, made, last = (now.settings, now.data), self.made, self._last
         asked = self._asked or made is None or (made.settings, made.here) != (now.settings, now.here)
         asked = asked or (last is not None and last.asked == now.asked and last.data != now.data)

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData, vtkTable
 
 from svv.core.geometry.cameras import Camera
 from svv.dvr.parallel.ranks import ranks_here
@@ -37,7 +37,6 @@ class ShownVolume(Drawn):
     """A volume with the transfer function and the shading with which a representation shows it."""
 
     data: vtkDataObject
-    """The volume."""
     values: Values
     """Values of :func:`svv.pv.client.capture.shown_as`, with the transfer function as a VTK object."""
     label: str
@@ -49,11 +48,7 @@ class ShownVolume(Drawn):
         return self.label
 
     def identity(self) -> dict[str, object]:
-        """Return a hash of data, transfer function and shading.
-
-        Raises:
-            BadInput: The data is no grid, or it is empty.
-        """
+        """Return a hash of data, transfer function and shading; raise BadInput if the data is no grid, or empty."""
         from svv.pv.work.engine import views_key, volume_of
 
         # Number and size of the views have their defaults here, because the job records them itself.
@@ -74,15 +69,12 @@ class ShownVolume(Drawn):
 
     def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
-        from svv.dvr.parallel.crew_views import make_crew_views
-        from svv.pv.work.engine import shading_of, transfer_function_of
+        from svv.pv.work.engine import draw_views
         from svv.pv.work.parallel import crew_of
 
-        crew = crew_of(self.data)
-        if crew is None:
+        if crew_of(self.data) is None:
             return super().draw(options, progress, kept)
-        tf, shading = transfer_function_of(self.values), shading_of(self.values)
-        return make_crew_views(crew, tf, options, shading, self.name, progress)
+        return draw_views(self.data, self.values, options, progress)
 
     def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
         """Render the volume as views were drawn, with all ranks that have a part of it."""
@@ -98,11 +90,7 @@ class ShownVolume(Drawn):
 
 
 def shown_volume(display: Display) -> ShownVolume:
-    """Return the volume that a representation shows.
-
-    Raises:
-        BadInput: The representation shows it in a way that is not supported.
-    """
+    """Return the volume that a representation shows; raise BadInput if it does in a way that is not supported."""
     from paraview import simple
 
     from svv.pv.client.capture import shown_as
@@ -119,11 +107,7 @@ def shown_volume(display: Display) -> ShownVolume:
 
 
 def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Result:
-    """Do work on the volume that a representation shows; with several ranks, all of them draw it.
-
-    Raises:
-        BadInput: As :func:`shown_volume` and :func:`svv.pv.work.parallel.on_all_ranks`.
-    """
+    """Do work on the volume that a representation shows, which all ranks draw; raise BadInput if they cannot."""
     from paraview import simple
 
     from svv.pv.display.shown import DIVIDED, chosen_of
@@ -140,18 +124,10 @@ def with_volume(display: Display, work: Callable[[ShownVolume], Result]) -> Resu
 
 
 def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Display, View]:
-    """Show a volume in a 3D view, as a user would after *File > Open*.
+    """Show a volume, or load a state (.pvsm) that shows one; return proxies of its representation and 3D view.
 
-    Args:
-        path: A volume that ParaView can read, or a state (.pvsm) that shows one.
-        tf: Transfer function, a ParaView preset (JSON); by default the one with which the volume is shown.
-        array: Name of the array, if the file has several.
-
-    Returns:
-        Proxies of the representation and the view.
-
-    Raises:
-        BadInput: There is no such file, ParaView cannot read it, or it has no volume or no such array.
+    It is shown with a preset (JSON) if one is given, otherwise as ParaView shows it; ``array`` names one of several.
+    Raises BadInput if there is no such file, ParaView cannot read it, or it has no volume or no such array.
     """
     from paraview import simple
 
@@ -232,11 +208,7 @@ def _show_with(display: Display, tf: Path) -> None:
 
 
 def update(filter: Proxy) -> None:
-    """Update a StyleRF filter at ParaView's current time.
-
-    Raises:
-        BadInput: The filter failed; the message is the filter's own.
-    """
+    """Update a StyleRF filter at ParaView's current time; raise BadInput with its own message if it failed."""
     from paraview import simple
 
     filter.UpdatePipeline(simple.GetTimeKeeper().Time)
@@ -250,6 +222,11 @@ def table_of(filter: Proxy) -> list[dict[str, str]]:
     """Return the rows of a filter's output table as {column: value}; raise BadInput as :func:`update` does."""
     update(filter)
     table = filter.SMProxy.GetClientSideObject().GetOutputDataObject(0)
+    return rows_of(table)
+
+
+def rows_of(table: vtkTable) -> list[dict[str, str]]:
+    """Return the rows of a VTK table as {column: value}."""
     names = [table.GetColumnName(column) for column in range(table.GetNumberOfColumns())]
     return [
         {name: table.GetValue(row, column).ToString() for column, name in enumerate(names)}

@@ -1,7 +1,6 @@
 """Base classes of the StyleRF filters: property values, progress, error messages, and kept results.
 
-Errors reach the user as one sentence in Output Messages, never as a crash: a filter that fails outputs its previous
-result, or nothing.
+Errors reach the user as a sentence in Output Messages; a filter that fails outputs its previous result, or nothing.
 """
 
 from __future__ import annotations
@@ -20,22 +19,8 @@ from vtkmodules.vtkParallelCore import vtkMultiProcessController
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.measure import give_memory_back
 from svv.progress import shown
+from svv.pv import failed
 from svv.pv.connection import client_gone
-from svv.pv.failed import (
-    EARLIER,
-    FailedBefore,
-    in_script,
-    is_empty,
-    is_strict,
-    mark_failed,
-    name_of,
-    note_failed,
-    note_right,
-    note_wrong,
-    reason_in,
-    reason_of,
-    sentence_on,
-)
 from svv.pv.panel_sentences import say_in_panel
 from svv.pv.panel_values import Values, by_name, label_of
 from svv.pv.results.time_steps import Steps
@@ -71,14 +56,15 @@ _working: list[str] = []
 
 
 class Filter(VTKPythonAlgorithmBase):
-    """Base class of filters whose class is decorated with :func:`svv.pv.panel.properties.panel`.
-
-    ``values`` holds the value of every property by name.
-    """
+    """Base class of filters whose class is decorated with :func:`svv.pv.panel.properties.panel`."""
 
     defaults: ClassVar[Values] = {}
 
-    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
+    ports: ClassVar[tuple[int, int, str]] = (1, 1, "vtkTable")
+    """Numbers of inputs and outputs, and the type of these."""
+
+    def __init__(self) -> None:
+        inputs, outputs, kind = self.ports
         super().__init__(nInputPorts=inputs, nOutputPorts=outputs, outputType=kind)
         self.values = self.defaults.copy()
         self._status = ""
@@ -107,7 +93,7 @@ class Filter(VTKPythonAlgorithmBase):
         try:
             return int(super().ProcessRequest(request, in_info, out_info))
         except Exception as error:
-            self.say(sentence_on(error))
+            self.say(failed.sentence_on(error))
             return 1
 
     def FillInputPortInformation(self, port: int, info: Request) -> int:
@@ -118,8 +104,8 @@ class Filter(VTKPythonAlgorithmBase):
     def RequestUpdateExtent(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
         """Request the whole input, because the output's extent is that of an image and unrelated to the input's.
 
-        All ranks do, or the filters before this one would not be executed on the same ranks: those that draw a volume
-        together would wait for each other in vain. Only the first rank's scenes and images are not empty.
+        All ranks do, or those that draw a volume together would wait for each other in vain. Only the first rank's
+        scenes and images are not empty.
         """
         executive = self.GetExecutive()
         connected = [
@@ -158,17 +144,17 @@ class Filter(VTKPythonAlgorithmBase):
             for output in outputs:
                 mark_unfinished(output)
         except Cancelled:
-            sentence = STOPPED_SCRIPT if in_script() else STOPPED
+            sentence = STOPPED_SCRIPT if failed.in_script() else STOPPED
             self.say(sentence, error=False)
-            self._output_previous(outputs, reason_of(type(self).__name__, sentence, stopped=True))
-        except FailedBefore as error:
+            self._output_previous(outputs, failed.reason_of(type(self).__name__, sentence, stopped=True))
+        except failed.FailedBefore as error:
             self._say_once(str(error), inputs)
             self._output_previous(outputs, str(error))
-            note_wrong(self, str(error))
+            failed.note_wrong(self, str(error))
         except Exception as error:
-            sentence = sentence_on(error)
+            sentence = failed.sentence_on(error)
             self._say_once(sentence, inputs)
-            self._output_previous(outputs, reason_of(type(self).__name__, sentence))
+            self._output_previous(outputs, failed.reason_of(type(self).__name__, sentence))
         for output in outputs:
             if output.IsA("vtkTable") and not output.GetFieldData().HasArray(KEY):  # a scene, or there will be one
                 mark_scene(output)
@@ -181,7 +167,7 @@ class Filter(VTKPythonAlgorithmBase):
             output.GetFieldData().Initialize()  # VTK has passed on that of the input: a whole scene
         self.before(outputs)
         for output in outputs:
-            mark_failed(output, reason)
+            failed.mark_failed(output, reason)
 
     def _made_of_earlier(self, outputs: list[Data], ports: int) -> str:
         """Mark outputs that are made of an earlier result of a filter that has failed since; return what is said."""
@@ -190,22 +176,17 @@ class Filter(VTKPythonAlgorithmBase):
             for port in range(ports)
             for number in range(self.GetNumberOfInputConnections(port))
         ]
-        reason = next((reason_in(data) for data in given if reason_in(data) and not is_empty(data)), "")
+        reason = next(filter(None, (failed.reason_in(data) for data in given if not failed.is_empty(data))), "")
         if not reason:
-            note_right(self)
+            failed.note_right(self)
             return ""
         for output in outputs:
-            mark_failed(output, reason)
-        note_wrong(self, reason)
-        return EARLIER.format(reason=reason)
+            failed.mark_failed(output, reason)
+        failed.note_wrong(self, reason)
+        return failed.EARLIER.format(reason=reason)
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str | None:
-        """Fill the outputs; return a line for the panel.
-
-        Raises:
-            BadInput: The work failed; the message is a sentence for the user.
-            Cancelled: The user stopped it.
-        """
+        """Fill the outputs; return a line for the panel. Raises BadInput, a sentence for the user, or Cancelled."""
         raise NotImplementedError
 
     def before(self, outputs: list[Data]) -> None:
@@ -220,11 +201,7 @@ class Filter(VTKPythonAlgorithmBase):
         return controller is None or controller.GetLocalProcessId() == 0
 
     def progress(self, fraction: float, label: str) -> None:
-        """Show progress in ParaView's progress bar.
-
-        Raises:
-            Cancelled: The user pressed Abort, or the client of this server has gone.
-        """
+        """Show progress in ParaView's progress bar; raise Cancelled after Abort, or if a server's client has gone."""
         if client_gone():
             raise Cancelled
         self._tell(fraction, label)
@@ -236,18 +213,15 @@ class Filter(VTKPythonAlgorithmBase):
 
     @contextmanager
     def training(self) -> Iterator[Progress]:
-        """Provide the progress callback for long work, which only one filter may do at a time.
+        """Provide the progress callback for long work, or raise BadInput if another filter is doing some.
 
         Scripts show the progress on standard error; it stays there until the filter's work ends.
-
-        Raises:
-            BadInput: Another filter is doing long work.
         """
         if _working:
             raise BadInput(f"{_working[0]} is at work: stop it, or apply this filter again when it is done.")
         _working.append(type(self).__name__)
-        if self._tell is silent and in_script():
-            self._tell = self._ends.enter_context(shown(name_of(type(self).__name__)))
+        if self._tell is silent and failed.in_script():
+            self._tell = self._ends.enter_context(shown(failed.name_of(type(self).__name__)))
             self._ends.callback(setattr, self, "_tell", silent)
         try:
             yield self.progress
@@ -273,13 +247,7 @@ class Filter(VTKPythonAlgorithmBase):
         self.Modified()
 
     def save(self, result: str, file: str, write: Callable[[Path], object]) -> None:
-        """Write something to the file that a property names, for a button, and report it.
-
-        Args:
-            result: Name under which what is written is kept; there is nothing to write as long as nothing is.
-            file: Name of the property.
-            write: Writes it; may raise BadInput and Cancelled.
-        """
+        """Write something that is kept as ``result`` to the file of a property, for a button, and report it."""
         name = str(by_name(self.values)[file])
         if self.last(result) is None or not name:
             self.say(f"There is nothing to save yet: choose a file under {label_of(file)}, and press Apply.")
@@ -294,8 +262,8 @@ class Filter(VTKPythonAlgorithmBase):
     def say(self, sentence: str, error: bool = True) -> None:
         """Report a sentence to the user, in Output Messages and in the property Status."""
         self._status = sentence = say_in_panel(sentence)
-        note_failed(self, sentence, stopped=not error)
-        if is_strict():
+        failed.note_failed(self, sentence, stopped=not error)
+        if failed.is_strict():
             return  # an exception will say it
         window = vtkOutputWindow.GetInstance()
         (window.DisplayErrorText if error else window.DisplayWarningText)(f"{type(self).__name__}: {sentence}\n")
@@ -319,12 +287,7 @@ class Filter(VTKPythonAlgorithmBase):
 
 
 def _forgetter(kept: Kept, steps: Steps[Any]) -> Callable[[object, str], None]:
-    """Return an observer that clears a deleted filter's results; VTK may keep its Python attributes much longer.
-
-    Args:
-        kept: What is made again in no time.
-        steps: Results of long work, whose memory is given back.
-    """
+    """Return an observer that clears a deleted filter's results, and gives memory back; VTK may keep its attributes."""
 
     def forget(_: object, event: str) -> None:
         large = bool(steps.results)
@@ -343,7 +306,7 @@ def _forgetter(kept: Kept, steps: Steps[Any]) -> Callable[[object, str], None]:
 def set_image_information(filter: Filter, out_info: OutInfo, width: int, height: int, port: int = 0) -> None:
     """Announce the size of the output image to the pipeline.
 
-    It is empty on all ranks but the first. Otherwise, those ranks would be executed at every update, without the first.
+    It is empty on all ranks but the first: otherwise, those would be executed at every update, without the first.
     """
     info = out_info.GetInformationObject(port)
     extent = (0, width - 1, 0, height - 1, 0, 0) if filter.first_rank else (0, -1, 0, -1, 0, -1)
@@ -387,10 +350,7 @@ class ImageOutput(Filter):
     """What :meth:`GetSeenFrom` returns."""
 
     def GetSeenFrom(self) -> str:
-        """Return position, focal point and view up of the last image's camera, and its angle of view in degrees.
-
-        The angle is the horizontal one, and the text is empty if the image's volume is in a view anyway.
-        """
+        """Return position, focal point, view up and horizontal angle of the last camera; empty beside the volume."""
         return self.framed
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
@@ -407,10 +367,7 @@ class VolumeOutput(Filter):
         raise NotImplementedError
 
     def RequestInformation(self, request: Request, in_info: InInfo, out_info: OutInfo) -> int:
-        """Announce the grid of the input's scene.
-
-        The input is therefore updated first: filters behind this one need to know the grid before they ask for data.
-        """
+        """Announce the grid of the input's scene, which is updated first: filters behind need to know it before."""
         connection = self.GetInputConnection(0, 0)
         connection.GetProducer().Update(connection.GetIndex())
         try:

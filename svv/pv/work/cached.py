@@ -1,8 +1,7 @@
 """Filters that keep their results in files, so that a saved state shows the same results when it is opened again.
 
-The files are in the cache (:class:`svv.io.files.cache.Cache`) under names that identify what they depend on
-(:mod:`svv.pv.results.keys`). A state carries the names in the property *Kept As*. If the file of a name is missing, the
-filter reports this and waits for a button, because opening a state should not start minutes of work.
+The files are in the cache under names of what they depend on (:mod:`svv.pv.results.keys`), which states carry in the
+property *Kept As*. If one is missing, the filter says so and waits for a button: opening a state starts no long work.
 """
 
 from __future__ import annotations
@@ -48,8 +47,8 @@ class Keeping(Filter):
     button = "Take What Is Shown Now"
     """Label of the button that starts the work if a saved state's result is missing."""
 
-    def __init__(self, inputs: int, outputs: int, kind: str) -> None:
-        super().__init__(inputs, outputs, kind)
+    def __init__(self) -> None:
+        super().__init__()
         self._names: dict[str, str] = {}
         """Slot -> name under which the current result is kept."""
         self._asked = self._anew = False
@@ -89,17 +88,10 @@ class Keeping(Filter):
         make: Callable[[], Result],
         own: Callable[[], Result | None] | None = None,
     ) -> tuple[Result, str]:
-        """Return a result and its name: the kept one, or one that is made now and kept.
+        """Return a result and its name: the one in the user's own file, the kept one, or one that is made now and kept.
 
-        Args:
-            slot: The filter's key for the result in the property Kept As.
-            kind: One of :data:`MADE`.
-            now: What the result depends on.
-            make: Makes the result.
-            own: Returns the result in the user's own file, or None if the file holds something else.
-
-        Raises:
-            BadInput: The result of an opened state is missing; or any reason of ``make`` and ``own``.
+        ``slot`` is its key in Kept As, ``kind`` one of MADE, and ``own`` returns None if the user's file holds
+        something else. Raises BadInput if the result of an opened state is missing, or as ``make`` and ``own``.
         """
         name, stated = name_of(kind, source_of(now), now.settings), self.stated().get(slot, "")
         self.note = ""
@@ -224,13 +216,6 @@ def views_in(folder: Path, key: str, progress: Progress = silent) -> Views | Non
         return None
 
 
-def write_views(views: Views, folder: Path, progress: Progress = silent) -> None:
-    """Write views to a folder; raise BadInput if that fails."""
-    from svv.io.views.viewset import write_splits
-
-    write_splits(folder, *views, progress)
-
-
 def _provenance_of(result: Views | Scene | Stored) -> dict[str, Any]:
     """Return a result's record of what it was made from; empty if no filter made it."""
     record = result[0].meta.to_json() if isinstance(result, tuple) else result.made
@@ -245,6 +230,8 @@ def _moment_of(result: Views | Scene | Stored, now: Moment) -> Moment:
 
 def _write(result: Views | Scene, path: Path) -> None:
     if isinstance(result, tuple):
-        write_views(result, path)
+        from svv.io.views.viewset import write_splits
+
+        write_splits(path, *result)
     else:
         result.save(path)

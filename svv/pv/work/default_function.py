@@ -1,22 +1,14 @@
-"""Whether a volume is shown with the transfer function that ParaView gives every array by itself.
-
-It is a ramp over all values, which shows most volumes as fog: whoever paints it by mistake is told.
-"""
+"""Whether a volume is shown with the transfer function that ParaView gives every array: a ramp, mostly fog."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
 from svv.pv.failed import in_script, pressing
+from svv.pv.panel.function_edits import nodes_of
 from svv.pv.panel_values import Values
 from svv.pv.work.parallel import crew_of
-
-if TYPE_CHECKING:
-    from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
-    from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
 
 DEFAULT = (
     " The transfer function is ParaView's default, a ramp over all values that shows most volumes as fog: {edit}, and "
@@ -41,8 +33,8 @@ def describe_default_function(data: vtkDataObject | None, values: Values) -> str
 def is_default(data: vtkDataObject | None, values: Values) -> bool:
     """Return whether neither colours, opacities nor their range have been changed since ParaView made them.
 
-    The client tells the colours, because versions of ParaView differ (``DefaultColours``). The range has to be that of
-    the array that is shown, where this process has all of it.
+    The client tells the colours, which differ by version (``DefaultColours``). The range has to be that of the array
+    that is shown, where this process has all of it.
     """
     from vtkmodules.vtkRenderingCore import vtkDiscretizableColorTransferFunction
 
@@ -58,8 +50,10 @@ def is_default(data: vtkDataObject | None, values: Values) -> bool:
     if known is not None and np.abs(np.subtract(known, (low, high))).max() > SAME * (high - low):
         return False
     points = [(opacity, 4, RAMP), (table, 6, np.reshape(numbers, (-1, 4)))]
-    same = (_same(_points(function, width, low, high), given) for function, width, given in points)
-    return table.GetColorSpace() == space and all(same)
+    return table.GetColorSpace() == space and all(
+        _same([((at - low) / (high - low), *three[:3]) for at, *three in nodes_of(function, width)], given)
+        for function, width, given in points
+    )
 
 
 def colours_of(positions_and_colours: list[float], space: int) -> str:
@@ -70,20 +64,9 @@ def colours_of(positions_and_colours: list[float], space: int) -> str:
     return " ".join(f"{number:.6g}" for number in (space, *points.ravel()))
 
 
-def _same(points: list[list[float]], given: object) -> bool:
+def _same(points: list[tuple[float, ...]], given: object) -> bool:
     ours, theirs = np.asarray(points), np.asarray(given)
     return ours.shape == theirs.shape and bool(np.abs(ours - theirs).max() < SAME)
-
-
-def _points(
-    function: vtkPiecewiseFunction | vtkDiscretizableColorTransferFunction, width: int, low: float, high: float
-) -> list[list[float]]:
-    """Return the first four numbers of each point of a function, its position from 0 to 1 between low and high."""
-    found = []
-    for number in range(function.GetSize()):
-        function.GetNodeValue(number, node := [0.0] * width)
-        found.append([(node[0] - low) / (high - low), *node[1:4]])
-    return found
 
 
 def _range_of(data: vtkDataObject | None, values: Values) -> tuple[float, float] | None:

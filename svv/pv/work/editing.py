@@ -20,7 +20,7 @@ from svv.options.editing import (
 )
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 from svv.pv.panel.option_panel import options_in
-from svv.pv.panel_values import Values, colour_row, region_row
+from svv.pv.panel_values import Values, colour_row, points_in, region_row
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -29,14 +29,8 @@ if TYPE_CHECKING:
 def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tuple[Scene, tuple[str, ...]]:
     """Return a scene with the panel's edits, as one step of its history, and how its words were understood.
 
-    Args:
-        scene: The scene as it came.
-        values: The panel's values; properties that a panel lacks change nothing.
-        progress: Called while regions are split.
-
-    Raises:
-        BadInput: The reasons of the edits (:mod:`svv.fields.scene.edits`), words that are not understood or want a
-            style, or Undo is larger than the number of edits.
+    Properties that a panel lacks change nothing. Raises BadInput for the reasons of :mod:`svv.fields.scene.edits`,
+    words that are not understood or want a style, or if Undo is larger than the number of edits.
     """
     undo = values.get("Undo", 0)
     if undo > len(scene.history.past):
@@ -65,11 +59,7 @@ def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> tupl
 
 
 def edit_in(values: Values) -> SceneEdit:
-    """Return all edits that the panel asks for.
-
-    Raises:
-        BadInput: A text does not name regions.
-    """
+    """Return all edits that the panel asks for; raise BadInput if a text does not name regions."""
     rows = [f"Region{region}" for region in range(REGIONS)]
     hide = tuple(region for region in range(REGIONS) if region_row(values, region)["Hide"])
     places: dict[str, dict[str, object] | None] = {
@@ -130,24 +120,14 @@ def whole_numbers_in(text: str, name: str) -> list[int]:
         raise BadInput(f"{name} must be whole numbers separated by commas, not '{text}'.") from None
 
 
-def places_in(text: str, name: str) -> list[tuple[float, float, float]]:
+def places_in(text: str, name: str) -> list[Point]:
     """Parse '0.1,0.2,0.3; 1,2,3' as points in space; raise BadInput for anything else."""
-    places = []
-    for place in filter(None, (p.strip() for p in text.split(";"))):
-        try:
-            x, y, z = (float(word) for word in place.split(","))
-        except ValueError:
-            raise BadInput(f"{name} must be points in space, such as 0.1,0.2,0.3; 1,2,3, not '{text}'.") from None
-        places.append((x, y, z))
-    return places
+    found = points_in(text, 3, f"{name} must be points in space, such as 0.1,0.2,0.3; 1,2,3")
+    return [(x, y, z) for x, y, z in found]
 
 
 def correction_in(values: Values) -> Correction:
-    """Return the correction that the panel asks for; an empty one is false.
-
-    Raises:
-        BadInput: A text does not name regions.
-    """
+    """Return the correction that the panel asks for, false if empty; raise BadInput if a text does not name regions."""
     groups = filter(str.strip, values["Merge"].split(";"))
     rows = [region_row(values, k) for k in range(PALETTE)]
     colours = [colour_row(values, k) for k in range(ADDED)]
@@ -162,11 +142,7 @@ def correction_in(values: Values) -> Correction:
 
 
 def pointed_in(text: str) -> tuple[tuple[tuple[Point, int], ...], tuple[tuple[Point, Point], ...]]:
-    """Return the places of '1,2,3=0; 1,2,3=4,5,6' that have a region, and the pairs of places that have the same one.
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return the places of '1,2,3=0; 1,2,3=4,5,6' that have a region, and pairs that have the same; or BadInput."""
     points: list[tuple[Point, int]] = []
     same: list[tuple[Point, Point]] = []
     for one in filter(str.strip, text.split(";")):
@@ -185,15 +161,7 @@ def pointed_in(text: str) -> tuple[tuple[tuple[Point, int], ...], tuple[tuple[Po
 
 
 def check_pointed(scene: Scene, text: str) -> None:
-    """Check places that are pointed at, before more of them follow.
-
-    Args:
-        scene: The scene as it came.
-        text: The property Points.
-
-    Raises:
-        BadInput: The reasons of :func:`svv.train.palette.pointed.check_places`, or the scene is joined.
-    """
+    """Check places of the property Points for a scene before more follow; raise BadInput, also if it is joined."""
     from svv.train.palette.pointed import check_places
 
     scene.check_alone("Palette correction")

@@ -1,7 +1,6 @@
 """The filters' work in terms of the engine: drawing views, training scenes, keys of paintings, rendering images.
 
-The functions take the panel's ``values`` and determine which inputs a result depends on, so that no result is computed
-twice.
+The functions take the panel's ``values`` and determine on which inputs a result depends: none is computed twice.
 """
 
 from __future__ import annotations
@@ -17,6 +16,8 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.dvr.read.appearance import GHOSTS
+from svv.dvr.read.grids import direction_of
+from svv.dvr.read.meshes import is_mesh
 from svv.errors import BadInput, Progress
 from svv.io.files.keyed_results import digest
 from svv.options.described import chosen
@@ -29,10 +30,10 @@ from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import key_of
 from svv.pv.results.time_steps import Moment
-from svv.pv.work import resampled
 from svv.pv.work.base import ORBIT
 from svv.pv.work.connected import BAKED, OF_SCENE, is_baked, is_flat, what_is
 from svv.pv.work.parallel import crew_of
+from svv.pv.work.resampled import image_of
 from svv.pv.work.vtk_data import camera_of, digest_of, key_of_views, time_of
 
 if TYPE_CHECKING:
@@ -49,11 +50,7 @@ if TYPE_CHECKING:
 
 
 def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
-    """Return the input as an image; a grid of another kind is resampled to one.
-
-    Raises:
-        BadInput: It is empty, flat, made of a scene, or no grid.
-    """
+    """Return the input as an image, resampled if need be; BadInput if it is empty, flat, of a scene, or no grid."""
     check_there(data)
     what, crew = what_is(data), crew_of(data)
     if isinstance(data, vtkImageData) and data.GetNumberOfPoints() == 0 and crew is None:
@@ -68,8 +65,8 @@ def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
         raise BadInput(f"The input is {what}, and StyleRF needs a volume: connect data with more than one slice.")
     if isinstance(data, vtkImageData):
         return data
-    if data is not None and resampled.is_mesh(data):
-        return resampled.image_of(data, values)
+    if data is not None and is_mesh(data):
+        return image_of(data, values)
     grid = "Table To Structured Grid" if data is not None and data.IsA("vtkTable") else "a filter that makes a grid"
     raise BadInput(f"The input is {what}, and StyleRF needs a volume: insert {grid} before this filter.")
 
@@ -83,7 +80,7 @@ def _has_values(data: vtkDataObject | None, values: Values) -> bool:
 
 
 def _is_volume(data: vtkDataObject | None) -> bool:
-    return isinstance(data, vtkImageData) or (data is not None and resampled.is_mesh(data))
+    return isinstance(data, vtkImageData) or (data is not None and is_mesh(data))
 
 
 def is_whole_volume(data: vtkDataObject | None) -> bool:
@@ -101,9 +98,7 @@ def _digest_of(image: vtkImageData, values: Values) -> str:
     crew = crew_of(image)
     if crew is not None:
         image = crew.piece.whole
-    direction = image.GetDirectionMatrix()
-    turned = [direction.GetElement(i, j) for i in range(3) for j in range(3)]
-    place = [image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), turned]
+    place = [image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), direction_of(image)]
     if crew is not None:
         return digest(*place, crew.digest())
     first, second = image.GetPointData(), image.GetCellData()
@@ -126,16 +121,7 @@ def _drawing(values: Values) -> list[object]:
 
 
 def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
-    """Return what the views of a volume depend on, and the volume's time.
-
-    Args:
-        data: The volume.
-        values: The panel's values.
-        asked: Time requested from the pipeline; None if there was none.
-
-    Raises:
-        BadInput: The input is not an image, or there is no transfer function.
-    """
+    """Return what the views of a volume depend on, its time, and the time that was asked for; or raise BadInput."""
     image, look = volume_of(data, values), digest(transfer_function_of(values).to_dict())
     settings = digest(_drawing(values), values["OpacityUnitDistance"])
     # Choosing another table counts as a changed setting; changing the same table counts as an edit.
@@ -144,11 +130,7 @@ def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -
 
 
 def transfer_function_of(values: Values) -> TransferFunction:
-    """Return the panel's transfer function.
-
-    Raises:
-        BadInput: The panel has none, or the volume is shown in a way that is not supported.
-    """
+    """Return the panel's transfer function; raise BadInput if it has none, or the volume's display is not supported."""
     from svv.dvr.functions.transfer_functions import TransferFunction
 
     if values.get("Refusal"):
@@ -178,11 +160,7 @@ def shading_of(values: Values) -> Shading:
 def draw_views(
     image: vtkImageData, values: Values, options: ViewOptions, progress: Progress
 ) -> tuple[ViewSet, ViewSet | None]:
-    """Draw training and test views of a volume as the panel shows it.
-
-    Raises:
-        BadInput: The reasons of :func:`svv.dvr.draw.views.make_views`.
-    """
+    """Draw training and test views of a volume as the panel shows it; raises as ``make_views``."""
     from svv.dvr.draw.views import make_views
     from svv.dvr.parallel.crew_views import make_crew_views
 
@@ -220,10 +198,7 @@ def training_moment(data: vtkDataObject | None, values: Values, asked: float | N
 
 
 def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: Moment) -> bool:
-    """Return whether a scene that was trained at another time can follow the data to the present one.
-
-    It can if it is a function of the volume's values (encoding ``values``) and the volume is in one piece.
-    """
+    """Return whether a scene of the encoding ``values`` can follow a volume in one piece from one time to another."""
     moved = made is not None and made.data != now.data and None not in (made.time, now.time) and made.time != now.time
     return moved and None not in (scene.values, scene.steps) and is_whole_volume(data)
 
@@ -231,7 +206,7 @@ def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: 
 def moving_from(
     scene: Scene, data: vtkDataObject | None, values: Values, now: Moment, times: Sequence[float]
 ) -> Moving | None:  # fmt: skip
-    """Return what follows the matter of a volume from the time, one of ``times``, at which a scene is painted.
+    """Return what follows a volume's matter from the time, one of ``times``, at which a scene is painted.
 
     None if the scene cannot follow its volume, has no paint, or the data have no time.
     """
@@ -245,8 +220,7 @@ def moving_from(
 def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, moving: Moving | None = None) -> Scene:
     """Return a scene as another time step of its volume makes it; paint moves with the matter where that is known.
 
-    Raises:
-        BadInput: The scene shows nothing of the volume, or has paint or parts that cannot follow.
+    Raises BadInput if the scene shows nothing of the volume, or has paint or parts that cannot follow.
     """
     from svv.dvr.draw.classify import classified_as
     from svv.dvr.functions.transfer_functions import TransferFunction
@@ -262,11 +236,7 @@ def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, mov
 
 
 def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
-    """Return the scene in the user's file; None if it was trained on something else or the file does not exist.
-
-    Raises:
-        BadInput: The file is not a scene file, or it is damaged.
-    """
+    """Return the scene in the user's file; None if there is none, or it was trained on something else."""
     from svv.fields.devices.gpu import device_named
     from svv.fields.scene.scene import Scene
 
@@ -297,11 +267,7 @@ def as_cut(volume: BakedVolume, values: Values) -> BakedVolume:
 
 
 def camera_for(rig: CameraRig, values: Values) -> Camera:
-    """Return the panel's camera; if it is all zeros, the camera of the panel's frame of an orbit.
-
-    Raises:
-        BadInput: The camera is invalid, or the orbit has no such frame.
-    """
+    """Return the panel's camera, or if it is all zeros, that of the panel's frame of an orbit; or raise BadInput."""
     width, height = size_of(values)
     if any(values["Camera"][:6]):
         return camera_of(values["Camera"], width, height, values["ParallelScale"])
@@ -341,11 +307,7 @@ def emptiness_of(scene: Scene, depth: NDArray[np.number]) -> str:
 
 
 def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, NDArray[np.number]]:
-    """Render RGBA (uint8), depth and regions of a scene from a camera.
-
-    Raises:
-        BadInput: The scene does not hold the network that the panel asks for, or the device is not available.
-    """
+    """Render RGBA (uint8), depth and regions of a scene from a camera; raise BadInput without network or device."""
     from svv.fields.devices.gpu import device_named
     from svv.io.pictures.mask_pictures import region_map_overlay
     from svv.io.pictures.output import to_bytes

@@ -43,11 +43,7 @@ def _plain(value: object) -> object:
 
 
 def painted_as_edited(scene: Scene, edits: Values, progress: Progress = silent) -> tuple[Scene, str]:
-    """Return a scene with edits of :func:`edits_of`, and what to say about them, after a space.
-
-    Raises:
-        BadInput: As :func:`svv.pv.work.editing.as_edited`.
-    """
+    """Return a scene with edits of :func:`edits_of`, and what to say about them; raise as ``as_edited``."""
     if not edits:
         return scene, ""
     from svv.pv.work.editing import as_edited
@@ -78,14 +74,7 @@ def sketch_as_edited(scene: Scene, edits: Values) -> tuple[Scene, str]:
 
 
 def put_edited(file: Path, edits: Values, table: vtkTable, sketch: bool = False) -> None:
-    """Fill a table with the scene in a file, edited; without edits, only the file's header is read.
-
-    Args:
-        file: The scene file.
-        edits: As for :func:`painted_as_edited`.
-        table: Table to fill.
-        sketch: Whether the scene is still being learned: it has the edits that it can have.
-    """
+    """Fill a table with the scene, or sketch, in a file, edited; without edits, only the file's header is read."""
     if not edits:
         put_stored(*Stored.and_content(file), table)
     else:

@@ -1,7 +1,6 @@
 """Filters on several ranks: the first one works, and the others draw their pieces of the volume when it needs views.
 
-A volume stays divided as ParaView has divided it (:mod:`svv.dvr.parallel.crew`). Scenes and images are on the first
-rank.
+A volume stays divided (:mod:`svv.dvr.parallel.crew`). Scenes and images are on the first rank.
 """
 
 from __future__ import annotations
@@ -93,14 +92,9 @@ def do_next_job(data: vtkDataObject) -> None:
 def on_all_ranks(source: Proxy, array: tuple[str, str], time: float, work: Callable[[vtkDataObject], Result]) -> Result:
     """Do work on the first rank while the others wait for orders, as in a filter.
 
-    Args:
-        source: Proxy of the source of the volume.
-        array: POINTS or CELLS, and name of the volume's array.
-        time: Time at which the source is updated.
-        work: Called with the first rank's part of the volume, whose :func:`crew_of` is all ranks.
-
-    Raises:
-        BadInput: The plugin is not loaded, or every rank runs the script.
+    The source is updated at a time; ``array`` is POINTS or CELLS, and a name. The work is given the first rank's part
+    of the volume, whose :func:`crew_of` is all ranks. Raises BadInput without the plugin, or if all ranks run the
+    script.
     """
     from paraview.modules.vtkRemotingCore import vtkProcessModule
     from paraview.modules.vtkRemotingServerManager import vtkSMPropertyHelper, vtkSMProxyManager

@@ -30,16 +30,12 @@ class Click(Values, total=False):
 
 
 class Picking(Filter):
-    """A filter with buttons that let clicks add to a property of its panel."""
+    """A filter that answers clicks: in most, buttons let them add to a property of its panel."""
 
     _picked = ""
 
     def pick(self, where: str) -> None:
-        """Answer a click, for :meth:`GetPicked`.
-
-        Args:
-            where: Button, camera and pixel as JSON; empty: there was no click.
-        """
+        """Answer a click, given as JSON, for :meth:`GetPicked`; an empty text means that there was none."""
         self._picked = ""
         if where:
             try:
@@ -48,42 +44,23 @@ class Picking(Filter):
                 self.say(str(error))
 
     def GetPicked(self) -> str:
-        """Return what the last click adds to the property of its button; empty if it adds nothing."""
+        """Return the answer to the last click; empty if there is none."""
         return self._picked
 
     def answer(self, seen: Click) -> str:
-        """Return what a click adds to the property of its button.
-
-        Args:
-            seen: What was clicked on, from :func:`svv.pv.client.part_picking.seen_at`.
-
-        Raises:
-            BadInput: Nothing is visible there, or it cannot be added.
-        """
+        """Return what a click adds to the property of its button; raise BadInput if nothing is visible, or fits."""
         raise NotImplementedError
 
 
-class Clickable(Filter):
+class Clickable(Picking):
     """A filter whose picture of a scene can be clicked on: it tells others which place a pixel of it shows."""
 
-    _picked = ""
-
-    def pick(self, where: str) -> None:
-        """Find the place of a click, for :meth:`GetPicked`.
-
-        Args:
-            where: Camera and pixel as JSON; empty: there was no click.
-        """
-        self._picked = ""
-        if where:
-            try:
-                self._picked = json.dumps({"place": self._place(parsed(where))})
-            except BadInput as error:
-                self._picked = json.dumps({"said": str(error)})
-
-    def GetPicked(self) -> str:
+    def answer(self, seen: Click) -> str:
         """Return what a :class:`Click` takes over: the place that is visible there, or why there is none."""
-        return self._picked
+        try:
+            return json.dumps({"place": self._place(seen)})
+        except BadInput as error:
+            return json.dumps({"said": str(error)})
 
     def _place(self, seen: Click) -> str:
         if self.values.get("Cut"):
@@ -95,15 +72,9 @@ class Clickable(Filter):
 
 
 def point_seen(scene: Scene, seen: Click, network: NetworkName | None = None) -> str:
-    """Return the point that is visible at a pixel, as the properties Parts and Points hold it.
+    """Return the point that is visible at a pixel, as the properties Parts and Points hold it, or raise BadInput.
 
-    Args:
-        scene: The scene that is shown if the click was on no picture.
-        seen: Camera and pixel, from :func:`svv.pv.client.part_picking.seen_at`.
-        network: As in :meth:`svv.Scene.render`.
-
-    Raises:
-        BadInput: Nothing is visible there.
+    The scene counts if the click was on no picture; the network is as in :meth:`svv.Scene.render`.
     """
     from svv.pv.work.engine import camera_for
 

@@ -35,13 +35,7 @@ NO_VIEWS = (
 
 
 def learning(data: vtkDataObject | None, values: Values) -> Request:
-    """Return the request to learn a scene of a volume, or of the views that the input belongs to.
-
-    It is painted if the panel has pictures for that.
-
-    Raises:
-        BadInput: The input is not a volume, or the options or the scene file cannot be used.
-    """
+    """Return the request to learn a scene of a volume or its views, painted if the panel has pictures; or BadInput."""
     from svv.fields.devices.gpu import device_named
     from svv.io.files.atomic import check_writable
     from svv.job.request import Request
@@ -68,26 +62,14 @@ def learning(data: vtkDataObject | None, values: Values) -> Request:
 
 
 def painting(scene: Scene, values: Values, go_on: bool = False) -> Request:
-    """Return the request to paint a scene as the panel asks.
-
-    Args:
-        scene: Scene with a palette network.
-        values: The panel's values; missing ones have their defaults.
-        go_on: Whether to continue the painting that the scene shows.
-    """
+    """Return the request to paint a scene with a palette network as the panel asks, or to go on with its painting."""
     from svv.job.request import Request
 
     return Request(scene, paint=_paint(values, go_on), device=options_in(DeviceOptions, values).device)
 
 
 def correcting(scene: Scene, views: Callable[[Progress], ViewSet], values: Values) -> Request:
-    """Return the request to correct the palette of a scene as the panel asks.
-
-    Args:
-        scene: Scene with a palette network.
-        views: Reads the views that it was trained on.
-        values: The panel's values.
-    """
+    """Return the request to correct a scene's palette as the panel asks; ``views`` reads those it learned from."""
     from svv.job.request import Correct, Request
     from svv.pv.work.editing import correction_in
 

@@ -7,18 +7,12 @@ from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataObject, vt
 from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
 from svv.pv.panel_values import Values
 
-__all__ = ["image_of", "is_mesh", "describe_resampled_input"]
-
 _last: dict[tuple[object, ...], vtkImageData] = {}
 """What an image was resampled from -> the last such image, which the filters on one input share."""
 
 
 def image_of(data: vtkDataObject, values: Values) -> vtkImageData:
-    """Return a mesh as an image, resampled as a panel's values say (:func:`svv.dvr.read.meshes.resampled`).
-
-    Raises:
-        BadInput: It cannot be resampled.
-    """
+    """Return a mesh as an image, as a panel's values say (:func:`svv.dvr.read.meshes.resampled`); or raise BadInput."""
     array, cells, along = values.get("Scalars") or None, values.get("ScalarsOnCells", False), values.get("ResampleTo")
     key = (data.__this__, _changed(data), array, cells, along)
     if key not in _last:

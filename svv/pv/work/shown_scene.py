@@ -1,7 +1,7 @@
 """Scenes that images show: a filter behind an image of a scene takes that scene.
 
-An image is sent to ParaView's client and saved, and a scene is up to a hundred times as large. The image therefore
-carries only a key; the scene stays with the filter that made the image, for as long as that exists.
+An image is sent to ParaView's client and saved, and a scene is up to a hundred times as large: the image carries only a
+key, and the scene stays with the filter that made it, for as long as that exists.
 """
 
 from __future__ import annotations
@@ -36,12 +36,7 @@ _shown: weakref.WeakValueDictionary[bytes, ShownScene] = weakref.WeakValueDictio
 
 
 class ShownScene:
-    """The scene of an image.
-
-    Args:
-        fill: Fills an empty table with it (:func:`svv.pv.work.vtk_data.put_scene`); called when a filter asks for
-            it first.
-    """
+    """The scene of an image; ``fill`` puts it into an empty table when a filter asks for it first."""
 
     def __init__(self, fill: Callable[[vtkTable], object]) -> None:
         self._fill, self._key = fill, uuid4().bytes
@@ -73,11 +68,7 @@ def mark_scene(data: vtkDataObject, key: bytes = bytes(LENGTH)) -> None:
 
 
 def shown_in(data: vtkDataObject) -> ShownScene:
-    """Return the scene that a table carries, or an image shows, for an image that is made of it.
-
-    Raises:
-        BadInput: As :func:`table_of`.
-    """
+    """Return the scene that a table carries, or an image shows, for another image of it; raise as :func:`table_of`."""
     table = table_of(data) or data
     return ShownScene(lambda copy: copy.ShallowCopy(table))
 
@@ -85,8 +76,7 @@ def shown_in(data: vtkDataObject) -> ShownScene:
 def table_of(data: vtkDataObject | None) -> vtkDataObject | None:
     """Return the table of the scene that an image shows; any other data as they are.
 
-    Raises:
-        BadInput: The filter that made the image no longer exists, or the image was read from a file.
+    Raises BadInput if the filter that made the image no longer exists, or the image was read from a file.
     """
     array = None if data is None or data.IsA("vtkTable") else data.GetFieldData().GetArray(KEY)
     if array is None:

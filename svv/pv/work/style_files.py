@@ -8,7 +8,7 @@ from pathlib import Path
 from svv.errors import BadInput
 from svv.io.files.keyed_results import digest, digest_of_file
 from svv.options.described import chosen
-from svv.options.making import PaintOptions
+from svv.options.making import DRAWN, PREFIX, PaintOptions
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values, region_row
@@ -34,8 +34,6 @@ def lost_file(values: Values) -> str:
 
 def _pictures(values: Values) -> list[str]:
     """Return the names of the style pictures that are files."""
-    from svv.options.making import DRAWN, PREFIX
-
     return [name for name in values["StyleFiles"] if not name.startswith((PREFIX, DRAWN))]
 
 
@@ -47,12 +45,7 @@ def _masks(values: Values) -> list[str]:
 def style_key(values: Values, known: Mapping[str, str] | None = None) -> str:
     """Return a hash of everything but the scene that a painting depends on; files count by content and name.
 
-    Args:
-        values: The panel's values.
-        known: Hashes (:func:`files_of`) of files with which a painting was made; they stand for files that are gone.
-
-    Raises:
-        BadInput: A file does not exist, and is not known.
+    Known hashes (:func:`files_of`) stand for files that are gone; other missing files raise BadInput.
     """
     there = {**(known or {}), **files_of(values)}
     own = _pictures(values)

@@ -1,7 +1,6 @@
 """Style pictures and masks that the panel of StyleRF Stylize asks for: reading, showing and saving them.
 
-A region's row in the panel names its picture or leaves the choice to the mapping. Pictures come from files or from the
-gallery.
+A region's row names its picture, from a file or the gallery, or leaves the choice to the mapping.
 """
 
 from __future__ import annotations
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress
 from svv.io.pictures.mask_file import Mask, Selection
+from svv.options.making import DRAWN, PREFIX
 from svv.pv.panel.groups import AS_IT_IS, AUTOMATIC, NO_GALLERY, PICTURE, REGIONS
-from svv.pv.panel_values import Values, region_row
+from svv.pv.panel_values import Values, points_in, region_row
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -32,11 +32,7 @@ def sources_of(values: Values) -> list[str]:
 
 
 def source_of(values: Values, region: int) -> str | None:
-    """Return the picture named in a region's row; None if the mapping chooses it, '' if the region stays unpainted.
-
-    Raises:
-        BadInput: The row names a picture that is not among Style Files.
-    """
+    """Return the picture of a region's row, None if the mapping chooses it, '' to leave it unpainted; or BadInput."""
     word, files = region_row(values, region).get("Style", AUTOMATIC), values["StyleFiles"]
     if word == AUTOMATIC:
         return None
@@ -53,8 +49,6 @@ def source_of(values: Values, region: int) -> str | None:
 
 def _offered(word: str) -> str:
     """Return the source of an entry that the panel offers: an ink, or a picture from the gallery."""
-    from svv.options.making import DRAWN, PREFIX
-
     return word if word.startswith(DRAWN) else PREFIX + word
 
 
@@ -65,18 +59,14 @@ def asks_for_part(values: Values, region: int) -> bool:
 
 
 def mask_for(values: Values, region: int, source: str, picture: Colours) -> tuple[Mask | None, Selection | None]:
-    """Return the part of a picture that a region's row asks for, and its points; both None for the whole picture.
-
-    Raises:
-        BadInput: Points or mask are invalid (:func:`svv.styles.selecting.selected`), or the part does not exist.
-    """
+    """Return the part of a picture that a region's row asks for, and its points, both None for all; or BadInput."""
     from svv.styles.selecting import selected
 
     row = region_row(values, region)
     if not asks_for_part(values, region):
         return None, None
-    positive = points_in(row["Positive"], f"Region {region} Positive")
-    negative = points_in(row["Negative"], f"Region {region} Negative")
+    positive = pixels_in(row["Positive"], f"Region {region} Positive")
+    negative = pixels_in(row["Negative"], f"Region {region} Negative")
     number, file = row["Part"], row["Mask"]
     if number >= 0:
         if positive or negative or file:
@@ -94,11 +84,7 @@ def mask_for(values: Values, region: int, source: str, picture: Colours) -> tupl
 
 
 def parts_of(values: Values, picture: Colours) -> NDArray[np.int64]:
-    """Divide a picture into the panel's number of parts; they are numbered by size, the largest is 0. (h, w)
-
-    Raises:
-        BadInput: The number of parts is not set, or out of range.
-    """
+    """Divide a picture into the panel's number of parts, numbered by size from the largest; or BadInput. (h, w)"""
     from svv.styles.segmenters import style_regions
 
     if not values["PictureParts"]:
@@ -106,36 +92,20 @@ def parts_of(values: Values, picture: Colours) -> NDArray[np.int64]:
     return style_regions(picture, values["PictureParts"])
 
 
-def points_in(text: str, name: str) -> list[tuple[float, float]]:
+def pixels_in(text: str, name: str) -> list[tuple[float, float]]:
     """Parse '310,120; 40,300' as points; raise BadInput for anything else."""
-    points = []
-    for place in filter(None, (p.strip() for p in text.split(";"))):
-        try:
-            x, y = (float(word) for word in place.split(","))
-        except ValueError:
-            raise BadInput(
-                f"{name} must be points in pixels of the picture, such as 310,120; 40,300, not '{text}'."
-            ) from None
-        points.append((x, y))
-    return points
+    found = points_in(text, 2, f"{name} must be points in pixels of the picture, such as 310,120; 40,300")
+    return [(x, y) for x, y in found]
 
 
 def preview(
     values: Values, progress: Progress
 ) -> tuple[Colours, NDArray[np.uint8], NDArray[np.uint8], tuple[int, int]]:
-    """Return the picture of the region whose mask is shown, its overlay, and the part of it that is used.
+    """Return the picture of the region whose mask is shown, its overlay, the part that is used, and the file's size.
 
-    Args:
-        values: The panel's values.
-        progress: Called while a gallery picture is painted.
-
-    Returns:
-        Picture (h, w, 3) in [0, 1]; overlay (h, w, 3) uint8, with rulers in pixels of the file; mask (h, w), the
-        numbers of the parts if the picture is divided and no part is chosen, otherwise 1 and 0; width and height of
-        the file.
-
-    Raises:
-        BadInput: There is no picture to show, or any reason of :func:`mask_for`.
+    Picture (h, w, 3) in [0, 1]; overlay (h, w, 3) uint8, with rulers in pixels of the file; mask (h, w), the numbers of
+    the parts if the picture is divided and no part is chosen, otherwise 1 and 0; width and height of the file. Raises
+    BadInput if there is no picture, or as :func:`mask_for`.
     """
     from svv.io.pictures.mask_pictures import mask_overlay, regions_overlay, with_rulers
     from svv.io.pictures.output import to_bytes

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 from svv.errors import BadInput, Progress
-from svv.io.pictures.mask_file import Mask
 from svv.pv.panel.groups import REGIONS
 from svv.pv.panel_values import Values, region_row
 from svv.pv.results.keys import digest_of_scene
@@ -17,7 +17,7 @@ from svv.pv.work.style_masks import NO_PICTURE, asks_for_part, mask_for, source_
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.job.request import Styles
-    from svv.train.paint.ink import Style, StyleInput
+    from svv.train.paint.ink import StyleInput
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,6 @@ class Painting:
     base: str
     """Hash of what that scene has learned; its edits do not count."""
     scene: Scene
-    """The scene, which shows the painting."""
     name: str
     """Name under which the painting is kept."""
 
@@ -46,29 +45,13 @@ def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, 
 
 
 def starts_from(scene: Scene, last: Painting | None, values: Values) -> tuple[Scene, bool]:
-    """Return the scene to paint on, and whether its painting is continued.
-
-    Args:
-        scene: Scene with a palette network.
-        last: Last painting of this name, from which to continue if the panel's Continue is on.
-        values: The panel's values.
-    """
+    """Return the scene to paint on, and whether its painting goes on: the last of this name, if Continue is on."""
     go_on, name = goes_on(scene, last, values)
     return (last.scene if last is not None and name else scene), go_on
 
 
 def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, name: str) -> Scene:
-    """Return a scene with all of its paintings, and with its own edits.
-
-    Args:
-        scene: The current scene.
-        paintings: Paintings by the name that the panel gave them.
-        shown: Variant to show; if empty, the painting ``name``.
-        name: The panel's name of the last painting; '' if there is none.
-
-    Raises:
-        BadInput: There is no variant ``shown``.
-    """
+    """Return a scene with its own edits and all paintings, by the panel's names, showing ``shown`` or the last."""
     from svv.fields.following.followed_scene import on_cells_of
 
     base, own = digest_of_scene(scene), {}
@@ -107,50 +90,14 @@ def _layers_painted(scene: Scene, painting: Scene) -> Scene:
     return with_members(scene, changed)
 
 
-@dataclass
-class _Chosen:
-    """The pictures that are chosen so far, and the style of each region."""
-
-    given: list[StyleInput] = field(default_factory=list)
-    """Pictures or inks, with their masks."""
-    mapping: dict[int, int | str] = field(default_factory=dict)
-    """Region -> index into ``given``, with the name of a part behind a colon if one is asked for."""
-    opened: dict[str, tuple[str, Style]] = field(default_factory=dict)
-    """Source -> name and style; each is read once."""
-    _numbers: dict[tuple[str, int | None], int] = field(default_factory=dict)
-
-    def add(self, source: str, mask: Mask | None, region: int, share: str, progress: Progress) -> None:
-        """Assign a picture, or the part of it inside a mask, to a region; ``share`` names what it has of it, if any."""
-        from svv.train.paint.ink import StyleInput
-
-        name, picture = self.open(source, progress)
-        key = source, None if mask is None else region
-        if key not in self._numbers:
-            self._numbers[key] = len(self.given)
-            self.given.append(StyleInput(picture, name if mask is None else f"{name} (region {region})", mask))
-        self.mapping[region] = f"{self._numbers[key]}:{share}" if share else self._numbers[key]
-
-    def open(self, source: str, progress: Progress) -> tuple[str, Style]:
-        """Return the name and the picture or ink of a source; each source is read once."""
-        from svv.train.paint.ink import style_named
-
-        if source not in self.opened:
-            self.opened[source] = style_named(source, progress)
-        return self.opened[source]
-
-
 def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
-    """Return the styles that the panel asks for.
-
-    Raises:
-        BadInput: There is no picture, a picture cannot be used, the scene lacks the region of a row, or a mask is
-            invalid (:func:`mask_for`).
-    """
+    """Return the styles that the panel asks for; raise BadInput for pictures, rows and masks that cannot be used."""
     from svv.job.request import Styles
-    from svv.train.paint.ink import picture_of
+    from svv.train.paint.ink import StyleInput, picture_of, style_named
     from svv.train.paint.style_choice import pairs_by_colour
 
-    count, common, styles = len(scene.regions), sources_of(values), _Chosen()
+    opened = cache(lambda source: style_named(source, progress))
+    count, common = len(scene.regions), sources_of(values)
     rows = {region: source_of(values, region) for region in range(REGIONS)}
     for region, source in rows.items():
         if region >= count and (source is not None or asks_for_part(values, region)):
@@ -164,19 +111,26 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
             if asks_for_part(values, region):
                 raise BadInput(f"Region {region} has points or a mask, but no picture: choose one in its row.")
     elif values.get("Mapping") == "by colour":
-        pictures = [styles.open(source, progress)[1] for source in common]
+        pictures = [opened(source)[1] for source in common]
         rest = set(range(count)) - set(free)
         rows |= {region: common[k] for region, k in pairs_by_colour(scene.regions, pictures, None, rest).items()}
     else:
         rows |= {region: common[k % len(common)] for k, region in enumerate(free)}
-    for region in range(count):
-        source = rows.get(region)
+    given: list[StyleInput] = []
+    numbers: dict[tuple[str, int | None], int] = {}
+    mapping: dict[int, int | str] = {}  # number of what is given, with the name of a part behind a colon if any
+    for region, source in [(region, rows.get(region)) for region in range(count)]:
         if source:
-            style = styles.open(source, progress)[1]
+            name, style = opened(source)
             mask = mask_for(values, region, source, picture_of(style))[0] if asks_for_part(values, region) else None
-            styles.add(source, mask, region, region_row(values, region).get("Share", "").strip(), progress)
-    if not styles.mapping:
+            key = source, None if mask is None else region
+            if key not in numbers:
+                numbers[key] = len(given)
+                given.append(StyleInput(style, name if mask is None else f"{name} (region {region})", mask))
+            share = region_row(values, region).get("Share", "").strip()
+            mapping[region] = f"{numbers[key]}:{share}" if share else numbers[key]
+    if not mapping:
         raise BadInput("No region is left to paint, because all stay as they are: choose a picture for at least one.")
     unused = [source for source in dict.fromkeys(common) if source not in rows.values()]
     notes = [f"{source} is not used, because there are more pictures than regions." for source in unused]
-    return Styles(styles.given, styles.mapping, notes)
+    return Styles(given, mapping, notes)

@@ -1,7 +1,6 @@
 """Show a baked scene in a 3D view: as a volume in its own colours, with the opacity function that its codes mean.
 
-Client code. A display of StyleRF Volume, or of a file that `svv export` wrote, becomes a volume when it is created.
-Before a view is drawn, the opacity function and its unit distance are set if the data ask for others than the last
+Client code. Before a view is drawn, the function and its unit distance are set if the data ask for others than the last
 time, so that what the user changes stays.
 """
 
@@ -23,11 +22,7 @@ _told: Watched[float] = Watched()
 
 
 def look_of(source: Proxy) -> tuple[float, float] | None:
-    """Return a baked volume's opacity unit distance, world units, and largest opacity; None for anything else.
-
-    Args:
-        source: Proxy of a source or filter.
-    """
+    """Return the opacity unit distance, world units, and largest opacity of a source's baked volume, or None."""
     information = source.SMProxy.GetDataInformation(source.Port).GetFieldDataInformation()
     unit, function = (information.GetArrayInformation(name) for name in (UNIT_DISTANCE, OPACITY))
     if unit is None or function is None:

@@ -1,8 +1,7 @@
 """Convert scenes, images and views to VTK data and back: scenes become tables, images and views become image data.
 
 Only plain VTK data passes between filters, so ParaView can show, save and transfer it. A scene's table carries the
-whole scene file as an array of bytes; unpacked scenes are cached, because a moving camera reads the same one again and
-again.
+scene file as bytes; unpacked scenes are cached, because a moving camera reads the same one again and again.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints
 from vtkmodules.vtkCommonDataModel import (
     vtkCellArray,
     vtkDataObject,
@@ -27,7 +26,7 @@ from vtkmodules.vtkCommonDataModel import (
 
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
-from svv.dvr.read.appearance import named
+from svv.dvr.read.appearance import named, named_text
 from svv.errors import BadInput
 from svv.io.files.keyed_results import digest
 from svv.pv.failed import check_there
@@ -88,20 +87,11 @@ def _put_regions(regions: Sequence[Region], table: vtkTable) -> None:
     for name, values in columns:
         table.AddColumn(named(name, values))
     for heading, words in (("Name", [r.name for r in regions]), ("Style", [r.style for r in regions])):
-        column = vtkStringArray()
-        column.SetName(heading)
-        for word in words:
-            column.InsertNextValue(word or "")
-        table.AddColumn(column)
+        table.AddColumn(named_text(heading, *(word or "" for word in words)))
 
 
 def finished_scene_of(data: vtkDataObject | None) -> Scene:
-    """Return the scene that a table carries, for work that is not worth while on a sketch.
-
-    Raises:
-        NotYetThere: It is still being learned.
-        BadInput: As :func:`scene_of`.
-    """
+    """Return the scene as :func:`scene_of`, for work not worth while on a sketch: NotYetThere while it is learned."""
     if is_unfinished(data):
         raise NotYetThere("The scene is still being learned: this is done when it is there.")
     return scene_of(data)
@@ -110,10 +100,7 @@ def finished_scene_of(data: vtkDataObject | None) -> Scene:
 def scene_of(data: vtkDataObject | None) -> Scene:
     """Return the scene that a table carries, or that an image shows.
 
-    Raises:
-        NotYetThere: There will be one.
-        FailedBefore: There is none, because a filter before has failed.
-        BadInput: There is none, or it is damaged.
+    Raises NotYetThere if there will be one, FailedBefore if a filter before has failed, BadInput if there is none.
     """
     data = table_of(data)
     if is_unfinished(data) and data is not None and not data.GetFieldData().HasArray(SCENE):
@@ -180,11 +167,9 @@ def forget_scenes() -> None:
 
 
 def put_image(image: vtkImageData, arrays: dict[str, NDArray[np.number]]) -> None:
-    """Fill an image with arrays whose row 0 is at the top; the first array becomes its scalars.
+    """Fill an image of one slice with arrays (height, width) or (height, width, channels), row 0 at the top.
 
-    Args:
-        image: Image to fill; it gets one slice, with row 0 at the bottom, as usual in VTK.
-        arrays: Arrays by name, each (height, width) or (height, width, channels).
+    The first becomes its scalars; its own row 0 is at the bottom, as usual in VTK.
     """
     image.Initialize()
     height, width = next(iter(arrays.values())).shape[:2]
@@ -211,11 +196,7 @@ def put_camera(camera: Camera, data: vtkDataObject) -> None:
 
 
 def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.float32], Camera]:
-    """Return RGBA (height, width, 4), depth (height, width) and camera of an image; row 0 is at the top.
-
-    Raises:
-        BadInput: The data are not an image that StyleRF Render or StyleRF Stylized View made.
-    """
+    """Return RGBA (height, width, 4), depth (height, width) and camera of an image, row 0 at the top; or BadInput."""
     check_there(data)
     fields = None if data is None else data.GetFieldData().GetArray(CAMERA)
     if data is None or fields is None or not data.IsA("vtkImageData"):
@@ -286,16 +267,10 @@ def _store_ranges(array: vtkDataArray, ends: NDArray[np.float64], norms: tuple[f
 
 
 def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale: float = 0.0) -> Camera:
-    """Return a camera from VTK's ten numbers and its parallel scale.
+    """Return a camera from VTK's ten numbers and its parallel scale, in world units; 0 for perspective.
 
-    Args:
-        numbers: Position (3), focal point (3), view up (3), and the vertical angle of view in degrees.
-        width: Width of the image, in pixels.
-        height: Height of the image, in pixels.
-        parallel_scale: Half of the image's height in world units if the camera is orthographic; 0 if it is not.
-
-    Raises:
-        BadInput: Position and focal point coincide, or the angle or scale is out of range.
+    They are position, focal point, view up, and the vertical angle of view in degrees. Raises BadInput if position and
+    focal point coincide, or the angle or scale is out of range.
     """
     position, focal, up = (np.array(numbers[k : k + 3], np.float64) for k in (0, 3, 6))
     if parallel_scale:
@@ -308,12 +283,7 @@ def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale:
 
 
 def numbers_of(camera: Camera, centre: Sequence[float]) -> list[float]:
-    """Return VTK's ten numbers of a camera, with its horizontal angle of view.
-
-    Args:
-        camera: The camera.
-        centre: A point in world coordinates; the focal point is as far away.
-    """
+    """Return VTK's ten numbers of a camera, with its horizontal angle; the focal point is as far away as ``centre``."""
     ahead = -camera.camera_to_world[:3, 2]
     focal = camera.position + ahead * max(float(ahead @ (np.asarray(centre) - camera.position)), 1e-6)
     return [*camera.position, *focal, *camera.camera_to_world[:3, 1], float(np.degrees(camera.fov_x))]
@@ -327,16 +297,8 @@ def put_views(
 ) -> None:
     """Fill the outputs with one view as an image and all cameras as points; both refer to the views they belong to.
 
-    The views themselves stay with the filter that made them: a token in the image's field data refers to them for as
-    long as that filter exists.
-
-    Args:
-        views: All views.
-        index: Number of the view to show.
-        image: Image to fill.
-        cameras: Points to fill.
-        key: Hash of what the views depend on; by default the hash of the views themselves.
-        file: File that lists them, if they were read from one.
+    The views stay with the filter that made them: a token in the field data refers to them as long as that exists.
+    ``key`` is a hash of what they depend on, by default theirs, ``file`` the one that lists them, if they were read.
     """
     put_image(image, {"RGBA": views.images[index]})
     token = f"{id(views):x}"
@@ -352,19 +314,11 @@ def put_no_views(key: str, image: vtkImageData, cameras: vtkPolyData) -> None:
 
 def _mark(token: str, key: str, file: str, *outputs: vtkDataObject) -> None:
     for data in outputs:
-        name = vtkStringArray()
-        name.SetName(VIEWS)
-        for value in (token, key, file):
-            name.InsertNextValue(value)
-        data.GetFieldData().AddArray(name)
+        data.GetFieldData().AddArray(named_text(VIEWS, token, key, file))
 
 
 def key_of_views(data: vtkDataObject | None) -> str | None:
-    """Return a hash of what the views of an image depend on; None if the image does not belong to any views.
-
-    Raises:
-        BadInput: The filter that made the views no longer exists.
-    """
+    """Return a hash of what an image's views depend on, None if it has none; raise as :func:`views_of`."""
     array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
     if array is None:
         return None
@@ -376,11 +330,7 @@ def key_of_views(data: vtkDataObject | None) -> str | None:
 
 
 def views_of(data: vtkDataObject | None) -> ViewSet | None:
-    """Return the views that an image belongs to; None if it does not belong to any.
-
-    Raises:
-        BadInput: The filter that made the views no longer exists.
-    """
+    """Return the views that an image belongs to, or None; raise BadInput if the filter that made them is gone."""
     array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
     if array is None:
         return None
@@ -396,8 +346,7 @@ def views_of(data: vtkDataObject | None) -> ViewSet | None:
 def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
     """Fill a data object with cameras as points, with their direction, up, and vertical angle of view (degrees).
 
-    If any camera is orthographic, there is also the parallel scale (world units): half of the height of an orthographic
-    camera's image, and 0 for other cameras. The angle of an orthographic camera is 0.
+    If any is orthographic, there is the parallel scale (world units), half the height of its image, and its angle is 0.
     """
     data.Initialize()
     matrices = np.stack([camera.camera_to_world for camera in cameras])

@@ -47,14 +47,10 @@ class Kind:
 
 
 def list_cached_files() -> list[Kind]:
-    """Return all kinds of files, with what there is of each.
+    """Return all kinds of files, with what there is of each; raises BadInput if a variable's maximum size is none.
 
-    Raises:
-        BadInput: A variable that sets a maximum size does not contain one.
-
-    Example:
-        >>> [kind.name for kind in list_cached_files()][:3]
-        ['results', 'unfinished', 'pyramids']
+    >>> [kind.name for kind in list_cached_files()][:3]
+    ['results', 'unfinished', 'pyramids']
     """
     results, coarse, gallery = Cache.of_user(), pyramids(), pictures()
     weights = weights_folder()

@@ -31,11 +31,7 @@ def request(
 
 
 def drawn(content: dict[str, Any]) -> None:
-    """Draw what a request asks for.
-
-    Raises:
-        BadInput: As for :func:`svv.render.figures.figure.figure`.
-    """
+    """Draw what a request asks for; raises BadInput as :func:`svv.render.figures.figure.figure`."""
     import numpy as np
 
     from svv.fields.scene.scene import Scene

@@ -63,13 +63,7 @@ class Desk(Protocol):
 
 
 class Learner:
-    """Obeys orders, one after another.
-
-    Args:
-        orders: Where they come from.
-        folder: Where states and reports go.
-        desk: Who gives them.
-    """
+    """Obeys the ``orders`` of a ``desk``, one after another; states and reports go to a folder."""
 
     def __init__(self, orders: Orders, folder: Path, desk: Desk) -> None:
         self.orders, self.folder, self.desk = orders, folder, desk
@@ -118,11 +112,7 @@ class Learner:
         return True
 
     def heard(self, fraction: float, label: str) -> None:
-        """Tell the progress of the present work, and obey what has been ordered meanwhile.
-
-        Raises:
-            Cancelled: The work is no longer wanted as it is.
-        """
+        """Tell the progress, and obey what was ordered meanwhile; raises Cancelled if the work is no longer wanted."""
         while self._listen(0.0):
             pass
         begun = time.monotonic()

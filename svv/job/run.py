@@ -29,22 +29,12 @@ def run_job(
     show: Show = unseen,
     stages: Stages | None = None,
 ) -> Path:
-    """Do the whole job, or whatever part of it is not done yet.
+    """Do the whole job, or whatever part of it is not done yet, in the folder ``out``; return the page ``report.html``.
 
-    Args:
-        source: Where the views come from.
-        styles: Style pictures, assigned to the regions in turn; empty for no stylization.
-        out: Folder for all results; created if missing.
-        settings: What to do.
-        show: Shows the progress of each stage.
-        stages: Stages already begun in the same folder, for a job in which an earlier stage creates the source.
-
-    Returns:
-        Path of the page ``report.html``.
-
-    Raises:
-        BadInput: Any input is unusable, or the folder cannot be written to.
-        Cancelled: ``show``'s progress stopped the job; the same call resumes it.
+    Regions get the style pictures in turn; without any, nothing is stylized. ``stages`` are those already begun in the
+    same folder, for a job in which an earlier stage creates the source. Raises BadInput if an input is unusable, or the
+    folder cannot be written to, and Cancelled if the progress that ``show`` gives stopped the job; the same call
+    resumes it.
     """
     check(settings)  # report errors before the work begins, not minutes into it
     source.identity()

@@ -52,15 +52,9 @@ def with_time_steps(
 ) -> tuple[Scene, list[str]]:
     """Return a scene with the time steps of its volume, and what the user should know about them.
 
-    Args:
-        scene: A scene of the encoding ``values``, which was trained on one of the steps.
-        steps: The time steps. Each volume is read twice, one after the other.
-        function: The scene's transfer function; by default as the scene records it.
-        progress: Called several times a second.
-
-    Raises:
-        BadInput: The scene is not one of these, or was trained on none of the steps; a volume cannot be read; or times
-            are equal.
+    The scene, of the encoding ``values``, was trained on one of the steps, each of whose volumes is read twice. The
+    transfer function is by default the one that the scene records. Raises BadInput if the scene is not one of these, or
+    was trained on none of the steps; a volume cannot be read; or times are equal.
     """
     from svv.fields.following.carried_paint import with_lives
     from svv.fields.following.followed_scene import at_step, check_follows

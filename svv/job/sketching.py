@@ -69,12 +69,7 @@ class Sketching:
         self._broad = SKETCHES[-1]
 
     def refine(self, painted: Scene, request: Request) -> bool:
-        """Take strokes as asked if that is quick, or those of the finest sketch; return whether they are others.
-
-        Args:
-            painted: The sketch as it is shown now.
-            request: What is asked for.
-        """
+        """Take strokes as asked if that is quick, or the finest sketch's; return whether ``painted`` has others now."""
         if self.scene is None or request.paint is None or request.paint.options.preset == "draft":
             return False
         manners = painted.made.get("stylized", {}).get("manner", {})

@@ -37,15 +37,7 @@ def unseen(title: str) -> Iterator[Progress]:
 
 
 class Stages:
-    """The stages of one job in one folder.
-
-    Args:
-        folder: Folder for the results; created if missing.
-        show: Shows the progress of a stage.
-
-    Raises:
-        BadInput: The folder cannot be created.
-    """
+    """The stages of one job in one folder, which is created if missing; raises BadInput if it cannot be."""
 
     def __init__(self, folder: Path, show: Show = unseen) -> None:
         self.folder = make_folder(folder)
@@ -66,19 +58,11 @@ class Stages:
         work: Callable[[Progress], object],
         after: Sequence[str] = (),
     ) -> bool:
-        """Do a stage, unless it was done before.
+        """Do a stage, unless it was done before; return whether it was done in this call.
 
-        Args:
-            name: Name of the stage in ``stages.json``.
-            title: Title shown to the user.
-            settings: Everything that the results depend on besides the stages in ``after`` (JSON).
-            outputs: Files in the folder that exist once the stage is done; all others that it wrote when it was done
-                before are removed.
-            work: Called with ``progress``; writes the outputs.
-            after: Names of the stages whose results this one uses; they must be done already.
-
-        Returns:
-            Whether the stage was done in this call.
+        ``name`` is that in ``stages.json``. ``settings`` (JSON) are all that the results depend on besides the stages
+        ``after`` which it comes, which must be done already. The ``outputs`` exist once ``work``, called with a
+        progress, is done; all other files in the folder that the stage wrote when it was done before are removed.
         """
         key = self._key(settings, after)
         self._keys[name] = key

@@ -61,15 +61,9 @@ def with_opacities_of(
 ) -> Scene:
     """Return a scene with the opacities of another function of its volume, with its palette, edits and paint.
 
-    Args:
-        scene: A scene of the encoding ``lattice`` that was trained with its volume.
-        before: The function that it shows, with its unit distance.
-        function: The other function, with its unit distance.
-        volume: The volume (see :func:`svv.dvr.read.grids.as_volume`).
-
-    Raises:
-        BadInput: The scene is not one of these, the volume is another one, or the function shows too much of
-            which no colours were learned.
+    The scene, of the encoding ``lattice``, was trained with the volume (:func:`svv.dvr.read.grids.as_volume`), which it
+    shows by the function ``before``; both functions have their unit distances. Raises BadInput if the scene is not one
+    of these, the volume is another one, or the function shows too much of which no colours were learned.
     """
     density, occupancy = scene.base.density, scene.occupancy
     if density is None or scene.made.get("learned_from") != "volume and views":

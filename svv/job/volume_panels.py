@@ -118,14 +118,9 @@ def remembered(
 ) -> Remembered:
     """Find the volume of a scene.
 
-    Args:
-        scene: The scene.
-        named: Files or images that may be it, whatever they are called.
-        folders: Where a file of its name is looked for: in each of these folders, and in those that hold them.
-        within: The folder beyond which nothing is read of what is looked for; by default anywhere.
-
-    Raises:
-        BadInput: A file that was named does not exist.
+    ``named`` are files or images that may be it, whatever they are called. A file of its name is looked for in the
+    ``folders``, and in those that hold them, but not beyond the folder ``within``. Raises BadInput if a file that was
+    named does not exist.
     """
     for path in named:
         if isinstance(path, Path) and not path.exists():

@@ -56,9 +56,8 @@ def write(look: LookContent, path: str | Path) -> None:
 def read(path: str | Path) -> LookContent:
     """Read a look from a JSON file, or take one that ships, ``gallery:NAME``.
 
-    Raises:
-        BadInput: There is no such look, it is of a newer version, a value in it is out of range or unknown, or one of
-            its pictures is broken or a path.
+    Raises BadInput if there is no such look, it is of a newer version, a value in it is out of range or unknown, or one
+    of its pictures is broken or a path.
     """
     if (ships := offered(str(path))) is not None:
         return from_json(ships, str(path))
@@ -113,15 +112,7 @@ def _style_to_json(style: StyleInput) -> dict[str, str]:
 
 
 def from_json(content: object, name: str) -> LookContent:
-    """Return the look that plain values hold.
-
-    Args:
-        content: The result of :func:`to_json`.
-        name: Name of the file in messages.
-
-    Raises:
-        BadInput: As for :func:`read`.
-    """
+    """Return the look that :func:`to_json` made plain values of; raises BadInput, with a file's name, as `read`."""
     if not isinstance(content, Mapping) or KEY not in content:
         raise BadInput(f"{name} is not a look; make one with svv look save.")
     version = content[KEY]

@@ -26,14 +26,10 @@ RANGES = {
 
 
 def validate_region_edits(edits: object, name: str) -> dict[str, object]:
-    """Return edits of a region from plain values.
+    """Return edits of a region from plain values by field of :class:`svv.fields.scene.region.Region`.
 
-    Args:
-        edits: Values by field of :class:`svv.fields.scene.region.Region`.
-        name: Name of the region in messages.
-
-    Raises:
-        BadInput: A field is unknown or no edit, or a value is of another type or out of range.
+    Raises BadInput, with the region's ``name``, if a field is unknown or no edit, or a value is of another type or out
+    of range.
     """
     try:
         given = values_of(Region, object_in(edits, f"{name}, edits"))

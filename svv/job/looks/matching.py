@@ -78,14 +78,8 @@ def matched(look: LookContent, scene: Scene, mapping: Mapping[int, int] | None =
     Regions of the same name belong together; of the others, first those whose ranges of values overlap most, then those
     whose palette colours are nearest. Regions of a look that came from no scene are handed out in turn, the largest
     region of the scene first. A part that was split off looks like its whole unless its name is in the look.
-
-    Args:
-        look: The look.
-        scene: The scene.
-        mapping: Region of the scene -> region of the look, for those that are not to be matched by themselves.
-
-    Raises:
-        BadInput: The scene has no regions, a region does not exist, or nothing matches.
+    ``mapping`` gives the look's region for those of the scene that are not to be matched by themselves. Raises BadInput
+    if the scene has no regions, a region does not exist, or nothing matches.
     """
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")

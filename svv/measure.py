@@ -16,12 +16,9 @@ from pathlib import Path
 
 @dataclass
 class Cost:
-    """Cost of a piece of work, filled in when it is done.
+    """Cost of a piece of work, filled in when it is done: wall-clock time, all threads' processor time, and memory.
 
-    Args:
-        seconds: Wall-clock time.
-        cpu_seconds: Processor time of this process, the sum over its threads.
-        peak_rss_bytes: Peak resident memory of the process during the work, as reported by the operating system.
+    The peak is that of the process's resident memory during the work, as reported by the operating system.
     """
 
     seconds: float = 0.0

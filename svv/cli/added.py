@@ -40,8 +40,7 @@ def added() -> dict[str, tuple[EntryPoint, str]]:
 def added_command(name: str) -> Any:
     """Return a command of another distribution; None if nobody brings one of that name.
 
-    Raises:
-        BadInput: It is ``bench``, which is not installed, or what is installed does not fit this svv.
+    Raises BadInput if it is ``bench``, which is not installed, or what is installed does not fit this svv.
     """
     if name not in (found := added()):
         if name == BENCH.name:

@@ -339,11 +339,7 @@ def palette(
 
 
 def parse_set(text: str) -> tuple[int, tuple[float, float, float]]:
-    """Return the region and colour of '0=#rrggbb'.
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return the region and colour of '0=#rrggbb'; raises BadInput for another form."""
     region, _, colour = text.partition("=")
     if not (region.strip().isascii() and region.strip().isdigit() and colour):
         raise BadInput(f"'{text}' does not set a colour; write region=colour, for example --set 0='#ff8800'.")

@@ -24,11 +24,7 @@ def examples(*lines: str) -> str:
 
 
 def parse_colour(text: str) -> tuple[float, float, float]:
-    """Return '#rrggbb', 'white' or 'black' as sRGB in [0, 1].
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return '#rrggbb', 'white' or 'black' as sRGB in [0, 1]; raises BadInput for another form."""
     digits = {"white": "ffffff", "black": "000000"}.get(text.lower(), text.removeprefix("#"))
     if len(digits) != 6 or not set(digits) <= set(string.hexdigits):
         raise BadInput(f"'{text}' is not a colour; write it as '#rrggbb', for example '#ff8800'.")
@@ -37,10 +33,9 @@ def parse_colour(text: str) -> tuple[float, float, float]:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Return '800' or '1280x720' as (width, height).
+    """Return '800' or '1280x720' as (width, height), 1 to 16384 pixels each.
 
-    Raises:
-        BadInput: The text has another form, or a side has fewer than 1 or more than 16384 pixels.
+    Raises BadInput for another form or size.
     """
     parts = text.lower().split("x")
     if len(parts) in (1, 2) and all(p.isascii() and p.isdigit() and 1 <= int(p) <= 16384 for p in parts):
@@ -51,8 +46,7 @@ def parse_size(text: str) -> tuple[int, int]:
 def parse_mapping(text: str) -> dict[int, int | str] | Literal["colour"]:
     """Return '0=0,2=sky' as {region: style, or part of a picture}; 'colour' (or 'color') is returned as that word.
 
-    Raises:
-        BadInput: The text has another form, or a region is named twice.
+    Raises BadInput for another form, or if a region is named twice.
     """
     if text.strip().lower() in ("colour", "color"):
         return "colour"
@@ -90,8 +84,7 @@ def _pairs_in(text: str, advice: str) -> dict[int, int]:
 def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
     """Return ['0=sky.png', '1=tree.png'] as {style: file}.
 
-    Raises:
-        BadInput: A text has another form, or a style does not exist or is named twice.
+    Raises BadInput for another form, or if a style does not exist or is named twice.
     """
     found: dict[int, Path] = {}
     for text in texts:
@@ -108,11 +101,7 @@ def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
 
 
 def parse_names(texts: Sequence[str], example: str = "--name 0=bone") -> dict[int, str]:
-    """Return ['0=bone', '1=soft tissue'] as {region: name}.
-
-    Raises:
-        BadInput: A text has another form, or a region is named twice.
-    """
+    """Return ['0=bone', '1=soft tissue'] as {region: name}; BadInput for another form, or a region named twice."""
     found: dict[int, str] = {}
     for text in texts:
         number, sign, name = text.partition("=")
@@ -125,11 +114,7 @@ def parse_names(texts: Sequence[str], example: str = "--name 0=bone") -> dict[in
 
 
 def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]:
-    """Return ['120,40'] as [(120.0, 40.0)].
-
-    Raises:
-        BadInput: A text has another form.
-    """
+    """Return ['120,40'] as [(120.0, 40.0)]; raises BadInput for another form."""
     points = []
     for text in texts:
         try:
@@ -143,11 +128,7 @@ def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]
 
 
 def parse_choices(text: str, option: str, known: Sequence[str]) -> tuple[str, ...]:
-    """Return the words of 'draft,fast', each once.
-
-    Raises:
-        BadInput: A word is not in ``known``.
-    """
+    """Return the words of 'draft,fast', each once; raises BadInput if one is not in ``known``."""
     words = [part.strip() for part in text.split(",")]
     for word in words:
         if word not in known:
@@ -156,11 +137,7 @@ def parse_choices(text: str, option: str, known: Sequence[str]) -> tuple[str, ..
 
 
 def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
-    """Return '0,1,2' as whole numbers, each once.
-
-    Raises:
-        BadInput: The text has another form, or a number is below ``least``.
-    """
+    """Return '0,1,2' as whole numbers, each once; raises BadInput for another form, or a number below ``least``."""
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isascii() and part.isdigit() and int(part) >= least for part in parts):
         raise BadInput(f"{option} needs whole numbers of at least {least}, separated by commas, not '{text}'.")
@@ -170,10 +147,8 @@ def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
 def parse_light(text: str) -> dict[str, object]:
     """Return 'headlight', '40,20' or '1,0,0' as arguments of :meth:`svv.fields.scene.scene.Scene.with_light`.
 
-    Two numbers are degrees to the right of the camera and above it; three are a direction in the world.
-
-    Raises:
-        BadInput: The text has another form.
+    Two numbers are degrees to the right of the camera and above it; three are a direction in the world. Raises BadInput
+    for another form.
     """
     if text == "headlight":
         return {}
@@ -194,10 +169,7 @@ def parse_light(text: str) -> dict[str, object]:
 def parse_stroke_light(text: str, option: str) -> tuple[float, ...]:
     """Return '-40,45', '-1,2,1' or 'own' as a direction in the world, of three numbers or none.
 
-    Two numbers are degrees to the right of and above the front of the volume.
-
-    Raises:
-        BadInput: The text has another form.
+    Two numbers are degrees to the right of and above the front of the volume. Raises BadInput for another form.
     """
     from svv.core.colour.light import direction_of
 
@@ -229,8 +201,7 @@ def parse_stroke_palette(text: str) -> tuple[tuple[float, float, float], ...]:
 def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
     """Return '15,60,full' as seconds, each once; ``full`` becomes None, which means no limit.
 
-    Raises:
-        BadInput: The text has another form, or a limit is shorter than a second.
+    Raises BadInput for another form, or a limit that is shorter than a second.
     """
     limits: list[float | None] = []
     for part in (part.strip() for part in text.split(",")):
@@ -245,11 +216,7 @@ def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
 
 
 def parse_angles(text: str, option: str) -> tuple[float, float]:
-    """Return '30,20', degrees to the right of the front and above it, in [-180, 180] and [-90, 90].
-
-    Raises:
-        BadInput: The text has another form, or an angle is out of range.
-    """
+    """Return '30,20', degrees right of the front and above it, in [-180, 180] and [-90, 90]; else raises BadInput."""
     (right, above), *_ = parse_points([text], option)
     if not (abs(right) <= 180.0 and abs(above) <= 90.0):
         raise BadInput(
@@ -259,11 +226,7 @@ def parse_angles(text: str, option: str) -> tuple[float, float]:
 
 
 def parse_dims(text: str) -> tuple[int, int, int]:
-    """Return '128,128,64' as three whole numbers above 0.
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return '128,128,64' as three whole numbers above 0; raises BadInput for another form."""
     x, y, z = parse_numbers(text, "--dims")
     if not (x.is_integer() and y.is_integer() and z.is_integer()):
         raise BadInput(f"--dims needs three whole numbers, for example --dims 128,128,64, not '{text}'.")
@@ -271,11 +234,7 @@ def parse_dims(text: str) -> tuple[int, int, int]:
 
 
 def parse_point(text: str, option: str) -> tuple[float, float, float]:
-    """Return '1,-2,2.5' as three finite numbers.
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return '1,-2,2.5' as three finite numbers; raises BadInput for another form."""
     point = _three(text)
     if point is None:
         raise BadInput(f"{option} needs three numbers, for example {option} 1,-2,2.5, not '{text}'.")
@@ -283,11 +242,7 @@ def parse_point(text: str, option: str) -> tuple[float, float, float]:
 
 
 def parse_place(text: str, option: str) -> tuple[float, ...]:
-    """Return '120,40', a pixel, or '1,-2,2.5', a point, as two or three finite numbers.
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return '120,40', a pixel, or '1,-2,2.5', a point, as finite numbers; raises BadInput for another form."""
     try:
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -301,11 +256,7 @@ def parse_place(text: str, option: str) -> tuple[float, ...]:
 
 
 def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
-    """Return '1,1,2.5' as three positive numbers.
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return '1,1,2.5' as three positive numbers; raises BadInput for another form."""
     numbers = _three(text)
     if numbers is None or min(numbers) <= 0:
         raise BadInput(f"{option} needs three positive numbers, for example {option} 1,1,2.5, not '{text}'.")

@@ -31,9 +31,8 @@ class PictureOptions:
 def point_in(scene: Scene, place: Place, picture: PictureOptions) -> tuple[float, float, float]:
     """Return the point in the world that a place means: what a pixel shows, or the point itself.
 
-    Raises:
-        BadInput: A picture was named, but the place is no pixel; nothing is visible there, or the picture has no such
-            pixel.
+    Raises BadInput if a picture was named, but the place is no pixel; nothing is visible there, or the picture has no
+    such pixel.
     """
     from svv.io.views.camera_file import read_camera
     from svv.render.frames import orbit
@@ -51,10 +50,7 @@ def point_in(scene: Scene, place: Place, picture: PictureOptions) -> tuple[float
 
 
 def parse_pointed(text: str) -> tuple[Place, int | Place]:
-    """Return what --point says: a place, and the region that is there or the other place.
-
-    Raises:
-        BadInput: The text has another form.
+    """Return what --point says: a place, and the region that is there or the other place; BadInput for another form.
 
     >>> parse_pointed("410,320=2"), parse_pointed("410,320=0.5,1,-2")
     (((410.0, 320.0), 2), ((410.0, 320.0), (0.5, 1.0, -2.0)))

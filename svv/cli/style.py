@@ -122,10 +122,8 @@ def style_mask(
 def read_styles(sources: Sequence[str], masks: Sequence[str]) -> list[StyleInput]:
     """Read the pictures or inks and the masks of the options ``--style`` and ``--style-mask``, with their names.
 
-    The name of a picture with a mask includes the name of the mask.
-
-    Raises:
-        BadInput: A picture, ink or mask does not exist or cannot be used.
+    The name of a picture with a mask includes the name of the mask. Raises BadInput if one does not exist or cannot be
+    used.
     """
     from svv.io.pictures.mask_file import read_mask
     from svv.train.paint.ink import StyleInput, picture_of, style_named

@@ -14,10 +14,7 @@ def print_swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[R
     """Print on standard error, for each region with a part of a picture, three colours from dark to light and a label.
 
     The colours are blocks on a terminal that shows colours, unless NO_COLOR is set, and hex codes elsewhere.
-
-    Args:
-        divided: ``report["divided"]`` of :func:`svv.train.pipeline.stylize_scene`.
-        regions: The scene's regions.
+    ``divided`` is that of the report of :func:`svv.train.pipeline.stylize_scene`.
     """
     from rich.console import Console
     from rich.text import Text

@@ -35,24 +35,11 @@ KEY = ".key.json"
 def write_database(
     path: Path, scene: Scene, options: ExportOptions, progress: Progress = silent, sharing: Sharing = ALONE
 ) -> int:
-    """Write a database; a database of the same name is replaced once the new one is complete.
+    """Write a database, ``NAME.cdb``, which replaces one of the same name once complete; return how many views it has.
 
     Everything is written to a hidden folder beside ``path``, which a repeated call with the same scene and options
-    continues.
-
-    Args:
-        path: The folder, by convention ``NAME.cdb``.
-        scene: Scene to render.
-        options: Its views.
-        progress: Called while rendering.
-        sharing: The processes that render; all of them see the folder.
-
-    Returns:
-        The number of views.
-
-    Raises:
-        BadInput: The path is something else than a database, or cannot be written, or the scene has no cameras or does
-            not have that network.
+    continues, and which all processes that share the work see. Raises BadInput if the path is something else than a
+    database, or cannot be written, or the scene has no cameras or does not have that network.
     """
     if path.exists() and not (path.is_dir() and _only_ours(path)):
         raise BadInput(
@@ -82,11 +69,7 @@ def write_database(
 
 
 def _only_ours(folder: Path) -> bool:
-    """Return whether a folder is empty, or has nothing but a database with the files that :func:`write_database` wrote.
-
-    Other programs' databases have no ``camera.json``, but for those of ``extract_views.py``, whose images are named
-    otherwise.
-    """
+    """Return whether a folder holds nothing but a database of :func:`write_database`: others' names differ."""
     there = {file.name for file in folder.iterdir()}
     ours = re.compile(r"\d{5}(_depth|_region_\d+)?\.png")
     return not there or (

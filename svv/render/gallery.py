@@ -20,20 +20,10 @@ COLUMNS, SIDE = 4, 180
 
 
 def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, progress: Progress = silent) -> Path:
-    """Write style pictures of the gallery as ``NAME.png``, and ``gallery.png`` with all of them.
+    """Write style pictures of the gallery (:data:`svv.styles.gallery.GALLERY`) as ``NAME.png``, 16 to 1024 pixels.
 
-    Args:
-        folder: Folder of the pictures; created if missing.
-        names: Names from :data:`svv.styles.gallery.GALLERY`.
-        size: Side in pixels, 16 to 1024.
-        seed: Seed of all pictures.
-        progress: Called before each picture.
-
-    Returns:
-        The file of the contact sheet.
-
-    Raises:
-        BadInput: A name is unknown, the size is out of range, or the folder cannot be written to.
+    All have one seed. Returns the contact sheet, ``gallery.png``. Raises BadInput if a name is unknown, the size is out
+    of range, or the folder cannot be written to.
     """
     make_folder(folder)
     pictures = []
@@ -52,8 +42,7 @@ def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, 
 def style_file(source: str, folder: Path) -> Path:
     """Return the file of a style; for ``gallery:NAME`` one in ``folder``, written if it does not exist yet.
 
-    Raises:
-        BadInput: The name is unknown, the style has no picture, or the folder cannot be written to.
+    Raises BadInput if the name is unknown, the style has no picture, or the folder cannot be written to.
     """
     if source.startswith(DRAWN):
         raise BadInput(f"{source} is drawn without a picture, but a picture is needed here; use it with svv stylize.")

@@ -27,16 +27,9 @@ INK = (60, 60, 60)
 def sheet(
     rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6, captions: Sequence[str] | None = None
 ) -> Picture:
-    """Draw a contact sheet: rows of pictures on white, with labels above the columns.
+    """Draw a contact sheet: rows of pictures of one size on white, ``gap`` pixels apart, with labels above columns.
 
-    Args:
-        rows: Pictures of one size; every row has one per label.
-        labels: Labels, one per column.
-        gap: Space between pictures in pixels.
-        captions: Smaller text under each label, if any.
-
-    Returns:
-        The sheet.
+    ``captions`` are smaller text under the labels.
     """
     height, width = rows[0][0].shape[:2]
     line = max(18, width // 11)

@@ -197,16 +197,10 @@ def image_data(rendering: Rendering) -> pyvista.ImageData:
 
 
 class SceneFollower:
-    """Updater of a plotter's background with renderings of a scene from the plotter's camera.
+    """Updater of a plotter's background with renderings of a scene from the plotter's camera, at first at ``camera``.
 
-    Pictures of a moving camera are made in a hurry, and are as large as time permits; at rest they are sharp.
-
-    Args:
-        plotter: A ``pyvista.Plotter``. Meshes that are added to it appear in front of the picture.
-        scene: Scene to show.
-        camera: Initial camera.
-        network: Network of the scene; by default its last.
-        background: RGB in [0, 1].
+    Pictures of a moving camera are made in a hurry, and are as large as time permits; at rest they are sharp. Meshes
+    that are added to the plotter appear in front. The network is by default the last; the background is RGB in [0, 1].
     """
 
     def __init__(
@@ -281,9 +275,7 @@ class SceneFollower:
 def first_scene_of(learning: Learning) -> Scene:
     """Return the first scene of a training in the background, and show its progress until there is one.
 
-    Raises:
-        BadInput: The training failed.
-        Cancelled: It was stopped.
+    Raises BadInput if the training failed, and Cancelled if it was stopped.
     """
     with _bar(learning) as look:
         while learning.scene is None and not learning.done:
@@ -294,11 +286,7 @@ def first_scene_of(learning: Learning) -> Scene:
 def _sharpened_below(
     learning: Learning, scene: Scene, picture: Picture, drawn: Callable[[Scene], Picture]
 ) -> tuple[Picture, Scene]:
-    """Show a picture below a notebook's cell, and newer ones in its place until the training is done.
-
-    Returns:
-        The last picture, and its scene.
-    """
+    """Show a picture below a cell, and then newer ones until the training is done; return the last and its scene."""
     from IPython.display import display
 
     place, shown = display(_Shown.of(picture, in_words(scene)), display_id=True), learning.number

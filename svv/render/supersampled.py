@@ -51,13 +51,7 @@ def supersampled(
 ) -> Rendering:
     """Render one image with several rays per pixel; arguments and errors as in :meth:`Scene.render`.
 
-    Args:
-        scene: Scene to render.
-        camera: Camera in world units, with the size of the image.
-        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
-        background: RGB in [0, 1] to blend over; None keeps straight alpha.
-        progress: Called before every chunk of rays and at the end.
-        samples: Number of rays along a pixel's side, from 1 to :data:`MOST`; by default :func:`samples_for`.
+    ``samples`` are rays along a pixel's side, from 1 to :data:`MOST`; by default :func:`samples_for`.
     """
     n = samples_for(scene, camera, network) if samples is None else samples
     if not 1 <= n <= MOST:

@@ -109,16 +109,10 @@ def joined(families: Sequence[Family]) -> Family:
 def divisions(
     picture: NDArray[np.floating], hand: Hand, counts: Sequence[int], ways: Sequence[DivisionName]
 ) -> list[list[Family]]:
-    """Divide a picture's strokes into families, in several ways.
+    """Divide a picture (H, W, 3), sRGB in [0, 1], into families of strokes by its hand, or that of a part of it.
 
-    Args:
-        picture: Picture, sRGB in [0, 1]. (H, W, 3)
-        hand: Its hand, or that of a part of it.
-        counts: Numbers of families, each at least 1.
-        ways: By coherent ``areas`` or by ``colours``.
-
-    Returns:
-        For each way and count at most as many families, the largest first; fewer if the picture has fewer colours.
+    For each way, by coherent ``areas`` or by ``colours``, and each count (>= 1), there are at most as many families,
+    the largest first; fewer if the picture has fewer colours.
     """
     found = []
     for way in ways:
@@ -133,10 +127,8 @@ def divisions(
 def areas_of(picture: NDArray[np.floating], families: Sequence[Family], mask: Mask | None = None) -> list[Mask]:
     """Return the pixels of each family (H, W): those whose nearest stroke of a like colour is the family's.
 
-    Args:
-        picture: Picture, sRGB in [0, 1]. (H, W, 3)
-        families: Families of its strokes, not empty.
-        mask: Part of the picture that was divided, (H, W); None for all of it.
+    The picture (H, W, 3) is sRGB in [0, 1]; no family is empty; ``mask`` (H, W) is the part that was divided, None for
+    all.
     """
     from skimage.transform import resize
 

@@ -139,11 +139,7 @@ class Hand:
         return self.contrast < LEAST_CONTRAST
 
     def within(self, area: NDArray[np.bool_]) -> Hand:
-        """Return the same hand with the colours and places of the strokes in an area of the picture alone.
-
-        Args:
-            area: True where the strokes are, (H, W), the picture's size; some stroke must be there.
-        """
+        """Return the same hand with the colours and places of the strokes in an area of the picture (H, W) alone."""
         height, width = area.shape
         long = max(height, width)
         column = (self.places[:, 0] * long).astype(np.int64).clip(0, width - 1)
@@ -171,16 +167,10 @@ class Hand:
 
 
 def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None = None, seed: int = 0) -> Hand:
-    """Measure the hand of a picture.
+    """Measure the hand of a picture (H, W, 3), sRGB in [0, 1], or of a part of it, a ``mask`` (H, W).
 
-    Args:
-        picture: Picture, sRGB in [0, 1]. (H, W, 3)
-        mask: Part of the picture to measure, (H, W); by default all of it.
-        seed: Seed of the samples.
-
-    Raises:
-        BadInput: The picture is smaller than :data:`SMALLEST` pixels, not RGB or not finite, or the mask is empty or of
-            another size.
+    ``seed`` is that of the samples. Raises BadInput if the picture is smaller than :data:`SMALLEST` pixels, not RGB or
+    not finite, or the mask is empty or of another size.
 
     >>> measure_hand(np.full((32, 48, 3), 0.5, np.float32)).plain
     True

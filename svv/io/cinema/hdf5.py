@@ -15,13 +15,9 @@ SUFFIXES = (".h5", ".hdf5")
 
 
 def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
-    """Read the picture and the metadata of one file.
+    """Return uint8 levels (height, width, 3 or 4) and the metadata by name of one file.
 
-    Returns:
-        uint8 levels (height, width, 3 or 4), and the metadata by name.
-
-    Raises:
-        BadInput: h5py is not installed, the file is truncated or damaged, or it has no picture.
+    Raises BadInput if h5py is not installed, the file is truncated or damaged, or it has no picture.
     """
     h5py = _h5py()
     try:

@@ -54,11 +54,7 @@ PARALLEL = np.radians(1.5)
 
 
 def rotations_of(table: Table) -> Array | None:
-    """Return the rotations that phi and theta name, (n, 3, 3); None if the table has no such columns.
-
-    Raises:
-        BadInput: An angle is not a number.
-    """
+    """Return the rotations that phi and theta name, (n, 3, 3); None without these. BadInput: one is no number."""
     phi, theta = table.column("phi"), table.column("theta")
     if phi is None or theta is None:
         return None
@@ -74,8 +70,7 @@ def rotations_of(table: Table) -> Array | None:
 def cameras_by_rows(table: Table, metas: Sequence[dict[str, object]], size: tuple[int, int]) -> list[Camera] | None:
     """Return the cameras that images or rows describe themselves; None if they do not.
 
-    Raises:
-        BadInput: Some do and others do not, or a camera is invalid.
+    Raises BadInput if some do and others do not, or a camera is invalid.
     """
     named = {name: values for name, values in table.columns.items() if name.lower().startswith("cam")}
     found: list[Camera | None] = []
@@ -99,10 +94,7 @@ def placed_about(
     """Return cameras that look at one point, what was estimated, and what :func:`check_agreement` says of them.
 
     Up to ParaView 5.8, phi ran the other way. It does here, too, if the images contradict the usual way and agree with
-    the other one.
-
-    Raises:
-        BadInput: The images contradict their cameras either way.
+    the other one. Raises BadInput if they contradict both.
     """
     names, first = [str(name) for name in table.files], None
     for backwards in (False, True) if not table.ascent else (False,):
@@ -150,14 +142,8 @@ def cameras_about(
 ) -> tuple[list[Camera], list[str]]:
     """Return cameras that look at one point, and sentences on what was estimated.
 
-    Args:
-        rotations: Rotations of the cameras. (n, 3, 3)
-        shot: What is known besides.
-        images: The images, RGBA. (n, height, width, 4)
-        ascent: Whether Ascent wrote them, whose view angle is usually another.
-
-    Raises:
-        BadInput: The images contradict the view angle.
+    Known are their rotations (n, 3, 3), the RGBA images (n, height, width, 4), what else the shot says, and whether
+    Ascent wrote them, whose view angle is usually another. Raises BadInput if the images contradict the view angle.
     """
     notes: list[str] = []
     height, width = images.shape[1:3]

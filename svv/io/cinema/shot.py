@@ -55,8 +55,7 @@ class Shot:
 def read_shot(path: Path) -> Shot:
     """Read the camera of a view from a ParaView state (.pvsm), a Python or Catalyst script, or ``camera.json``.
 
-    Raises:
-        BadInput: The file is missing, contains no camera, or several that differ.
+    Raises BadInput if the file is missing, contains no camera, or several that differ.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -84,19 +83,11 @@ View = dict[str, list[float]]
 
 
 def camera_of(values: Mapping[str, object], width: int, height: int, name: str) -> Camera | None:
-    """Return the camera that the metadata of an image describe; None if they describe none.
+    """Return the camera that the metadata of an image describe, numbers and lists by name; None if they describe none.
 
     Names are compared without case and underscores, so that ``CameraPos``, ``camera_position`` and ``CamPosition`` are
-    one. The image is orthographic if there is a height (TTK and pycinema: the full height in world units).
-
-    Args:
-        values: Numbers and lists by name.
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
-        name: Name of the image, for messages.
-
-    Raises:
-        BadInput: A value is missing or invalid.
+    one. The image, of a size in pixels, is orthographic if there is a height (TTK and pycinema: the full height in
+    world units). Raises BadInput if a value is missing or invalid.
     """
     plain = {re.sub(r"^cam(era)?", "", key.lower().replace("_", "")): value for key, value in values.items()}
 

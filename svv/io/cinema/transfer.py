@@ -9,10 +9,9 @@ from svv.errors import BadInput
 
 
 def opacity_function(folder: Path, number: str) -> Json | None:
-    """Return a transfer function of the sweep as a ParaView preset; None if ParaView did not export it.
+    """Return a transfer function of the sweep as a ParaView preset; None if there is none.
 
-    Raises:
-        BadInput: The file is damaged.
+    Raises BadInput if it is damaged.
     """
     file = folder / f"cinemavolume_{number}.json"
     if not file.is_file():

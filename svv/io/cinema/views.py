@@ -54,13 +54,7 @@ class Imported:
 def read_database(path: str | Path, options: DatabaseOptions | None = None, progress: Progress = silent) -> Imported:
     """Read a Cinema database.
 
-    Args:
-        path: Folder of the database.
-        options: Which images are used, and what is known about their cameras.
-        progress: Called after each image.
-
-    Raises:
-        BadInput: The database is damaged or incomplete, its images contradict its cameras, or an option is wrong.
+    Raises BadInput if it is damaged or incomplete, its images contradict its cameras, or an option is wrong.
     """
     options = options or DatabaseOptions()
     listed = read_table(path)
@@ -102,10 +96,8 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
 def read_views(path: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
     """Read views of one split from a folder of views, or from a Cinema database with the default options.
 
-    ``meta.assumed`` contains the notes of the database.
-
-    Raises:
-        BadInput: As :meth:`svv.io.views.viewset.ViewSet.read` and :func:`read_database`.
+    ``meta.assumed`` contains the notes of the database. Raises BadInput as :meth:`svv.io.views.viewset.ViewSet.read`
+    and :func:`read_database`.
     """
     path = Path(path)
     if not is_database(path):

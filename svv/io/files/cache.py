@@ -43,10 +43,9 @@ def cache_folder() -> Path:
 
 
 def bytes_in(text: str, name: str = "SVV_CACHE_SIZE") -> int:
-    """Return a size such as '500M', '2G' or '1000000' in bytes; ``name`` is that of the variable.
+    """Return a size such as '500M', '2G' or '1000000' in bytes.
 
-    Raises:
-        BadInput: The text is not a size.
+    Raises BadInput, with the variable's name, for another text.
     """
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)B?", text.strip().upper())
     if found is None:
@@ -91,8 +90,7 @@ class Cache:
     def of_user(cls) -> Cache:
         """Return the user's cache: ``SVV_CACHE``, or by default the folder ``scenes`` in :func:`cache_folder`.
 
-        Raises:
-            BadInput: ``SVV_CACHE_SIZE`` is not a size.
+        Raises BadInput if ``SVV_CACHE_SIZE`` is not a size.
         """
         folder = os.environ.get("SVV_CACHE") or cache_folder() / "scenes"
         size = os.environ.get("SVV_CACHE_SIZE")
@@ -112,10 +110,8 @@ class Cache:
     def hold_checkpoint(self, name: str) -> tuple[Path, int | None]:
         """Return the file of the checkpoint for a result, and a descriptor that keeps it from removal until closed.
 
-        Several processes may use it; the descriptor is None if another one holds it.
-
-        Raises:
-            BadInput: The folder cannot be created or written to.
+        Several processes may use it; the descriptor is None if another one holds it. Raises BadInput if the folder
+        cannot be written to.
         """
         path = make_folder(self.folder) / f".{name}{CHECKPOINT}"
         try:
@@ -134,11 +130,9 @@ class Cache:
         return self.pattern.fullmatch(name) is not None and (self.folder / name).exists()
 
     def read(self, name: str, read: Callable[[Path], Content]) -> Content | None:
-        """Return the result of this name, or None if there is none; a damaged result is removed.
+        """Return what ``read`` makes of the result of this name, or None if there is none.
 
-        Args:
-            name: Name that matches :attr:`pattern`; for any other name, there is no result.
-            read: Function that reads the result from its path, or raises BadInput.
+        A damaged result, for which ``read`` raises BadInput, is removed.
         """
         if not self.holds(name):
             return None
@@ -157,12 +151,8 @@ class Cache:
     def write(self, name: str, write: Callable[[Path], None]) -> str:
         """Add a result, and remove others until the total size is within the bound.
 
-        Args:
-            name: Name that matches :attr:`pattern`.
-            write: Function that writes the result, a file or a folder, to the path passed to it.
-
-        Returns:
-            An empty string, or one sentence that says why the result could not be kept.
+        ``write`` writes it, a file or a folder, to the path that it is given. Returns '', or why the result could not
+        be kept, in a sentence.
         """
         assert self.pattern.fullmatch(name), name
         if self.bound == 0:
@@ -193,11 +183,7 @@ class Cache:
         return cleared(self._all())
 
     def trim(self, newest: Path | None = None) -> None:
-        """Remove results and what is unfinished, the least recently used first, until the size is within the bound.
-
-        Args:
-            newest: A result that is never removed.
-        """
+        """Remove what was used longest ago, finished or not, down to the bound, but never the result ``newest``."""
         everything = self._all()
         total, yesterday = sum(entry.bytes for entry in everything), time.time() - LEFT_BEHIND
         for entry in everything:

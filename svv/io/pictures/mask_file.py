@@ -43,8 +43,7 @@ class Selection:
     def with_points(self, positive: Sequence[Point], negative: Sequence[Point]) -> Selection:
         """Return this selection with more points; points that it already has are not repeated.
 
-        Raises:
-            BadInput: A point is outside the picture, or is both positive and negative.
+        Raises BadInput if a point is outside the picture, or is both positive and negative.
         """
         width, height = self.size
         for x, y in [*positive, *negative]:
@@ -88,8 +87,7 @@ def write_selection(mask: Path, selection: Selection) -> None:
 def read_selection(mask: Path) -> Selection | None:
     """Return the points stored next to a mask, or None if there are none.
 
-    Raises:
-        BadInput: The file contains something else.
+    Raises BadInput if the file is another one.
     """
     path = points_file(mask)
     if not path.is_file():
@@ -114,17 +112,10 @@ def write_mask(path: str | Path, mask: Mask) -> None:
 
 
 def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
-    """Read a mask from any picture; its light, opaque pixels are inside.
+    """Read a mask from any picture: true inside, where it is light and opaque, for at least one pixel. (h, w)
 
-    Args:
-        path: The file, with the proportions of the style picture.
-        shape: Shape of the style picture (height, width, ...), to whose size the mask is scaled; None keeps its size.
-
-    Returns:
-        True inside the mask, for at least one pixel. (h, w)
-
-    Raises:
-        BadInput: The file is missing, is not a picture, has other proportions, or the mask is empty.
+    It has the proportions of the style picture, to whose ``shape`` (height, width, ...) it is scaled; None keeps its
+    size. Raises BadInput if the file is missing, is not a picture, has other proportions, or the mask is empty.
     """
     path = Path(path)
     if not path.is_file():
@@ -158,8 +149,7 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
 def picture_size(path: str | Path) -> tuple[int, int]:
     """Return the width and height in pixels of a picture as displayed, with a camera's rotation undone.
 
-    Raises:
-        BadInput: The file is not a picture that can be read.
+    Raises BadInput if it cannot be read.
     """
     try:
         with Path(path).open("rb") as file, Image.open(file) as image:

@@ -114,17 +114,9 @@ def check_agreement(
     where: object = None,
     also: Sequence[Mistake] = (),
 ) -> Agreement:
-    """Check that pictures agree with their cameras.
+    """Check that pictures (n, height, width, 4) with straight alpha agree with their cameras; BadInput otherwise.
 
-    Args:
-        cameras: One camera a picture.
-        images: Pictures with straight alpha. (n, height, width, 4)
-        names: Names of the pictures.
-        where: Where they come from, for messages.
-        also: Mistakes to be tried before the usual ones.
-
-    Raises:
-        BadInput: The pictures contradict their cameras.
+    ``where`` they come from is for messages; the mistakes ``also`` are tried before the usual ones.
     """
     fixed = fixed_in(cameras, images)
     if fixed is not None:  # a colour bar must not be blamed on the cameras

@@ -92,8 +92,7 @@ def split_of(file: Path) -> str:
 def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, object], list[dict[str, object]]]:
     """Return the file of a split, its content, and the frames of the split.
 
-    Raises:
-        BadInput: There is no such file, it cannot be read, or it has no frames for the split.
+    Raises BadInput if there is no such file, it cannot be read, or it has no frames for the split.
     """
     place = Path(folder)
     beside = place.parent if place.is_file() else place
@@ -136,8 +135,7 @@ def _of_split(path: Path, scene: Frame, frames: list[dict[str, object]], split: 
 def present(path: Path, frames: Sequence[dict[str, object]]) -> tuple[list[dict[str, object]], str | None]:
     """Return the frames whose pictures are there, and a sentence on the others, if any.
 
-    Raises:
-        BadInput: Most pictures are missing, a frame names none or one outside the folder, or two name the same.
+    Raises BadInput if most pictures are missing, a frame names none or one outside the folder, or two name the same.
     """
     found, missing, first = [], [], None
     seen: dict[Path, str] = {}
@@ -197,10 +195,9 @@ def leaves(name: str) -> bool:
 
 
 def mask_files(path: Path, frames: Sequence[Frame]) -> list[Path] | None:
-    """Return the masks that the frames name under ``mask_path``; None if none does.
+    """Return the masks that frames name by ``mask_path``; None for none.
 
-    Raises:
-        BadInput: Only some frames have a mask, or a file is missing.
+    Raises BadInput if some have none, or one is missing.
     """
     if not any("mask_path" in frame for frame in frames):
         return None
@@ -220,15 +217,8 @@ def names_of(frames: Sequence[Frame]) -> tuple[str, ...]:
 def camera_in(path: Path, scene: Frame, frame: Frame, width: int, height: int) -> tuple[Camera, Lens | None]:
     """Return the camera of a frame, and the lens of its image if that is not the camera's own and must be rectified.
 
-    Args:
-        path: The file, for messages.
-        scene: Its content.
-        frame: One of its frames.
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
-
-    Raises:
-        BadInput: Something is missing or out of range, or the camera model is not supported.
+    The image has a size in pixels; ``scene`` is the whole content of the file. Raises BadInput if something is missing
+    or out of range, or the camera model is not supported.
     """
     where = f"{path}, frame {frame.get('file_path')}"
     try:

@@ -56,15 +56,7 @@ class VolumeGrid:
 
     @classmethod
     def from_json(cls, content: object, name: str = "grid") -> VolumeGrid:
-        """Invert :meth:`to_json`.
-
-        Args:
-            content: Content of a file.
-            name: Name of the object in messages.
-
-        Raises:
-            BadInput: A value is missing or invalid.
-        """
+        """Invert :meth:`to_json`; raises BadInput, with the object's name, if a value is missing or invalid."""
         values = object_in(content, name)
         size, spacing, origin, direction, kind, range_ = (
             (needed(values, key, name), f"{name}.{key}")
@@ -134,14 +126,10 @@ class ViewMeta:
 
     @classmethod
     def from_json(cls, content: object, name: str = "svv") -> ViewMeta:
-        """Invert :meth:`to_json`; ``null`` under a known key is ignored.
+        """Invert :meth:`to_json`; None is no metadata, and ``null`` under a known key is ignored.
 
-        Args:
-            content: Content of a file under ``svv``; None if it does not have the key.
-            name: Name of the object in messages.
-
-        Raises:
-            BadInput: ``content`` is not an object, or the value of a known key is invalid; the message names the key.
+        Raises BadInput, with the object's name and the key, if ``content`` is not an object, or the value of a known
+        key is invalid.
         """
         values = object_in({} if content is None else content, name)
 

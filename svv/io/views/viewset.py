@@ -198,8 +198,7 @@ class ViewSet:
 def write_splits(folder: str | Path, train: ViewSet, test: ViewSet | None, progress: Progress = silent) -> None:
     """Write training views, and test views if there are any; test views that svv wrote there before are removed.
 
-    Raises:
-        BadInput: As :meth:`ViewSet.write`.
+    Raises BadInput as :meth:`ViewSet.write`.
     """
     target = Path(folder)
     check_splits(target)
@@ -237,20 +236,15 @@ def _check_own(path: Path) -> None:
 
 
 def read_meta(folder: str | Path) -> ViewMeta:
-    """Return the metadata of the training views in a folder.
-
-    Raises:
-        BadInput: There are no training views, or the metadata is invalid.
-    """
+    """Return the metadata of the training views in a folder; raises BadInput if there are none, or they are invalid."""
     path, scene, _ = read_transforms(folder, "train")
     return ViewMeta.from_json(scene.get("svv"), f"{path}: svv")
 
 
 def read_classified(folder: str | Path) -> ClassifiedVolume | None:
-    """Return the classified volume that the training views in a folder name, or None if there is none.
+    """Return the classified volume that a folder's training views name, if any.
 
-    Raises:
-        BadInput: The file is damaged.
+    Raises BadInput if the file is damaged.
     """
     folder = Path(folder).parent if Path(folder).is_file() else Path(folder)
     file, views = folder / CLASSIFIED, folder / "transforms_train.json"
@@ -326,8 +320,7 @@ def _own_files(path: Path) -> set[Path]:
 def files_of(folder: Path, split: str) -> list[Path]:
     """Return the files from which the views of a split are read: first the JSON file, then the images.
 
-    Raises:
-        BadInput: The JSON file or an image is missing, or the JSON file is invalid.
+    Raises BadInput if one is missing, or the JSON file is invalid.
     """
     path, _, listed = read_transforms(folder, split)
     frames, _ = present(path, listed)

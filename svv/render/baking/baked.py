@@ -59,14 +59,8 @@ class Baker:
     def bake(self, scene: Scene, options: BakeOptions, progress: Progress = silent) -> BakedVolume:
         """Bake a scene with its edits.
 
-        Args:
-            scene: A scene with a palette network.
-            options: Resolution, light, and what is shown.
-            progress: Called for every chunk of points; the work stops when it raises.
-
-        Raises:
-            BadInput: The scene lacks the network or one of the regions, its colours have no palette, or the options
-                allow too little memory.
+        Raises BadInput if the scene lacks the network or one of the regions, its colours have no palette, or the
+        options allow too little memory.
         """
         network = network_of(scene, options)
         if options.regions is not None:
@@ -123,11 +117,7 @@ class Baker:
 
 
 def grid_for(scene: Scene, options: BakeOptions) -> Grid:
-    """Return the grid of a scene's baked volume.
-
-    Raises:
-        BadInput: See :meth:`Baker.bake`.
-    """
+    """Return the grid of a scene's baked volume; raises BadInput as :meth:`Baker.bake`."""
     network = network_of(scene, options)
     grids = [grid_of(member, options, network_in(member, network)) for member in members(scene)]
     return grids[0] if len(grids) == 1 else grid_around(grids, options.memory)
@@ -151,8 +141,7 @@ def bake(scene: Scene, options: BakeOptions = BakeOptions(), progress: Progress 
 def network_of(scene: Scene, options: BakeOptions) -> NetworkName:
     """Return the name of the network that gives the colours.
 
-    Raises:
-        BadInput: The scene lacks it, or it is ``base``.
+    Raises BadInput if the scene lacks it, or it is ``base``.
     """
     network = options.network or cast(NetworkName, scene.networks[-1])
     if network not in scene.networks:

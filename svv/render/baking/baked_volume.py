@@ -61,15 +61,11 @@ class BakedVolume:
 
 
 def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:
-    """Return a volume on a grid of half its resolution.
+    """Return a volume on a grid of half its resolution, between whose points those of the volume lie.
 
     Points of a coarse grid miss what is thinner than its voxels, so points around each are averaged: the square root of
     their extinction, which gives better images than its logarithm, opacity, or extinction itself
     (docs/measurements/large.md#baked-volumes).
-
-    Args:
-        volume: The finer volume.
-        grid: Points of the coarser one, on which those of the finer one lie between them.
     """
     fine = volume.grid
     first = 2 * np.array(grid.first[::-1]) - np.array(fine.first[::-1])
@@ -87,11 +83,9 @@ def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:
 
 
 def summed(volumes: Sequence[BakedVolume], grid: Grid) -> BakedVolume:
-    """Return volumes in one, on a grid of its own: extinctions add, and colours mix by their extinctions.
+    """Return one or more volumes in one, on a grid of its own: extinctions add, and colours mix by extinctions.
 
-    Args:
-        volumes: At least one volume.
-        grid: Points of the sum. Between those of a volume, codes and colours are interpolated as mappers do it.
+    Between the points of a volume, codes and colours are interpolated as mappers do it.
     """
     rgba = np.zeros((*grid.shape[::-1], 4), np.uint8)
     total = np.zeros(grid.shape[::-1], np.float32)
@@ -125,20 +119,10 @@ def span_all_bytes(flat: NDArray[np.uint8]) -> None:
 
 
 def write_baked(path: Path, volume: BakedVolume, progress: Progress = silent) -> Path:
-    """Write a volume as VTK image data, and beside it its opacity function as a ParaView preset.
+    """Write a volume as VTK image data, ``NAME.vti``, and beside it its opacity function as a ParaView preset.
 
     The file's field data hold the function and its unit distance as well (:data:`OPACITY`, :data:`UNIT_DISTANCE`).
-
-    Args:
-        path: The file, by convention ``NAME.vti``.
-        volume: The volume.
-        progress: Called while it is compressed.
-
-    Returns:
-        The preset's file, ``NAME.json``.
-
-    Raises:
-        BadInput: Nothing is visible, or a file cannot be written.
+    Returns the preset's file, ``NAME.json``. Raises BadInput if nothing is visible, or a file cannot be written.
     """
     if volume.empty:
         raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")

@@ -49,11 +49,7 @@ MISSING = (
 
 
 def python_with_openvdb() -> str:
-    """Return the path of a Python that can write OpenVDB files.
-
-    Raises:
-        BadInput: There is none.
-    """
+    """Return the path of a Python that can write OpenVDB files; raises BadInput if there is none."""
     named = os.environ.get(PYTHON)
     candidates = [named] if named else list(dict.fromkeys([sys.executable, SYSTEM]))
     find = "import importlib.util as u, sys; sys.exit(not any(map(u.find_spec, ('openvdb', 'pyopenvdb'))))"
@@ -79,13 +75,7 @@ def unit_for(spacing: float) -> float:
 def write_vdb(path: Path, volume: BakedVolume, progress: Progress = silent) -> list[str]:
     """Write a volume as an OpenVDB file with the grids ``density`` and ``Cd``; return sentences on its unit and place.
 
-    Args:
-        path: The file, by convention ``NAME.vdb``.
-        volume: The volume.
-        progress: Called while the file is written; writing stops when it raises.
-
-    Raises:
-        BadInput: Nothing is visible, no Python here has OpenVDB's module, or the file cannot be written.
+    Raises BadInput if nothing is visible, no Python here has OpenVDB's module, or the file cannot be written.
     """
     if volume.empty:
         raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")

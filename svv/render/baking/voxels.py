@@ -65,10 +65,8 @@ class Grid:
 def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
     """Return the finest grid that the scene needs and the options allow.
 
-    Its resolution divides the cells of the scene's occupancy or is a multiple of them.
-
-    Raises:
-        BadInput: Not even the coarsest grid fits into the memory allowed, or the scene holds nothing.
+    Its resolution divides the cells of the scene's occupancy or is a multiple of them. Raises BadInput if not even the
+    coarsest grid fits into the memory allowed, or the scene holds nothing.
     """
     cells = scene.occupancy.cells
     filled = np.argwhere(scene.occupancy.occupied > 0)
@@ -86,11 +84,9 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
 
 
 def grid_around(grids: Sequence[Grid], memory: float) -> Grid:
-    """Return a grid that contains others, as fine as the finest of them and aligned with it if memory allows.
+    """Return a grid that contains one or more others, as fine as the finest and aligned with it if memory allows.
 
-    Args:
-        grids: At least one grid.
-        memory: Gigabytes that a volume may take, 4 bytes for each point.
+    ``memory`` is in gigabytes, of which a point takes 4 bytes.
     """
     finest = min(grids, key=lambda grid: grid.spacing)
     spacing, origin = finest.spacing, np.array(finest.origin)
@@ -171,13 +167,7 @@ class Matter:
 
 @torch.no_grad()
 def matter_of(scene: Scene, grid: Grid, progress: Progress = silent) -> Matter:
-    """Look up extinction and material of a scene at the points of a grid.
-
-    Args:
-        scene: A scene with a palette network; its edits do not count.
-        grid: Points to look at.
-        progress: Called for every chunk of points.
-    """
+    """Look up extinction and material of a scene with a palette network, without its edits, at the points of a grid."""
     assert scene.palette_network is not None
     progress(0.0, "finding points")
     position, place = _points(scene.occupancy, grid)

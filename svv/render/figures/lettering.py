@@ -78,8 +78,7 @@ class Lettering:
 def families_for(texts: Iterable[str], font: str | None) -> tuple[str, ...]:
     """Return fonts that have all characters of some texts: the chosen one first, others only for what it lacks.
 
-    Raises:
-        BadInput: The chosen font is not installed, or no installed font has a character.
+    Raises BadInput if the chosen font is not installed, or no installed font has a character.
     """
     families = [OWN_FONT] if font is None else [_installed(font), OWN_FONT]
     for text in texts:

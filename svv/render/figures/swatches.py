@@ -70,15 +70,9 @@ def format_ranges(ranges: tuple[tuple[float, float], ...], unit: str | None) -> 
 def entries_of(
     scene: Scene, camera: Camera, network: str, size: int, diameter: float, unit: str | None = None
 ) -> list[Entry]:
-    """Return the lines of the legend of a scene: its visible regions, in their order.
+    """Return the lines of the legend of a scene with a palette network: its visible regions, in their order.
 
-    Args:
-        scene: A scene with a palette network.
-        camera: Camera of the panel; a smaller picture than the panel's is enough.
-        network: ``pcn`` or ``styled``.
-        size: Side of a swatch in pixels.
-        diameter: Its diameter in pixels of the camera's picture.
-        unit: Unit of the values.
+    A picture of the camera may be smaller than the panel's. For ``size`` and ``diameter``, see :func:`swatch`.
     """
     found = []
     for number, region in enumerate(scene.regions):
@@ -94,13 +88,7 @@ def entries_of(
 def swatch(scene: Scene, number: int, camera: Camera, network: str, size: int, diameter: float) -> Picture | None:
     """Return the swatch of one region, straight RGBA (size, size, 4); None if no pixel of the camera shows it.
 
-    Args:
-        scene: A scene with a palette network.
-        number: Number of the region.
-        camera: Camera of a picture of the scene.
-        network: ``pcn`` or ``styled``.
-        size: Side of the swatch in pixels.
-        diameter: Its diameter in pixels of the camera's picture.
+    The network is ``pcn`` or ``styled``; ``diameter`` is the swatch's in pixels of the camera's picture.
     """
     flat = _alone(scene, number, camera, network, light=False)
     seen = flat.rgba[..., 3] > max(LEAST_ALPHA, 0.1 * float(flat.rgba[..., 3].max()))

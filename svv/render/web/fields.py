@@ -252,21 +252,15 @@ class Baker:
 
 @torch.no_grad()
 def fields_of(scene: Scene, progress: Progress = silent) -> tuple[list[Field], dict[str, object]]:
-    """Return what a viewer needs to draw a scene with its palette.
+    """Return what a viewer needs to draw a scene with a palette network, on the CPU, and how to read a network's light.
 
     ``extinction`` is its logarithm (1 channel). ``weights`` holds palette weights (P), ``material`` the intensity and
     the palette's colours with their offsets (1 + 3 P). ``light`` holds vectors v of the normals under an explicit light
     (3) and otherwise amounts of light; it is missing where the scene has no light. ``paint0``, ``paint1`` and so on are
     the colours of its paintings (3 each).
 
-    Args:
-        scene: A scene with a palette network, on the CPU.
-        progress: Called while the fields are computed.
-
-    Returns:
-        The fields, and how to read the amounts of a network's light, empty for any other light: shade and specular
-        light are dot products of ``harmonics`` harmonics of a ray's direction with each half of ``mean`` + amounts @
-        ``axes``.
+    Of a network's light, shade and specular light are dot products of ``harmonics`` harmonics of a ray's direction with
+    each half of ``mean`` + amounts @ ``axes``; nothing is told of any other light.
     """
     baker = Baker(scene)
     progress(0.0, "extinction")

@@ -29,13 +29,8 @@ SKETCH, FINISHED = "A sketch of {file}, which is being learned.", "{file}"
 class Follower:
     """Serves the page of the newest scene of a file; ``look`` makes it, and ``close`` ends the server.
 
-    Args:
-        file: The scene's file, which need not exist yet. Before it does, sketches beside it are shown.
-        port: Port of the server; 0 for any that is free.
-        background: RGB in [0, 1] behind the scene.
-
-    Raises:
-        BadInput: The port is in use.
+    The file need not exist yet; before it does, sketches beside it are shown. The port is 0 for any that is free.
+    Raises BadInput if it is in use.
     """
 
     def __init__(self, file: Path, port: int = 0, background: Sequence[float] = WHITE) -> None:

@@ -98,8 +98,7 @@ def html_of(
 ) -> bytes:
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
-    Raises:
-        BadInput: The scene has no palette network, or occlusion beside what hides it from a page.
+    Raises BadInput if the scene has no palette network, or occlusion beside what hides it from a page.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")

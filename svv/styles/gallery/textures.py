@@ -124,15 +124,9 @@ class Canvas:
 
 
 def style_picture(name: str, size: int = 512, seed: int = 0) -> Floats:
-    """Paint one of this module's pictures.
+    """Paint one of this module's pictures, ``"brush strokes"`` or ``"stippling"``: float32 sRGB in [0, 1].
 
-    Args:
-        name: ``"brush strokes"`` or ``"stippling"``.
-        size: Side in pixels; strokes scale with it.
-        seed: Seed of the random generator; each gives another painting in the same manner.
-
-    Returns:
-        The picture, float32 sRGB in [0, 1]. (size, size, 3)
+    (size, size, 3) Strokes scale with the side in pixels; each seed gives another painting in the same manner.
     """
     return STYLE_PICTURES[name](np.random.default_rng(seed), size)
 

@@ -33,10 +33,7 @@ def parse_colour(text: str) -> tuple[float, float, float]:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Return '800' or '1280x720' as (width, height), 1 to 16384 pixels each.
-
-    Raises BadInput for another form or size.
-    """
+    """Return '800' or '1280x720' as (width, height), up to 16384; raises BadInput for another form or size."""
     parts = text.lower().split("x")
     if len(parts) in (1, 2) and all(p.isascii() and p.isdigit() and 1 <= int(p) <= 16384 for p in parts):
         return int(parts[0]), int(parts[-1])
@@ -44,10 +41,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_mapping(text: str) -> dict[int, int | str] | Literal["colour"]:
-    """Return '0=0,2=sky' as {region: style, or part of a picture}; 'colour' (or 'color') is returned as that word.
-
-    Raises BadInput for another form, or if a region is named twice.
-    """
+    """Return '0=0,2=sky' as {region: style or part}, or 'colour'; BadInput for another form, or a region twice."""
     if text.strip().lower() in ("colour", "color"):
         return "colour"
     pairs = [part.partition("=") for part in text.split(",")]
@@ -82,9 +76,9 @@ def _pairs_in(text: str, advice: str) -> dict[int, int]:
 
 
 def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
-    """Return ['0=sky.png', '1=tree.png'] as {style: file}.
+    """Return ['0=sky.png'] as {style: file}.
 
-    Raises BadInput for another form, or if a style does not exist or is named twice.
+    Raises BadInput for another form, a style that does not exist, or one twice.
     """
     found: dict[int, Path] = {}
     for text in texts:
@@ -199,10 +193,7 @@ def parse_stroke_palette(text: str) -> tuple[tuple[float, float, float], ...]:
 
 
 def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
-    """Return '15,60,full' as seconds, each once; ``full`` becomes None, which means no limit.
-
-    Raises BadInput for another form, or a limit that is shorter than a second.
-    """
+    """Return '15,60,full' as seconds >= 1, each once, None for full, no limit; raises BadInput for another form."""
     limits: list[float | None] = []
     for part in (part.strip() for part in text.split(",")):
         try:

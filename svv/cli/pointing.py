@@ -31,8 +31,7 @@ class PictureOptions:
 def point_in(scene: Scene, place: Place, picture: PictureOptions) -> tuple[float, float, float]:
     """Return the point in the world that a place means: what a pixel shows, or the point itself.
 
-    Raises BadInput if a picture was named, but the place is no pixel; nothing is visible there, or the picture has no
-    such pixel.
+    Raises BadInput if the place is no pixel of the picture that was named, or nothing is visible there.
     """
     from svv.io.views.camera_file import read_camera
     from svv.render.frames import orbit

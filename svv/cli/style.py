@@ -120,10 +120,9 @@ def style_mask(
 
 
 def read_styles(sources: Sequence[str], masks: Sequence[str]) -> list[StyleInput]:
-    """Read the pictures or inks and the masks of the options ``--style`` and ``--style-mask``, with their names.
+    """Read the styles and masks of ``--style`` and ``--style-mask``, named for both.
 
-    The name of a picture with a mask includes the name of the mask. Raises BadInput if one does not exist or cannot be
-    used.
+    Raises BadInput if one is of no use.
     """
     from svv.io.pictures.mask_file import read_mask
     from svv.train.paint.ink import StyleInput, picture_of, style_named

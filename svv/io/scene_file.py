@@ -95,10 +95,7 @@ def scene_bytes(header: Mapping[str, object], tensors: Mapping[str, np.ndarray],
 def _pieces(
     header: Mapping[str, object], tensors: Mapping[str, np.ndarray], deflate: bool
 ) -> Iterator[bytes | memoryview]:
-    """Yield the content of a scene file, array by array: the safetensors package would copy all of them, twice.
-
-    A checkpoint thus takes no memory.
-    """
+    """Yield a scene file's content by arrays, without a copy of all: the safetensors package would make two."""
     # safetensors ignores the strides of arrays, so the values would be read back in another order.
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
     tables = {name: a.shape for name, a in arrays.items() if deflate and a.dtype == np.uint8 and a.ndim == 2 and a.size}
@@ -137,10 +134,7 @@ def read_scene_header(path: str | Path) -> dict[str, Any]:
 
 
 def header_in(content: bytes, name: str) -> dict[str, Any]:
-    """Return the header from a scene file's content, or from the beginning of that.
-
-    Raises BadInput as :func:`parse_scene`.
-    """
+    """Return the header from (the beginning of) a scene file's content; raises BadInput as :func:`parse_scene`."""
     return _validate_header(name, content[8 : _length(content, name) + 8])[0]
 
 

@@ -1,9 +1,7 @@
-"""Compile the kernels before they are needed, in a process of its own, while something else takes the time.
+"""Compile the kernels before they are needed, in a process beside the drawing of views, which needs none.
 
-numba compiles each kernel when it is first called and keeps the result for later processes. On a fresh installation,
-that is most of a minute, of which one CPU core is busy and the user sees no progress. Views are drawn by VTK, which
-needs no kernels, so the commands that draw them start this module beside themselves. It does a whole small job: what
-that compiles is what any job needs, without a list of kernels that would go out of date.
+numba takes most of a minute on a fresh installation, and keeps what it compiles. A whole small job compiles what any
+job needs, without a list of kernels that would go out of date.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Scenes in PyVista: ``pyvista.read("scene.svv")`` and the accessor ``.svv`` of what it returns.
 
-PyVista (0.48 and newer) finds both by the entry points in ``pyproject.toml`` and imports this module when they are
-first used. A scene becomes an image of cells with its regions and opacities, which shows where things are; the scene
-itself travels along as field data, so copies of the dataset and files of it keep it.
+PyVista (0.48 and newer) finds both by the entry points in ``pyproject.toml``. A scene becomes an image of cells with
+its regions and opacities, which shows where things are; the scene itself travels along as field data.
 """
 
 from __future__ import annotations

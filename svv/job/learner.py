@@ -1,8 +1,8 @@
-"""A process that learns for another one: it obeys orders, and shows sketches until the result is there.
+"""A process that learns for ParaView's window or a training in the background: it obeys orders, and shows sketches.
 
 Each order is a :class:`svv.job.request.Request`. First sketches with broad strokes are painted
 (:mod:`svv.job.sketching`); and when the scene is there, that with broad strokes. Orders that come meanwhile are obeyed
-from the callback of the progress. ParaView's window and trainings in the background have such a process beside them.
+from the callback of the progress.
 """
 
 from __future__ import annotations

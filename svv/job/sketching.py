@@ -1,8 +1,7 @@
 """What is shown first of a request: sketches that are learned in seconds, and painted.
 
-If the volume may be learned from, there is one sketch, in its own shape and light (:mod:`svv.train.value_sketch`);
-otherwise one follows another (:mod:`svv.train.run.sketches`). The last one gets strokes as they are asked for if that
-is quick.
+If the volume may be learned from, there is one, in its own shape and light (:mod:`svv.train.value_sketch`); otherwise
+one follows another (:mod:`svv.train.run.sketches`). The last one gets strokes as asked for if that is quick.
 """
 
 from __future__ import annotations

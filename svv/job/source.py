@@ -55,11 +55,7 @@ class Drawn(ABC):
         """Return arguments of :func:`svv.dvr.draw.views.make_views`: ``tf``, and others that the source requires."""
 
     def make_views(self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE) -> ViewMeta:
-        """Draw the views into a folder (:func:`svv.dvr.draw.views.make_views`), and return their metadata.
-
-        Views are kept in the folder while they are drawn, so an interrupted drawing goes on, and several processes can
-        share it.
-        """
+        """Draw the views into a folder, a kept one at a time (:class:`DrawnViews`), and return their metadata."""
         check_splits(folder)  # before the work, not after it
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
         kept = DrawnViews(folder / ".drawing", key_of("views", self.identity(), chosen(options)), sharing)
@@ -195,10 +191,7 @@ def content_of(volume: Path) -> str:
 
 
 def imported_views(database: Path, folder: Path, progress: Progress) -> Path:
-    """Return the folder of views of a Cinema database; it is made anew only if the database has changed.
-
-    Raises BadInput if the database cannot be read (:func:`svv.io.cinema.views.read_database`).
-    """
+    """Return a Cinema database's folder of views, made anew only if it changed; raises BadInput as `read_database`."""
     if transforms_file(folder, "train") is not None:
         known_as = read_meta(folder).other.get("cinema")
         if isinstance(known_as, dict) and known_as.get("key") == read_table(database).key():

@@ -1,9 +1,7 @@
-"""Work in stages, none of which is repeated unnecessarily.
+"""Work in stages, none of which is repeated unnecessarily: ``stages.json`` records settings, outputs and costs.
 
-A job records the settings, outputs and cost of each stage in ``stages.json`` beside its results. Running the same
-command again skips every stage whose settings, inputs and files are unchanged; a changed setting repeats only the
-stages that depend on it. Results of stages that depended on what is no longer there are removed: the results in the
-folder always belong together.
+The same command skips every stage whose settings, inputs and files are unchanged. Results of stages that depended on
+what is no longer there are removed: the results in the folder always belong together.
 """
 
 from __future__ import annotations

@@ -1,10 +1,7 @@
 """Other opacities of a scene of learned features, from the volume on which it was trained.
 
-What the functions say of the volume changes the extinction that training found at each vertex, and
-:mod:`svv.fields.following.other_cells` has the rest: nothing is learned, so what the views of the training did not
-show is approximate, and is told.
-
-Letters: V vertices, S samples.
+The functions change the extinction that training found at each vertex, and :mod:`svv.fields.following.other_cells` has
+the rest: what the views of the training did not show is approximate, and is told. Letters: V vertices, S samples.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The volume rendering as a panel of a figure, beside the paintings of the scene that was trained on it.
 
-A scene says what its volume's file is called and holds, not where it is: the file is looked for where the scene is and
-where the command runs, and known again by its content. If it is not there, the panel shows the scene's palette network
-and says so.
+A scene says what its volume's file is called and holds, not where it is: it is looked for where the scene is and where
+the command runs. If it is not there, the panel shows the scene's palette network and says so.
 """
 
 from __future__ import annotations

@@ -40,10 +40,7 @@ def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, 
 
 
 def style_file(source: str, folder: Path) -> Path:
-    """Return the file of a style; for ``gallery:NAME`` one in ``folder``, written if it does not exist yet.
-
-    Raises BadInput if the name is unknown, the style has no picture, or the folder cannot be written to.
-    """
+    """Return the file of a style, for ``gallery:NAME`` one in ``folder``; BadInput if unknown or without a picture."""
     if source.startswith(DRAWN):
         raise BadInput(f"{source} is drawn without a picture, but a picture is needed here; use it with svv stylize.")
     if not source.startswith(PREFIX):

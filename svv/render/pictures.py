@@ -27,10 +27,7 @@ INK = (60, 60, 60)
 def sheet(
     rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6, captions: Sequence[str] | None = None
 ) -> Picture:
-    """Draw a contact sheet: rows of pictures of one size on white, ``gap`` pixels apart, with labels above columns.
-
-    ``captions`` are smaller text under the labels.
-    """
+    """Draw a contact sheet: rows of pictures of one size on white, with labels and captions above the columns."""
     height, width = rows[0][0].shape[:2]
     line = max(18, width // 11)
     head = line if captions is None else line + max(12, line * 2 // 3)

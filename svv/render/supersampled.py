@@ -1,7 +1,7 @@
 """Images averaged over several rays per pixel: edges of brush strokes are smooth where one sees them at a slant.
 
-A stroke's edge is as soft as a pixel is wide. Where a surface is seen at a slant or a sheet of glass from its side, the
-place that a ray shows changes by more than that from pixel to pixel, so edges become stairs and thin strokes dots.
+A stroke's edge is as soft as a pixel is wide. At a slant, the place that a ray shows changes by more than that from
+pixel to pixel, so edges become stairs and thin strokes dots.
 """
 
 from __future__ import annotations

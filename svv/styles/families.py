@@ -1,8 +1,7 @@
 """Families of strokes: a picture's strokes divided into as many parts as are asked for, so that regions can share it.
 
-What the hand of a picture measures as one stroke (:mod:`svv.styles.hand`) has one colour, and strokes are divided, not
-pixels. They are divided by coherent areas where the picture has some that differ (a sky, a field, a tree), else by
-colour (Ward 1963). Letters: N strokes, F families.
+What the hand of a picture measures as one stroke (:mod:`svv.styles.hand`) has one colour. Strokes are divided by
+coherent areas where the picture has some that differ, else by colour (Ward 1963). Letters: N strokes, F families.
 """
 
 from __future__ import annotations
@@ -127,8 +126,7 @@ def divisions(
 def areas_of(picture: NDArray[np.floating], families: Sequence[Family], mask: Mask | None = None) -> list[Mask]:
     """Return the pixels of each family (H, W): those whose nearest stroke of a like colour is the family's.
 
-    The picture (H, W, 3) is sRGB in [0, 1]; no family is empty; ``mask`` (H, W) is the part that was divided, None for
-    all.
+    The picture (H, W, 3) is sRGB in [0, 1]; a ``mask`` (H, W) is the part that was divided.
     """
     from skimage.transform import resize
 

@@ -1,10 +1,8 @@
-"""The hand of a picture: how its strokes look, measured.
+"""The hand of a picture: how its strokes look, measured; nothing is learned.
 
-Strokes run along the structure tensor, and across it the lightness changes from stroke to stroke. The autocorrelation
-of the lightness across and along the strokes gives their width and length, and the mean cross-section of light and dark
-strokes their profile. Colours are sampled one for each short stretch of a stroke. Nothing is learned.
-
-Units: pixels are those of the picture as given; lightness and colours are CIELAB. Letters: N samples of strokes.
+Strokes run along the structure tensor. The autocorrelation of the lightness across and along them gives their width and
+length, and the mean cross-section of light and dark strokes their profile. Units: pixels are those of the picture as
+given; lightness and colours are CIELAB. Letters: N samples of strokes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Segmenters, which find parts of a style picture, behind one interface: scikit-image's superpixels, or SAM.
 
-:class:`Superpixels` is the default and needs nothing else. :class:`SegmentAnything` (Kirillov et al. 2023), used by the
-paper, must be installed separately, package and weights, and is experimental: the tests use a stand-in for the model.
-They check how its package is called and how its results are used, not the results of the model itself.
+:class:`SegmentAnything` (Kirillov et al. 2023), used by the paper, must be installed separately, package and weights,
+and is experimental: the tests use a stand-in for the model.
 """
 
 from __future__ import annotations
@@ -57,10 +56,7 @@ class Superpixels:
 
 
 class SegmentAnything:
-    """Segment Anything, with its authors' package and weights; raises BadInput if either is missing.
-
-    The file of the weights is by default the one named by ``SVV_SAM_WEIGHTS``, or one in torch's cache.
-    """
+    """Segment Anything by its authors' package, by default with :func:`sam_weights`; BadInput without either."""
 
     name = "sam"
 

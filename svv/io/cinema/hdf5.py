@@ -15,10 +15,7 @@ SUFFIXES = (".h5", ".hdf5")
 
 
 def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
-    """Return uint8 levels (height, width, 3 or 4) and the metadata by name of one file.
-
-    Raises BadInput if h5py is not installed, the file is truncated or damaged, or it has no picture.
-    """
+    """Return a file's uint8 levels (height, width, 3 or 4) and metadata; BadInput if damaged, or without h5py."""
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:

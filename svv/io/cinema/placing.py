@@ -68,9 +68,9 @@ def rotations_of(table: Table) -> Array | None:
 
 
 def cameras_by_rows(table: Table, metas: Sequence[dict[str, object]], size: tuple[int, int]) -> list[Camera] | None:
-    """Return the cameras that images or rows describe themselves; None if they do not.
+    """Return the cameras that images or rows describe, if any.
 
-    Raises BadInput if some do and others do not, or a camera is invalid.
+    Raises BadInput if only some do, or a camera is invalid.
     """
     named = {name: values for name, values in table.columns.items() if name.lower().startswith("cam")}
     found: list[Camera | None] = []

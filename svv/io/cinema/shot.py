@@ -53,10 +53,7 @@ class Shot:
 
 
 def read_shot(path: Path) -> Shot:
-    """Read the camera of a view from a ParaView state (.pvsm), a Python or Catalyst script, or ``camera.json``.
-
-    Raises BadInput if the file is missing, contains no camera, or several that differ.
-    """
+    """Read a view's camera from a .pvsm, a script, or ``camera.json``; raises BadInput if it has none, or several."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:

@@ -100,10 +100,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def check_files(table: Table) -> tuple[Table, str | None]:
-    """Return the rows of a database whose images are there, and a sentence on the others, if any.
-
-    Raises BadInput if most rows have no image, or an image has no row.
-    """
+    """Return the rows whose images are there, and a sentence on the others; BadInput if most lack one, or a row."""
     there = [k for k, name in enumerate(table.files) if name and is_file(table.folder / name)]
     said, missing = None, [k for k in range(len(table)) if k not in set(there)]
     if missing:

@@ -9,10 +9,7 @@ from svv.errors import BadInput
 
 
 def opacity_function(folder: Path, number: str) -> Json | None:
-    """Return a transfer function of the sweep as a ParaView preset; None if there is none.
-
-    Raises BadInput if it is damaged.
-    """
+    """Return a sweep's transfer function as a ParaView preset, if it has one; raises BadInput if it is damaged."""
     file = folder / f"cinemavolume_{number}.json"
     if not file.is_file():
         return None

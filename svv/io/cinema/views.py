@@ -52,10 +52,7 @@ class Imported:
 
 
 def read_database(path: str | Path, options: DatabaseOptions | None = None, progress: Progress = silent) -> Imported:
-    """Read a Cinema database.
-
-    Raises BadInput if it is damaged or incomplete, its images contradict its cameras, or an option is wrong.
-    """
+    """Read a Cinema database; raises BadInput if it is damaged, contradicts its cameras, or an option is wrong."""
     options = options or DatabaseOptions()
     listed = read_table(path)
     whole, lacking = check_files(listed)
@@ -94,10 +91,9 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
 
 
 def read_views(path: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
-    """Read views of one split from a folder of views, or from a Cinema database with the default options.
+    """Read one split of a folder of views, or of a Cinema database, whose notes are in ``meta.assumed``.
 
-    ``meta.assumed`` contains the notes of the database. Raises BadInput as :meth:`svv.io.views.viewset.ViewSet.read`
-    and :func:`read_database`.
+    Raises BadInput as :meth:`svv.io.views.viewset.ViewSet.read` and :func:`read_database`.
     """
     path = Path(path)
     if not is_database(path):

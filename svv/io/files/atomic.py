@@ -1,8 +1,7 @@
-"""Files that are either written whole or not at all.
+"""Files that are either written whole or not at all, whenever a run is stopped, the disk fills up or the power fails.
 
-A run that is stopped, or a disk that fills up, must never leave half a scene under the name of a good one:
-every writer of the project fills a temporary file in the same folder and moves it into place at the end. Data are on
-disk before they get their name, and names before the writer goes on, so a power failure does no more harm than that.
+Every writer of the project fills a temporary file in the same folder and moves it into place at the end. Data are on
+disk before they get their name, and names before the writer goes on.
 """
 
 from __future__ import annotations

@@ -43,10 +43,7 @@ def cache_folder() -> Path:
 
 
 def bytes_in(text: str, name: str = "SVV_CACHE_SIZE") -> int:
-    """Return a size such as '500M', '2G' or '1000000' in bytes.
-
-    Raises BadInput, with the variable's name, for another text.
-    """
+    """Return a size such as '500M', '2G' or '1000000' in bytes; raises BadInput, with a variable's name, for others."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)B?", text.strip().upper())
     if found is None:
         raise BadInput(f"{name} must be a number of bytes such as 500M or 2G (0 keeps nothing), not '{text}'.")

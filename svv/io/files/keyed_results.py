@@ -1,8 +1,7 @@
-"""Results that are computed once and identified by a key: a hash of everything that they depend on.
+"""Results that are computed once and identified by a key: a hash of everything that they depend on (:func:`key_of`).
 
-A key is made from content, never from sums, sizes or paths: from the bytes of arrays and files, from settings and
-other plain values, and from the version (:func:`key_of`). Results are kept as JSON records that contain the key
-(:func:`write_record`) or in folders with such a record (:func:`make_keyed_folder`); a result with another key is
+A key is made from content, settings and the version, never from sums, sizes or paths. Results are kept as JSON records
+that contain it (:func:`write_record`) or in folders with one (:func:`make_keyed_folder`); with another key, they are
 computed again.
 """
 
@@ -90,9 +89,9 @@ def write_record(path: Path, key: str, record: Mapping[str, object]) -> None:
 
 
 def make_keyed_folder(folder: Path, key: str) -> Path:
-    """Return a folder for results with this key; create it if it is missing, and empty it if it has another key.
+    """Return a folder for results with this key, empty if it had another.
 
-    Raises BadInput if the folder contains files that are not ours, or it cannot be created.
+    Raises BadInput if others' files are in it.
     """
     note = folder / "key.json"
     if folder.exists() and not _is_ours(note) and any(folder.iterdir()):

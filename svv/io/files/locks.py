@@ -1,11 +1,8 @@
 """Locks on files, which the system releases when a process ends, however it ends.
 
-Where there are no such locks (Windows, some network folders), nothing is locked: files are still written whole or not
-at all, and two commands with one output overwrite each other's results.
-
-The package filelock locks where a process waits for another and the file may stay (:mod:`svv.bricks.pyramid`). It has
-no locks on folders, on files that are renamed, or that can only be asked about, and it leaves its file behind, which
-nobody wants beside a result.
+Where there are no such locks (Windows, some network folders), nothing is locked, and two commands with one output
+overwrite each other's results. The package filelock locks where the file may stay (:mod:`svv.bricks.pyramid`); it has
+no locks on folders, on files that are renamed, or that can only be asked about.
 """
 
 from __future__ import annotations

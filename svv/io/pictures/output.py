@@ -1,8 +1,6 @@
-"""Rendered pictures on disk: PNG, VTK image data (.vti) and movies (.mp4).
+"""Rendered pictures on disk: PNG, movies (.mp4), and VTK image data (.vti) without VTK, which svv does not need.
 
-The .vti writer does not need VTK: the base installation has none, and ``svv render`` and ``svv export`` write files for
-ParaView there, too. h and w are height and width
-in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at the bottom.
+h and w are height and width in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at the bottom.
 """
 
 from __future__ import annotations

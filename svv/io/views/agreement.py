@@ -1,10 +1,8 @@
-"""Whether pictures contradict their cameras, and which mistake explains it.
+"""Whether pictures contradict their cameras, which train to a blur without an error, and which mistake explains it.
 
-Cameras that are wrong by a convention train without an error, to a blur. Silhouettes tell
-(:mod:`svv.core.view_checks.agreement`), and undoing the usual mistakes one by one tells which it was
-(:mod:`svv.core.view_checks.camera_mistakes`). Right cameras must never be refused, however noisy, transparent or sparse
-the pictures are: a set is refused only if other cameras agree several times better, or if its own agree no better than
-the same cameras in any order.
+Silhouettes tell (:mod:`svv.core.view_checks.agreement`), and undoing the usual mistakes one by one tells which it was.
+Right cameras must never be refused, however noisy, transparent or sparse the pictures are: a set is refused only if
+other cameras agree several times better, or if its own agree no better than the same cameras in any order.
 """
 
 from __future__ import annotations

@@ -90,10 +90,7 @@ def split_of(file: Path) -> str:
 
 
 def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, object], list[dict[str, object]]]:
-    """Return the file of a split, its content, and the frames of the split.
-
-    Raises BadInput if there is no such file, it cannot be read, or it has no frames for the split.
-    """
+    """Return a split's file, its content, and the split's frames; raises BadInput if the file or these are missing."""
     place = Path(folder)
     beside = place.parent if place.is_file() else place
     path = transforms_file(place, split) or beside / f"transforms_{split}.json"
@@ -195,9 +192,9 @@ def leaves(name: str) -> bool:
 
 
 def mask_files(path: Path, frames: Sequence[Frame]) -> list[Path] | None:
-    """Return the masks that frames name by ``mask_path``; None for none.
+    """Return the masks that frames name by ``mask_path``, if any do.
 
-    Raises BadInput if some have none, or one is missing.
+    Raises BadInput if others do not, or one is missing.
     """
     if not any("mask_path" in frame for frame in frames):
         return None

@@ -161,10 +161,7 @@ def decode(file: Path) -> Images:
 
 
 def decode_as_srgb(file: Path) -> tuple[Images, float | None]:
-    """Return levels as :func:`decode`, in sRGB, and the power of light that was stored if it was another.
-
-    See :mod:`svv.io.pictures.gamma`.
-    """
+    """Return levels as :func:`decode`, in sRGB, and the other power of light, if any, that was stored."""
     return _decoded(file, True)
 
 

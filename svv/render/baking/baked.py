@@ -1,8 +1,7 @@
 """A scene baked into a volume of bytes that VTK's volume mappers draw (:mod:`svv.render.baking.baked_volume`).
 
-What edits do not change (:class:`svv.render.baking.voxels.Matter`) can be kept for the next bake.
-
-Letters: S points in occupied cells, (Z, Y, X) points of the grid.
+What edits do not change (:class:`Matter`) is kept for the next bake. Letters: S points in occupied cells, (Z, Y, X)
+points of the grid.
 """
 
 from __future__ import annotations
@@ -57,11 +56,7 @@ class Baker:
 
     @torch.no_grad()
     def bake(self, scene: Scene, options: BakeOptions, progress: Progress = silent) -> BakedVolume:
-        """Bake a scene with its edits.
-
-        Raises BadInput if the scene lacks the network or one of the regions, its colours have no palette, or the
-        options allow too little memory.
-        """
+        """Bake a scene with its edits; BadInput if it lacks network, palette or regions, or memory does not suffice."""
         network = network_of(scene, options)
         if options.regions is not None:
             scene = scene.isolated(*options.regions)
@@ -139,10 +134,7 @@ def bake(scene: Scene, options: BakeOptions = BakeOptions(), progress: Progress 
 
 
 def network_of(scene: Scene, options: BakeOptions) -> NetworkName:
-    """Return the name of the network that gives the colours.
-
-    Raises BadInput if the scene lacks it, or it is ``base``.
-    """
+    """Return the name of the network that gives the colours; BadInput if the scene lacks it, or it is ``base``."""
     network = options.network or cast(NetworkName, scene.networks[-1])
     if network not in scene.networks:
         raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")

@@ -1,10 +1,8 @@
-"""Volumes of bytes that VTK's volume mappers draw: a colour and a code of the extinction a point.
+"""Volumes of bytes that VTK's volume mappers draw: a colour and a code of the extinction a point. (Z, Y, X)
 
-Such a volume is drawn with its colours as they are (``MapScalars`` off, no independent components) and with the opacity
+They are drawn with their colours as they are (``MapScalars`` off, no independent components) and with the opacity
 function of :mod:`svv.core.volumes.opacity_code` over the volume's unit distance. Points around the visible ones are
 empty but have their neighbours' colour, because mappers interpolate colours and codes apart.
-
-(Z, Y, X): points of the grid.
 """
 
 from __future__ import annotations

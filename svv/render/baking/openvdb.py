@@ -1,12 +1,9 @@
 """Writes a baked volume as OpenVDB, for Blender, Houdini and other programs that draw smoke and clouds.
 
-The file holds two grids in world units: ``density`` is the extinction, in 1 / world unit, and ``Cd`` the colour, both
-named as these programs expect. They draw with linear light, so colours are sRGB's, decoded. OpenVDB itself is not a
-dependency: a Python that has its module writes the file (:mod:`svv.io.openvdb_script`).
-
-OpenVDB refuses transforms of tiny voxels (10.0.1 below 1.4e-5: it takes the determinant for 0), and programs hold
-transforms in single precision. Volumes with very small or large voxels are therefore written in another unit, a power
-of 1000 world units, which the file's metadata tells as ``world_units``.
+The grids are ``density``, the extinction in 1 / world unit, and ``Cd``, linear colours, as these programs expect. A
+Python that has OpenVDB's module writes the file (:mod:`svv.io.openvdb_script`). OpenVDB refuses transforms of tiny
+voxels (10.0.1 below 1.4e-5: it takes the determinant for 0), and programs hold transforms in single precision, so very
+small or large voxels are written in another unit, a power of 1000 world units, the metadata's ``world_units``.
 """
 
 from __future__ import annotations

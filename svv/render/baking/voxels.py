@@ -84,10 +84,7 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
 
 
 def grid_around(grids: Sequence[Grid], memory: float) -> Grid:
-    """Return a grid that contains one or more others, as fine as the finest and aligned with it if memory allows.
-
-    ``memory`` is in gigabytes, of which a point takes 4 bytes.
-    """
+    """Return a grid that contains others, as fine as the finest and aligned with it if ``memory`` (GB) allows."""
     finest = min(grids, key=lambda grid: grid.spacing)
     spacing, origin = finest.spacing, np.array(finest.origin)
     low = np.min([grid.origin for grid in grids], axis=0)

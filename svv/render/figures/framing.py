@@ -61,10 +61,7 @@ def together(seen: Sequence[NDArray[np.float32]], cameras: Sequence[Camera]) -> 
 
 
 def windows_of(seen: Sequence[NDArray[np.floating]], content: bool) -> list[Window]:
-    """Return the window of each panel's preview of alpha (h, w); all have one size, so that all are shown at one scale.
-
-    They show only what is visible with ``content``, otherwise the whole frames.
-    """
+    """Return the window of each preview's alpha (h, w), of one size: the whole frame, or only visible ``content``."""
     boxes = [_box(alpha) if content else (0.0, 0.0, float(alpha.shape[1]), float(alpha.shape[0])) for alpha in seen]
     width, height = max(box[2] for box in boxes), max(box[3] for box in boxes)
     more = 2.0 * MARGIN * max(width, height) if content else 0.0
@@ -115,8 +112,7 @@ def free_corner(
 ) -> str | None:
     """Return a corner of a preview's window, not ``taken``, where its alpha (h, w) shows nothing, or None.
 
-    Width and height of the corner, and the height of the empty strip below the window, are fractions of the window's
-    width.
+    ``size`` of the corner and ``strip``, the height of what is empty below, are fractions of the window's width.
     """
     height, width = alpha.shape
     across, down, more = (part * window.width for part in (*size, strip))

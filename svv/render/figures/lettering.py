@@ -76,9 +76,9 @@ class Lettering:
 
 
 def families_for(texts: Iterable[str], font: str | None) -> tuple[str, ...]:
-    """Return fonts that have all characters of some texts: the chosen one first, others only for what it lacks.
+    """Return fonts for all characters, the chosen one first.
 
-    Raises BadInput if the chosen font is not installed, or no installed font has a character.
+    Raises BadInput if it, or one for a character, is missing.
     """
     families = [OWN_FONT] if font is None else [_installed(font), OWN_FONT]
     for text in texts:

@@ -1,8 +1,7 @@
 """Swatches of a legend: a small sphere in the paint and light of each region, as opaque as the region looks.
 
-The paint is cut from a picture of the region alone, without its light, where most of it is in one piece, and wrapped
-around the sphere. The light is the scene's own where it can be moved; a light that a network learned is measured: how
-bright the region is at its darkest and at its brightest.
+The paint is cut from a picture of the region alone, without its light, where most of it is in one piece. The light is
+the scene's own where it can be moved; of a learned one is measured how dark and how bright it makes the region.
 """
 
 from __future__ import annotations

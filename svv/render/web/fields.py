@@ -1,10 +1,7 @@
 """A scene's fields on grids, for a viewer that interpolates them instead of running networks.
 
-A page has to be small enough to be sent, so the values are stored with as few levels as their effect on pictures needs:
-a byte's worth where a surface shows them, hardly any where a haze does. What that costs in dB is measured in
-docs/measurements/large.md#pages-for-browsers.
-
-Letters: V vertices of a grid, C channels, P regions, N levels.
+Values are stored with as few levels as their effect on pictures needs, so that a page can be sent; what that costs in
+dB is in docs/measurements/large.md#pages-for-browsers. Letters: V vertices of a grid, C channels, P regions, N levels.
 """
 
 from __future__ import annotations
@@ -138,10 +135,7 @@ class Baker:
         self._seen: dict[int, NDArray[np.float32]] = {}
 
     def grid(self, encoding: Encoding | None) -> Grid:
-        """Return the grid on which an encoding's values are stored: that of its finest level.
-
-        A hash grid has no vertices of its own: its values are stored at the corners of the occupied cells.
-        """
+        """Return the grid for an encoding's values: of its finest level, or for a hash grid of the occupied cells."""
         finest = encoding.resolutions[-1] if isinstance(encoding, SparseLattice) else self.scene.occupancy.cells
         resolution = int(finest)
         if resolution not in self.grids:

@@ -1,11 +1,8 @@
 """A light that a network learned, as spherical harmonics at each point: what a viewer evaluates without the network.
 
-The lighting MLP gives a sample's shade m and specular c_s as functions of the direction of its ray. At each vertex of a
-grid, both are fitted by least squares in the directions from the cameras of a sphere of views. Directions from which
-the vertex can be seen count most: nobody sees a surface from behind, where a fit would lose accuracy for nothing. Of
-the others, there are only as many as the harmonics need.
-
-Letters: V vertices, D directions, K harmonics, S pairs of a vertex and a direction.
+At each vertex of a grid, shade m and specular c_s are fitted by least squares in the directions from the cameras of a
+sphere of views; those from which the vertex can be seen count most. Letters: V vertices, D directions, K harmonics, S
+pairs of a vertex and a direction.
 """
 
 from __future__ import annotations
@@ -114,10 +111,7 @@ def _directions(scene: Scene, cameras: list[Camera], places: Tensor, camera: Ten
 
 
 def _fit(scene: Scene, places: Tensor, cameras: list[Camera], weight: Tensor) -> Tensor:
-    """Fit shade and specular light at places (V, 3) in the directions of cameras, each of which has a weight (V, D).
-
-    (V, 2 K)
-    """
+    """Fit shade and specular light at places (V, 3) in the directions of cameras, by weights (V, D). (V, 2 K)"""
     palette, (vertex, camera) = scene.palette_network, weight.nonzero(as_tuple=True)
     assert palette is not None
     directions = _directions(scene, cameras, places[vertex], camera)

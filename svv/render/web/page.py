@@ -1,8 +1,7 @@
 """Writes a scene as one HTML file, which a browser draws without a server, a network or further files.
 
-The page consists of the files in ``viewer``, the scene's settings as JSON, its fields (:mod:`svv.render.web.fields`) as
-compressed text, and a picture from the front and a small movie for browsers that cannot draw it. A scene that was
-joined from several has as many layers, each with fields of its own; any other is its only layer.
+It has the files in ``viewer``, the scene's settings as JSON, its fields (:mod:`svv.render.web.fields`) as compressed
+text, and a picture and a small movie for browsers that cannot draw it. Each function of a joined scene is a layer.
 """
 
 from __future__ import annotations

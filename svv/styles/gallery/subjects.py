@@ -1,9 +1,7 @@
-"""Subjects of the gallery's pictures: hills, the sea, a still life, flowers; each as tones, parts and directions.
+"""Subjects of the gallery's pictures: lightness, part of the motif and direction of strokes of each pixel.
 
-A subject is independent of the medium. It gives the lightness of each pixel, the part of the motif it belongs to, and
-the direction of strokes; :mod:`svv.styles.gallery.drawings`, ``prints`` and ``paintings`` do the rest.
-
-Letters: n is the side of the picture in pixels, rng the random generator; y runs down, x to the right.
+:mod:`svv.styles.gallery.drawings`, ``prints`` and ``paintings`` do the rest. Letters: n is the side of the picture in
+pixels, rng the random generator; y runs down, x to the right.
 """
 
 from __future__ import annotations

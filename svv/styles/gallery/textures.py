@@ -1,6 +1,4 @@
-"""Tools that paint the gallery's pictures: noise with a given spectrum, colour ramps, and dabs of paint.
-
-Bristles and the thickness of dabs are shaded at the end. Two pictures painted with dabs are here as well.
+"""Tools that paint the gallery's pictures (noise of a given spectrum, colour ramps, dabs of paint), and two of these.
 
 Letters: n is the side of a (square) picture in pixels, rng the random generator.
 """
@@ -124,10 +122,7 @@ class Canvas:
 
 
 def style_picture(name: str, size: int = 512, seed: int = 0) -> Floats:
-    """Paint one of this module's pictures, ``"brush strokes"`` or ``"stippling"``: float32 sRGB in [0, 1].
-
-    (size, size, 3) Strokes scale with the side in pixels; each seed gives another painting in the same manner.
-    """
+    """Paint a picture of :data:`STYLE_PICTURES`, float32 sRGB in [0, 1]; strokes scale with it. (size, size, 3)"""
     return STYLE_PICTURES[name](np.random.default_rng(seed), size)
 
 

@@ -30,7 +30,6 @@ IMPORT = (
     "svv import head.cdb --cameras head.pvsm --select time=0.5 --out views",
     "svv import head.cdb --select producer=white --black black --view-angle 30 --out views",
 )
-"""Examples in the help."""
 EXPORT = (
     "svv export scene.svv --out scene.html",
     "svv export scene.svv --out scene.cdb",
@@ -40,14 +39,12 @@ EXPORT = (
     "svv export scene.svv --out scene.vti --resolution 128 --light baked --regions 0,2",
     "svv export scene.svv --out scene.vdb --light baked",
 )
-"""Examples in the help."""
 
 
 POLITE = 10
 """Added to the niceness of `svv view --follow`."""
 
 VIEW = ("svv view scene.svv", "svv view --follow scene.svv")
-"""Examples in the help."""
 
 
 @spread

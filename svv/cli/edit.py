@@ -60,7 +60,6 @@ EDIT = (
     "svv edit scene.svv --occlusion 0.8 --out deep.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
-"""Examples in the help."""
 PALETTE = (
     "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
     "svv palette scene.svv --views views --merge 0,1 --set 0='#d0a060' --out one.svv",
@@ -68,7 +67,6 @@ PALETTE = (
     "svv palette scene.svv --views views --point 410,320=0 --point 150,90=1 --out pointed.svv",
     "svv palette scene.svv --views views --point 410,320=150,90 --out same.svv",
 )
-"""Examples in the help."""
 
 
 @dataclass(frozen=True)
@@ -125,10 +123,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     out: Out,
     region: Annotated[
         int | None,
-        typer.Option(
-            min=0,
-            help="Number of the region. Without it, occlusion, paint and outlines change in all.",
-        ),
+        typer.Option(min=0, help="Number of the region. Without it, occlusion, paint and outlines change in all."),
     ] = None,
     asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),

@@ -37,7 +37,6 @@ FIGURE = (
     "svv figure same.svv --look look.json --out same.pdf",
     "svv figure series.svv --time 0 --time 0.5 --time 1 --across 3 --transparent --out times.png",
 )
-"""Examples in the help."""
 
 
 CHECK_COLOURS = (
@@ -45,7 +44,6 @@ CHECK_COLOURS = (
     "svv check-colours scene.svv --background black --json colours.json",
     "svv check-colours figure.png --out simulated.png",
 )
-"""Examples in the help."""
 
 
 PanelName = Literal["dvr"]

@@ -25,13 +25,11 @@ FOLLOW = (
     "svv follow scene.svv flow.pvd --array pressure --out series.svv",
     "svv follow scene.svv blob_01.vti blob_02.vti blob_03.vti --out steps",
 )
-"""Examples in the help."""
 
 OPACITIES = (
     "svv opacities scene.svv head.vti --tf fainter.json --out fainter.svv",
     "svv opacities series.svv --tf core-alone.json --out core.svv",
 )
-"""Examples in the help."""
 
 
 @spread

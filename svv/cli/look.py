@@ -30,21 +30,16 @@ SAVE = (
     "svv look save painted.svv --out look.json",
     "svv look save painted.svv --about 'Blue shell' --view 40,20 --journal science --unit mm --out look.json",
 )
-"""Examples in the help."""
 APPLY = (
     "svv look apply look.json other.svv --dry-run",
     "svv look apply look.json other.svv --out same.svv",
     "svv look apply look.json other.svv --map 0=1,1=0 --camera camera.json --out same.svv",
     "svv look apply gallery:porcelain scene.svv --out porcelain.svv",
 )
-"""Examples in the help."""
 SHOW = ("svv look show look.json", "svv look show gallery:porcelain")
-"""Examples in the help."""
 LIST = ("svv look list",)
-"""Examples in the help."""
 
 LOOK = (SAVE[0], APPLY[1])
-"""Examples in the help."""
 
 LookFile = Annotated[str, typer.Argument(metavar="LOOK.json|gallery:NAME", help="A look; `svv look list` lists some.")]
 

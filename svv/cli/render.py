@@ -34,7 +34,6 @@ RENDER = (
     "svv render series.svv --play --orbit 240 --out frames",
     "torchrun --nproc-per-node 4 -m svv render scene.svv --orbit 181 --out frames",
 )
-"""Examples in the help."""
 
 ONE_VIEW = (".png", ".vti")
 """Extensions of files of one view."""
@@ -64,8 +63,7 @@ class Shown:
 def render(
     scene: SceneFile,
     out: Annotated[
-        Path,
-        typer.Option("--out", "-o", metavar="DIR|FILE", help="Folder for frames, or a .png, .vti or .mp4 file."),
+        Path, typer.Option("--out", "-o", metavar="DIR|FILE", help="Folder for frames, or a .png, .vti or .mp4 file.")
     ],
     which: Shown = Shown(),
     options: RenderOptions = RenderOptions(),

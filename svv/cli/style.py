@@ -20,14 +20,12 @@ if TYPE_CHECKING:
     from svv.train.paint.ink import StyleInput
 
 STYLES = ("svv styles", "svv styles --out gallery", "svv styles woodcut mosaic --size 800 --seed 3 --out gallery")
-"""Examples in the help."""
 STYLE_MASK = (
     "svv style-mask painting.jpg --regions 4 --out parts",
     "svv style-mask painting.jpg --positive 310,120 --negative 40,300 --out sky.png",
     "svv style-mask painting.jpg --refine sky.png --negative 200,260 --out sky.png",
     "svv style-mask gallery:impasto --positive 250,260 --out flower.png",
 )
-"""Examples in the help."""
 
 
 @dataclass(frozen=True)

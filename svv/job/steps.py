@@ -73,12 +73,7 @@ class Job:
     """One job in one folder; call its steps in the order of :func:`svv.job.run.run_job`."""
 
     def __init__(
-        self,
-        source: Drawn | ViewSource,
-        styles: Sequence[Path],
-        out: Path,
-        settings: JobSettings,
-        stages: Stages,
+        self, source: Drawn | ViewSource, styles: Sequence[Path], out: Path, settings: JobSettings, stages: Stages
     ) -> None:
         self.source, self.styles, self.settings, self.stages = source, list(styles), settings, stages
         self.out = out

@@ -70,10 +70,7 @@ class Remembered:
 
 
 def volume_panel(
-    scene: Scene,
-    volume: GivenVolume | None = None,
-    camera: GivenCamera | None = None,
-    title: str = "",
+    scene: Scene, volume: GivenVolume | None = None, camera: GivenCamera | None = None, title: str = ""
 ) -> Panel:
     """Return a panel with the rendering of a scene's volume, for :func:`svv.figure`.
 

@@ -31,11 +31,7 @@ def sheet(
     height, width = rows[0][0].shape[:2]
     line = max(18, width // 11)
     head = line if captions is None else line + max(12, line * 2 // 3)
-    canvas = Image.new(
-        "RGB",
-        (len(labels) * (width + gap) - gap, head + len(rows) * (height + gap) - gap),
-        "white",
-    )
+    canvas = Image.new("RGB", (len(labels) * (width + gap) - gap, head + len(rows) * (height + gap) - gap), "white")
     draw = ImageDraw.Draw(canvas)
     for column, label in enumerate(labels):
         x = column * (width + gap)

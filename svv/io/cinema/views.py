@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.cinema.pictures import read_pair, read_pictures, transparent
-from svv.io.cinema.placing import (
-    cameras_by_rows,
-    first_of_each,
-    gap_in,
-    placed_about,
-    rotations_of,
-    spread_out,
-)
+from svv.io.cinema.placing import cameras_by_rows, first_of_each, gap_in, placed_about, rotations_of, spread_out
 from svv.io.cinema.shot import BESIDE, Shot, read_shot
 from svv.io.cinema.table import OPACITY_FUNCTION, Table, check_files, is_database, read_table, select
 from svv.io.cinema.transfer import opacity_function
@@ -196,12 +189,7 @@ def _test_views(options: DatabaseOptions, count: int) -> int:
 
 
 def _split(
-    table: Table,
-    images: NDArray[np.uint8],
-    cameras: list[Camera],
-    options: DatabaseOptions,
-    key: str,
-    notes: list[str],
+    table: Table, images: NDArray[np.uint8], cameras: list[Camera], options: DatabaseOptions, key: str, notes: list[str]
 ) -> Imported:
     count = _test_views(options, len(cameras))
     if len(cameras) - count < MIN_TRAIN_VIEWS:

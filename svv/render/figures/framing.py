@@ -104,11 +104,7 @@ def distance_to(camera: Camera, middle: NDArray[np.floating]) -> float:
 
 
 def free_corner(
-    alpha: NDArray[np.floating],
-    window: Window,
-    size: tuple[float, float],
-    taken: Sequence[str],
-    strip: float = 0.0,
+    alpha: NDArray[np.floating], window: Window, size: tuple[float, float], taken: Sequence[str], strip: float = 0.0
 ) -> str | None:
     """Return a corner of a preview's window, not ``taken``, where its alpha (h, w) shows nothing, or None.
 

@@ -159,12 +159,7 @@ def _wrapped(
 
 
 def _lit(
-    scene: Scene,
-    number: int,
-    camera: Camera,
-    network: str,
-    paint: Picture,
-    sphere: tuple[Picture, Picture, Picture],
+    scene: Scene, number: int, camera: Camera, network: str, paint: Picture, sphere: tuple[Picture, Picture, Picture]
 ) -> Picture:
     """Return the paint on a sphere under the light of its region. (size, size, 3)"""
     coefficients = scene.coefficients()

@@ -188,7 +188,4 @@ def stippling(rng: Generator, n: int) -> Floats:
     return canvas.lit(0.25)
 
 
-STYLE_PICTURES: dict[str, Callable[[Generator, int], Floats]] = {
-    "brush strokes": brush_strokes,
-    "stippling": stippling,
-}
+STYLE_PICTURES: dict[str, Callable[[Generator, int], Floats]] = {"brush strokes": brush_strokes, "stippling": stippling}

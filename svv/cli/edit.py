@@ -77,44 +77,26 @@ class Steps:
     redo: Annotated[
         int, typer.Option("--redo", count=True, help="Redo the last edit that was undone; may be repeated.")
     ] = 0
-    show_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Show this painting.")] = None
-    drop_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Remove this painting from the file.")] = None
+    show_variant: Annotated[str | None, Setting(metavar="NAME")] = None
+    """Show this painting."""
+    drop_variant: Annotated[str | None, Setting(metavar="NAME")] = None
+    """Remove this painting from the file."""
 
 
 @dataclass(frozen=True)
 class Asked:
     """Names, MatCaps and words, which concern several regions, and colours that all can tell apart."""
 
-    name: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
-        ),
-    ] = None
-    matcap: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K=NAME|IMG|none",
-            help="Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, "
-            "x-ray, pearl, velvet, or the file of a square picture. May be repeated.",
-        ),
-    ] = None
-    say: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TEXT",
-            help="Say what should change: region names or 'region 0', colours, thinner, hide, only, light from the "
-            "left, in jade, as watercolour ... What is understood is printed; an unknown word fails.",
-        ),
-    ] = None
-    distinct: Annotated[
-        DistinctName | None,
-        typer.Option(
-            metavar="colours|lightness",
-            help="Recolour unpainted regions so that all differ: colours for any colour vision, lightness also in a "
-            "grey print.",
-        ),
-    ] = None
+    name: Annotated[tuple[str, ...], Setting(metavar="K=NAME")] = ()
+    """Name a region; nothing after the sign takes its name away."""
+    matcap: Annotated[tuple[str, ...], Setting(metavar="K=NAME|IMG|none")] = ()
+    """Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, x-ray, pearl,
+    velvet, or the file of a square picture."""
+    say: Annotated[str | None, Setting(metavar="TEXT")] = None
+    """Say what should change: region names or 'region 0', colours, thinner, hide, only, light from the left, in jade,
+    as watercolour ... What is understood is printed; an unknown word fails."""
+    distinct: Annotated[DistinctName | None, Setting(metavar="colours|lightness")] = None
+    """Recolour unpainted regions so that all differ: colours for any colour vision, lightness also in a grey print."""
 
 
 @spread
@@ -147,20 +129,15 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.files.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name or []))
-    regions = _with(regions, "matcap", parse_names(asked.matcap or [], "--matcap 0=jade"))
+    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name))
+    regions = _with(regions, "matcap", parse_names(asked.matcap, "--matcap 0=jade"))
     request = SceneEdit(regions, light, occlusion, paint, outline, visibility, cuts, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    _check(
-        region,
-        own,
-        bool(own or occlusion or paint or outline),
-        steps,
-        bool(request or own or asked.distinct or asked.say),
-    )
+    edits = bool(request or own or asked.distinct or asked.say)
+    _check(region, own, bool(own or occlusion or paint or outline), steps, edits)
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:

@@ -45,9 +45,13 @@ LookFile = Annotated[str, typer.Argument(metavar="LOOK.json|gallery:NAME", help=
 
 
 @dataclass(frozen=True)
-class Side:
-    """The side that a look is seen from."""
+class Kept:
+    """What a look keeps beside the scene's own: a line, pictures of styles, and the side that it is seen from."""
 
+    about: Annotated[str, Setting(metavar="TEXT")] = ""
+    """One line about the look."""
+    style: Annotated[tuple[str, ...], Setting(metavar="IMG|gallery:NAME")] = ()
+    """Picture of a style, for scenes that were painted before scenes kept them."""
     view: Annotated[str | None, Setting(metavar="AZ,EL")] = None
     """Keep this side as the look's camera: degrees to the right of the front of the volume, and above it."""
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
@@ -60,15 +64,7 @@ class Side:
 def save(
     scene: SceneFile,
     out: Out,
-    about: Annotated[str, typer.Option(metavar="TEXT", help="One line about the look.")] = "",
-    style: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="IMG|gallery:NAME",
-            help="Picture of a style, for scenes that were painted before scenes kept them. May be repeated.",
-        ),
-    ] = None,
-    side: Side = Side(),
+    kept: Kept = Kept(),
     figure: FigureOptions = FigureOptions(),
 ) -> None:
     """Save how a scene looks: names, colours, opacities, light, styles, strokes, outlines, camera and figure settings.
@@ -81,12 +77,12 @@ def save(
 
     check_targets(out)
     loaded = load(scene)
-    given = {str(one.name): one for one in read_styles(style or [], [])} if style else {}
-    Look.of(loaded, _camera(loaded, side), figure, given, about).save(out)
+    given = {str(one.name): one for one in read_styles(kept.style, [])} if kept.style else {}
+    Look.of(loaded, _camera(loaded, kept), figure, given, kept.about).save(out)
     print(out)
 
 
-def _camera(scene: Scene, side: Side) -> Camera | None:
+def _camera(scene: Scene, side: Kept) -> Camera | None:
     """Return the camera that a look keeps; None for none."""
     from svv.cli.options import parse_angles
     from svv.io.views.camera_file import read_camera

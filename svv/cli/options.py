@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import string
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -44,16 +44,8 @@ def parse_mapping(text: str) -> dict[int, int | str] | Literal["colour"]:
     """Return '0=0,2=sky' as {region: style or part}, or 'colour'; BadInput for another form, or a region twice."""
     if text.strip().lower() in ("colour", "color"):
         return "colour"
-    pairs = [part.partition("=") for part in text.split(",")]
-    if not all(_is_number(region) and other.strip() and "=" not in other for region, _, other in pairs):
-        raise BadInput(
-            f"'{text}' is not a mapping; write region=style pairs, for example --map 0=0,1=1, parts of a picture by "
-            "their names, 0=sky, or colour."
-        )
-    mapping = {int(region): int(other) if _is_number(other) else other.strip() for region, _, other in pairs}
-    if len(mapping) < len(pairs):
-        raise BadInput(f"'{text}' names a region twice.")
-    return mapping
+    advice = "region=style pairs, for example --map 0=0,1=1, parts of a picture by their names, 0=sky, or colour"
+    return {k: int(v) if _is_number(v) else v.strip() for k, v in _pairs_in(text, advice, lambda _: True).items()}
 
 
 def _is_number(text: str) -> bool:
@@ -62,14 +54,16 @@ def _is_number(text: str) -> bool:
 
 def parse_pairs(text: str, flag: str) -> dict[int, int]:
     """Return '0=0,2=1' as {region: region of a look}; raises BadInput as :func:`parse_mapping`."""
-    return _pairs_in(text, f"write region=region pairs, for example {flag} 0=0,1=1")
+    pairs = _pairs_in(text, f"region=region pairs, for example {flag} 0=0,1=1", _is_number)
+    return {region: int(other) for region, other in pairs.items()}
 
 
-def _pairs_in(text: str, advice: str) -> dict[int, int]:
-    pairs = [part.split("=") for part in text.split(",")]
-    if not all(len(p) == 2 and all(_is_number(x) for x in p) for p in pairs):
-        raise BadInput(f"'{text}' is not a mapping; {advice}.")
-    mapping = {int(region): int(other) for region, other in pairs}
+def _pairs_in(text: str, advice: str, fits: Callable[[str], bool]) -> dict[int, str]:
+    """Return '0=a,1=b' as {0: 'a', 1: 'b'}, in which all values fit."""
+    pairs = [part.partition("=") for part in text.split(",")]
+    if not all(_is_number(k) and v.strip() and "=" not in v and fits(v) for k, _, v in pairs):
+        raise BadInput(f"'{text}' is not a mapping; write {advice}.")
+    mapping = {int(region): other for region, _, other in pairs}
     if len(mapping) < len(pairs):
         raise BadInput(f"'{text}' names a region twice.")
     return mapping
@@ -83,7 +77,7 @@ def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
     found: dict[int, Path] = {}
     for text in texts:
         number, sign, file = text.partition("=")
-        if not (sign and file and number.strip().isascii() and number.strip().isdigit()):
+        if not (sign and file and _is_number(number)):
             raise BadInput(f"'{text}' does not name a style's mask; write style=file, such as --style-mask 0=mask.png.")
         style = int(number)
         if style >= styles:
@@ -99,7 +93,7 @@ def parse_names(texts: Sequence[str], example: str = "--name 0=bone") -> dict[in
     found: dict[int, str] = {}
     for text in texts:
         number, sign, name = text.partition("=")
-        if not (sign and number.strip().isascii() and number.strip().isdigit()):
+        if not (sign and _is_number(number)):
             raise BadInput(f"'{text}' does not name a region; write region=name, for example {example}.")
         if int(number) in found:
             raise BadInput(f"'{text}' names region {int(number)} a second time: give each region one name.")
@@ -111,13 +105,10 @@ def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]
     """Return ['120,40'] as [(120.0, 40.0)]; raises BadInput for another form."""
     points = []
     for text in texts:
-        try:
-            x, y = (float(part) for part in text.split(","))
-        except ValueError:
-            x = y = math.nan
-        if not (math.isfinite(x) and math.isfinite(y)):
+        numbers = finite_numbers(text)
+        if len(numbers) != 2:
             raise BadInput(f"'{text}' is not a point; write x,y in pixels, for example {option} 120,40.")
-        points.append((x, y))
+        points.append((numbers[0], numbers[1]))
     return points
 
 
@@ -146,14 +137,11 @@ def parse_light(text: str) -> dict[str, object]:
     """
     if text == "headlight":
         return {}
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(text)
     if len(numbers) == 2:
         return {"azimuth": numbers[0], "elevation": numbers[1]}
     if len(numbers) == 3:
-        return {"direction": tuple(numbers)}
+        return {"direction": numbers}
     raise BadInput(
         f"--light needs 'headlight', two angles relative to the camera ('40,20': 40 degrees right, 20 up) or a "
         f"direction in the world ('1,0,0'), not '{text}'."
@@ -169,14 +157,11 @@ def parse_stroke_light(text: str, option: str) -> tuple[float, ...]:
 
     if text == "own":
         return ()
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(text)
     if len(numbers) == 2 and abs(numbers[0]) <= 180.0 and abs(numbers[1]) <= 90.0:
         return direction_of(*numbers)
     if len(numbers) == 3:
-        return tuple(numbers)
+        return numbers
     raise BadInput(
         f"{option} needs two angles as seen from the front ('-40,45': 40 degrees left, 45 up), a direction in the "
         f"world ('-1,2,1') or 'own', not '{text}': the light on strokes stays where it is when the camera moves."
@@ -226,19 +211,15 @@ def parse_dims(text: str) -> tuple[int, int, int]:
 
 def parse_point(text: str, option: str) -> tuple[float, float, float]:
     """Return '1,-2,2.5' as three finite numbers; raises BadInput for another form."""
-    point = _three(text)
-    if point is None:
+    numbers = finite_numbers(text)
+    if len(numbers) != 3:
         raise BadInput(f"{option} needs three numbers, for example {option} 1,-2,2.5, not '{text}'.")
-    return point
+    return numbers[0], numbers[1], numbers[2]
 
 
 def parse_place(text: str, option: str) -> tuple[float, ...]:
     """Return '120,40', a pixel, or '1,-2,2.5', a point, as finite numbers; raises BadInput for another form."""
-    try:
-        numbers = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) in (2, 3) and all(map(math.isfinite, numbers)):
+    if len(numbers := finite_numbers(text)) in (2, 3):
         return numbers
     raise BadInput(
         f"{option} needs a pixel, for example {option} 120,40, or a point in the world, for example {option} 1,-2,2.5, "
@@ -248,16 +229,21 @@ def parse_place(text: str, option: str) -> tuple[float, ...]:
 
 def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
     """Return '1,1,2.5' as three positive numbers; raises BadInput for another form."""
-    numbers = _three(text)
-    if numbers is None or min(numbers) <= 0:
+    numbers = finite_numbers(text)
+    if len(numbers) != 3 or min(numbers) <= 0:
         raise BadInput(f"{option} needs three positive numbers, for example {option} 1,1,2.5, not '{text}'.")
-    return numbers
+    return numbers[0], numbers[1], numbers[2]
 
 
-def _three(text: str) -> tuple[float, float, float] | None:
-    """Return three finite numbers between commas, or None if the text has another form."""
+def finite_numbers(text: str) -> tuple[float, ...]:
+    """Return numbers between commas; none if the text has another form or one is not finite."""
+    numbers = numbers_in(text)
+    return numbers if all(map(math.isfinite, numbers)) else ()
+
+
+def numbers_in(text: str) -> tuple[float, ...]:
+    """Return numbers between commas; none if the text has another form."""
     try:
-        x, y, z = (float(part) for part in text.split(","))
+        return tuple(float(part) for part in text.split(","))
     except ValueError:
-        return None
-    return (x, y, z) if all(math.isfinite(value) for value in (x, y, z)) else None
+        return ()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from svv.cli.options import numbers_in
 from svv.errors import BadInput
 from svv.options.described import Setting
 
@@ -61,10 +62,7 @@ def parse_pointed(text: str) -> tuple[Place, int | Place]:
 
 
 def _place(numbers: str, text: str) -> Place:
-    try:
-        found = tuple(float(part) for part in numbers.split(","))
-    except ValueError:
-        found = ()
+    found = numbers_in(numbers)
     if len(found) not in (2, 3):
         raise BadInput(
             f"'{text}' does not point at a place: write place=region, such as --point 410,320=1, or place=place, such "

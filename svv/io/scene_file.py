@@ -123,9 +123,7 @@ def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndar
 
     Raises BadInput if the file is missing, unreadable, truncated, not a scene, or of another format version.
     """
-    file = Path(path)
-    content = _content_of(file)
-    return parse_scene(content, str(file))
+    return parse_scene(_content_of(Path(path)), str(Path(path)))
 
 
 def read_scene_header(path: str | Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -167,10 +168,8 @@ def first_use(name: str, progress: Progress = silent) -> Weights | None:
     try:
         return get(name, progress, small=True)
     except BadInput:
-        try:
+        with suppress(OSError):  # the next attempt notices that the folder cannot be written to
             mark.touch()
-        except OSError:  # the folder cannot be written to; the next attempt notices that before it downloads
-            pass
         return None
 
 
@@ -225,10 +224,8 @@ def _keep(name: str, state: State, source: str, sha256: str) -> Weights:
     header = {"network": name, "source": source, "sha256": sha256, "content": content_sha256(state)}
     with atomic_path(path) as temporary:
         temporary.write_bytes(save(state, header))
-    try:
+    with suppress(OSError):  # its only effect is to wait until tomorrow
         (weights_folder() / FAILED_FILE).unlink(missing_ok=True)
-    except OSError:  # its only effect is to wait until tomorrow
-        pass
     return Weights(NETWORKS[name], state, source, sha256, path)
 
 

@@ -218,20 +218,19 @@ def _first(view: View, name: str, default: float) -> list[float]:
 
 def _vector(value: object, name: str, default: Vector | None = None) -> np.ndarray:
     numbers = default if value is None and default is not None else value
-    try:
-        found = np.asarray(numbers, np.float64).ravel()
-    except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (3,) or not np.isfinite(found).all():
-        raise BadInput(f"{name} has a camera vector that is not three finite numbers: {numbers}.")
-    return found
+    return _finite(numbers, 3, f"{name} has a camera vector that is not three finite numbers: {numbers}.")
 
 
 def _number(value: object, name: str) -> float:
+    return float(_finite(value, 1, f"{name} has a camera value that is not one finite number: {value}.")[0])
+
+
+def _finite(value: object, count: int, otherwise: str) -> np.ndarray:
+    """Return a number of finite numbers; raises BadInput, which says what is ``otherwise`` wrong. (count,)"""
     try:
         found = np.asarray(value, np.float64).ravel()
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (1,) or not np.isfinite(found[0]):
-        raise BadInput(f"{name} has a camera value that is not one finite number: {value}.")
-    return float(found[0])
+        raise BadInput(otherwise) from None
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise BadInput(otherwise)
+    return found

@@ -8,6 +8,7 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -139,10 +140,8 @@ class Cache:
         except (BadInput, OSError):  # damaged, or another process has just removed it
             remove(path)
             return None
-        try:
+        with suppress(OSError):  # of another user, or on a read-only disk, it will merely appear older than it is
             os.utime(path)
-        except OSError:  # belongs to another user, or the disk is read-only: it will merely appear older than it is
-            pass
         return content
 
     def write(self, name: str, write: Callable[[Path], None]) -> str:
@@ -234,7 +233,5 @@ def remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
         return
-    try:
+    with suppress(OSError):  # of another user: it stays, and its size counts
         path.unlink(missing_ok=True)
-    except OSError:  # belongs to another user: it stays, and its size counts
-        pass

@@ -243,7 +243,6 @@ def _reason(said: str) -> str:
     for pattern, reason in REASONS.items():
         if re.search(pattern, said):
             return reason
-    lines = (
-        [line for line in said.splitlines() if line.startswith("ERROR")] or said.splitlines() or ["it gave no reason"]
-    )
+    errors = [line for line in said.splitlines() if line.startswith("ERROR")]
+    lines = errors or said.splitlines() or ["it gave no reason"]
     return lines[-1].removeprefix("ERROR: ").strip().rstrip(".")[:300]

@@ -76,11 +76,8 @@ def digest_of_file(path: str | Path) -> str:
 
 def read_record(path: Path, key: str) -> dict[str, Any] | None:
     """Return the record that :func:`write_record` wrote with this key; None if it is missing or damaged."""
-    try:
-        record = parsed(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None  # unusable: it is computed again
-    return record if isinstance(record, dict) and record.get("key") == key else None
+    record = _record_in(path)
+    return record if record.get("key") == key else None
 
 
 def write_record(path: Path, key: str, record: Mapping[str, object]) -> None:
@@ -106,11 +103,17 @@ def make_keyed_folder(folder: Path, key: str) -> Path:
 
 def _is_ours(note: Path) -> bool:
     """Return whether a file is the record of a folder of results; other programs have files of that name, too."""
+    record = _record_in(note)
+    return record.keys() == {"key"} and isinstance(record["key"], str)
+
+
+def _record_in(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file; an empty one if there is none, or it cannot be used."""
     try:
-        record = parsed(note.read_text(encoding="utf-8"))
+        record = parsed(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return False
-    return isinstance(record, dict) and record.keys() == {"key"} and isinstance(record["key"], str)
+        return {}
+    return record if isinstance(record, dict) else {}
 
 
 def _named(value: object) -> object:

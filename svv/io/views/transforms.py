@@ -317,13 +317,7 @@ def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) 
         other = down * numbers["fl_y"]
     elif "camera_angle_y" in numbers and "fl_x" not in numbers:
         other = 0.5 * height / math.tan(0.5 * numbers["camera_angle_y"])
-    centre = across * numbers["cx"] if "cx" in numbers else 0.5 * width
-    return Lens(
-        width,
-        height,
-        (focal, other),
-        (centre, down * numbers["cy"] if "cy" in numbers else 0.5 * height),
-        tuple(numbers.get(key, 0.0) for key in ("k1", "k2", "k3", "k4")),  # type: ignore[arg-type]
-        (numbers.get("p1", 0.0), numbers.get("p2", 0.0)),
-        fisheye,
-    )
+    column = across * numbers["cx"] if "cx" in numbers else 0.5 * width
+    row = down * numbers["cy"] if "cy" in numbers else 0.5 * height
+    k1, k2, k3, k4, p1, p2 = (numbers.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
+    return Lens(width, height, (focal, other), (column, row), (k1, k2, k3, k4), (p1, p2), fisheye)

@@ -10,7 +10,7 @@ import os
 import platform
 import subprocess
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -49,15 +49,9 @@ def compile_beside() -> None:
     """
     if os.environ.get(SWITCH) == "0" or memory_there() < LEAST_MEMORY or _marker().exists():
         return
-    nowhere = subprocess.DEVNULL
-    try:
-        _started.append(
-            subprocess.Popen(
-                [sys.executable, "-m", "svv.job.compile_ahead"], stdin=nowhere, stdout=nowhere, stderr=nowhere
-            )
-        )
-    except OSError:  # no more processes, or no memory for one: there is no harm in compiling later
-        return
+    nowhere, command = subprocess.DEVNULL, [sys.executable, "-m", "svv.job.compile_ahead"]
+    with suppress(OSError):  # no more processes, or no memory for one: there is no harm in compiling later
+        _started.append(subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere))
 
 
 def ball_views() -> ViewSet:

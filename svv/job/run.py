@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from svv.fields.devices.gpu import device_named
 from svv.io.pictures.style_picture import read_style
 from svv.job.result import write_result
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Show, Stages, unseen
 from svv.job.steps import Job, JobSettings
+from svv.train.run.config import settings_of
 
 
 def check(settings: JobSettings) -> None:
     """Raise BadInput if an option does not exist or is incompatible with another."""
-    from svv.fields.devices.gpu import device_named
-    from svv.train.run.config import settings_of
-
     device_named(settings.train.device)
     settings_of(settings.train)
 

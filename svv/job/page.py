@@ -13,6 +13,7 @@ from PIL import Image
 
 from svv._version import __version__
 from svv.io.files.atomic import atomic_path
+from svv.io.pictures.picture_data import as_text
 from svv.progress import duration
 from svv.render.web.html import filled
 
@@ -92,4 +93,4 @@ def _embedded(picture: Picture) -> str:
     kind = "PNG" if picture.drawing else "JPEG"
     with Image.open(picture.file) as image:
         image.convert("RGB").save(buffer, format=kind, quality=JPEG_QUALITY)
-    return f"data:image/{kind.lower()};base64,{base64.b64encode(buffer.getvalue()).decode()}"
+    return as_text(buffer.getvalue())

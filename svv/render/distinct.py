@@ -50,23 +50,17 @@ class Recoloured:
     nearest: Pair | None
 
 
-def distinct(
-    scene: Scene,
-    how: DistinctName = "colours",
-    least: float = LEAST_DIFFERENCE,
-    background: Sequence[float] = WHITE,
-    progress: Progress = silent,
-) -> Recoloured:
+def distinct(scene: Scene, how: DistinctName = "colours", progress: Progress = silent) -> Recoloured:
     """Return a scene with the nearest colours found that everybody can tell apart, as one edit.
 
     Strokes keep their hues, and other regions where that is possible; pieces of pictures, ink and the strokes of joined
     scenes do not change. ``colours`` are told apart by people with any colour vision, ``lightness`` also in a grey
-    print, if ``least`` (CIEDE2000) is reached between the regions as rendered over the background, RGB in [0, 1]
+    print, if the least difference is reached between the regions as rendered over white
     (:mod:`svv.render.figures.colour_check`). Of all scenes that were tried, it is the one whose nearest pair is
     farthest apart, unless an earlier one sufficed. Raises BadInput if there are no regions, or no visible one has a
     colour that can change.
     """
-    visions = VISIONS if how == "lightness" else COLOUR_VISIONS
+    visions, least, background = VISIONS if how == "lightness" else COLOUR_VISIONS, LEAST_DIFFERENCE, WHITE
     free = [k for k, r in enumerate(scene.regions) if r.seen_opacity > 0.0 and r.style is None]
     before = seen_in(scene, None, background, progress=part(progress, 0.0, 0.1))
     if all(region.seen_opacity == 0.0 for region in scene.regions):

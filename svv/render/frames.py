@@ -111,15 +111,13 @@ def write_view(
     camera: Camera,
     shown: RenderSettings = COLOURS,
     progress: Progress = silent,
-    made: str = "",
 ) -> str:
     """Render one view into a file; return why it shows nothing (:func:`why_empty`), '' if it shows something.
 
-    A .vti always contains colour, depth and regions; of a PNG, ``shown`` says what it shows, and ``made`` from what
-    (:func:`svv.io.pictures.output.made_of`). Raises BadInput if the scene does not have that network, or the file
-    cannot be written.
+    A .vti always contains colour, depth and regions; of a PNG, ``shown`` says what it shows. Raises BadInput if the
+    scene does not have that network, or the file cannot be written.
     """
-    view, write = _rendered(path, scene, camera, shown, progress, made)
+    view, write = _rendered(path, scene, camera, shown, progress, "")
     write()
     return why_empty(scene, view.depth)
 
@@ -129,10 +127,9 @@ def _rendered(
 ) -> tuple[Rendering, Callable[[], None]]:
     """Render one view, and return it with what writes it into a file; see :func:`write_view`."""
     check_writable(path)
-    colours = path.suffix.lower() == ".vti" or shown.what == "rgba"
-    samples = (
-        shown.samples if shown.samples is not None or colours else 1
-    )  # edges of regions and depths have nothing to smooth
+    samples = shown.samples
+    if samples is None and path.suffix.lower() != ".vti" and shown.what != "rgba":
+        samples = 1  # edges of regions and depths have nothing to smooth
     view = supersampled(scene, camera, shown.network, None, progress, samples)
     return view, partial(_write, path, view, scene, shown, made)
 

@@ -55,12 +55,8 @@ def contact_sheet(pictures: Sequence[Picture], names: Sequence[str]) -> Picture:
     """Arrange square pictures in rows of four on white, each under its name."""
     small = [np.asarray(Image.fromarray(p).resize((SIDE, SIDE), Image.Resampling.LANCZOS)) for p in pictures]
     columns = min(COLUMNS, len(small))
-    rows = [
-        sheet([small[first : first + columns]], names[first : first + columns])
-        for first in range(0, len(small), columns)
-    ]
+    slices = [slice(first, first + columns) for first in range(0, len(small), columns)]
+    rows = [sheet([small[own]], names[own]) for own in slices]
     width = max(row.shape[1] for row in rows)
-    whole = np.concatenate(
-        [np.pad(row, ((0, 8), (0, width - row.shape[1]), (0, 0)), constant_values=255) for row in rows]
-    )
-    return whole
+    padded = [np.pad(row, ((0, 8), (0, width - row.shape[1]), (0, 0)), constant_values=255) for row in rows]
+    return np.concatenate(padded)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from svv.core.colour.colour import over
 from svv.io.pictures.output import to_bytes
-
-if TYPE_CHECKING:
-    pass
 
 Picture = NDArray[np.uint8]
 
@@ -93,11 +89,7 @@ def shrunk(image: Picture, width: int, height: int) -> Picture:
 
 def _font(label: str, width: int, head: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """Return the largest font in which the label fits its column."""
-    size = int(head * 0.66)
-    while size > 8 and ImageDraw.Draw(Image.new("L", (1, 1))).textlength(label, _sized(size)) > 0.96 * width:
+    draw, size = ImageDraw.Draw(Image.new("L", (1, 1))), int(head * 0.66)
+    while size > 8 and draw.textlength(label, ImageFont.load_default(size)) > 0.96 * width:
         size -= 1
-    return _sized(size)
-
-
-def _sized(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size)

@@ -95,9 +95,9 @@ class Family:
         order = np.argsort(self.colours[:, 0], kind="stable")
         return np.stack([part.mean(0) for part in np.array_split(self.colours[order], QUANTILES) if len(part)])
 
-    def codes(self, count: int = 3) -> list[str]:
-        """Return hex codes of some of its colours, from dark to light."""
-        return [to_hex(lab_to_rgb(part.mean(0))) for part in np.array_split(self.tones, min(count, len(self.tones)))]
+    def codes(self) -> list[str]:
+        """Return hex codes of up to three of its colours, from dark to light."""
+        return [to_hex(lab_to_rgb(part.mean(0))) for part in np.array_split(self.tones, min(3, len(self.tones)))]
 
 
 def joined(families: Sequence[Family]) -> Family:

@@ -56,17 +56,17 @@ class Superpixels:
 
 
 class SegmentAnything:
-    """Segment Anything by its authors' package, by default with :func:`sam_weights`; BadInput without either."""
+    """Segment Anything by its authors' package, with :func:`sam_weights`; BadInput without either."""
 
     name = "sam"
 
-    def __init__(self, weights: Path | None = None) -> None:
+    def __init__(self) -> None:
         if find_spec("segment_anything") is None:
             raise BadInput(
                 "SAM needs the package segment_anything, which is not installed: install it from "
                 "github.com/facebookresearch/segment-anything, or use scikit-image."
             )
-        file = weights or sam_weights()
+        file = sam_weights()
         kinds = [kind for kind in SAM_WEIGHTS if kind in file.name]
         if not file.is_file() or not kinds:
             raise BadInput(f"{file} is not a file of SAM's weights: its name must contain {' or '.join(SAM_WEIGHTS)}.")

@@ -99,6 +99,7 @@ class Lens:
             low, high = (low, middle) if fits(middle) else (middle, high)
         return high * least
 
+    @np.errstate(all="ignore")  # whatever is not finite there is outside of this image
     def seen_at(self, column: Array, row: Array, focal: float) -> tuple[Array, Array]:
         """Return columns and rows (...,) at which this image shows what a pinhole camera shows at its own (...,).
 
@@ -106,10 +107,6 @@ class Lens:
         Brown (1971), as in OpenCV: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2); the fisheye
         model scales (x, y) by (a + k1 a^3 + k2 a^5 + k3 a^7 + k4 a^9) / r with a = atan r.
         """
-        with np.errstate(all="ignore"):  # whatever is not finite there is outside of this image
-            return self._seen_at(column, row, focal)
-
-    def _seen_at(self, column: Array, row: Array, focal: float) -> tuple[Array, Array]:
         x, y = (column - self.centre[0]) / focal, (row - self.centre[1]) / focal
         k, (p1, p2), square = self.radial, self.tangential, x * x + y * y
         if self.fisheye:

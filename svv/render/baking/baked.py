@@ -93,16 +93,8 @@ class Baker:
         shown = [k for k, member in enumerate(every) if any(r.seen_opacity for r in member.regions)] or [0]
         for done, number in enumerate(shown):
             member, own = every[number], network_in(every[number], network_of(scene, options))
-            key = (
-                member.base,
-                member.palette_network,
-                member.styled,
-                member.regions,
-                member.parts,
-                member.lamp,
-                member.cuts,
-                options,
-            )
+            of_scene = member.base, member.palette_network, member.styled, member.regions, member.parts
+            key = *of_scene, member.lamp, member.cuts, options
             baker, known, volume = self._layers.get(number, (Baker(), None, None))
             if volume is None or known != key:
                 share = part(progress, done / len(shown), (done + 1) / len(shown))

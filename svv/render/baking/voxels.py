@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from torch import Tensor
 
 from svv.core.colour import palette_shading
@@ -95,9 +96,8 @@ def grid_around(grids: Sequence[Grid], memory: float) -> Grid:
         size = 4.0 * x * y * z / (memory * 1e9)
         if size <= 1.0:
             place = float(first[0]), float(first[1]), float(first[2])
-            return Grid(
-                max(1, round(finest.resolution * finest.spacing / spacing)), (x, y, z), (0, 0, 0), place, spacing
-            )
+            resolution = max(1, round(finest.resolution * finest.spacing / spacing))
+            return Grid(resolution, (x, y, z), (0, 0, 0), place, spacing)
         spacing *= 1.01 * float(np.cbrt(size))
 
 
@@ -228,14 +228,7 @@ def _beside(place: NDArray[np.int64], grid: Grid) -> NDArray[np.int64]:
     """Return the flat indices of points and their 26 neighbours, ascending."""
     there = np.zeros(grid.shape[::-1], bool)
     there.ravel()[place] = True
-    for axis in range(3):
-        wide = there.copy()
-        before, behind = [slice(None)] * 3, [slice(None)] * 3
-        before[axis], behind[axis] = slice(None, -1), slice(1, None)
-        wide[tuple(before)] |= there[tuple(behind)]
-        wide[tuple(behind)] |= there[tuple(before)]
-        there = wide
-    return np.flatnonzero(there)
+    return np.flatnonzero(maximum_filter(there, 3))
 
 
 def paint_at(network: UnrestrictedField, matter: Matter) -> Tensor:

@@ -46,10 +46,10 @@ class Lettering:
         """Distance of lines in mm."""
         return LINE * self.points * MM_A_POINT
 
-    def properties(self, bold: bool = False, size: float = 1.0) -> dict[str, Any]:
+    def properties(self, bold: bool = False) -> dict[str, Any]:
         """Return keyword arguments of matplotlib's texts; a ``$`` is a dollar sign."""
         weight = "bold" if bold else "normal"
-        font = FontProperties(family=list(self.families), weight=weight, size=size * self.points)
+        font = FontProperties(family=list(self.families), weight=weight, size=self.points)
         return {"fontproperties": font, "color": self.ink, "parse_math": False}
 
     def width(self, text: str, bold: bool = False) -> float:

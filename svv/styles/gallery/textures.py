@@ -17,11 +17,11 @@ from scipy.ndimage import gaussian_filter
 Floats = NDArray[np.float32]
 
 
-def spectrum_noise(rng: Generator, n: int, exponent: float, stretch: float = 1.0) -> Floats:
+def spectrum_noise(rng: Generator, n: int, exponent: float) -> Floats:
     """Return noise (n, n) whose amplitude falls as frequency^-exponent; mean 0, standard deviation 1; periodic."""
     f = np.fft.fftfreq(n)
     angle = rng.uniform(0, np.pi)
-    u = (f * np.cos(angle) + f[:, None] * np.sin(angle)) * stretch
+    u = f * np.cos(angle) + f[:, None] * np.sin(angle)
     v = f[:, None] * np.cos(angle) - f * np.sin(angle)
     radius = np.hypot(u, v)
     radius[0, 0] = np.inf

@@ -9,7 +9,7 @@ import resource
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +30,8 @@ class Cost:
 def measured() -> Iterator[Cost]:
     """Measure the cost of the body; the figures are set when it ends."""
     cost = Cost()
-    _forget_peak()
+    with suppress(OSError):  # systems other than Linux cannot reset it, and report the peak since the process began
+        Path("/proc/self/clear_refs").write_text("5")
     start, cpu = time.monotonic(), time.process_time()
     try:
         yield cost
@@ -53,14 +54,6 @@ def give_memory_back() -> None:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:
             trim(0)
-
-
-def _forget_peak() -> None:
-    """Reset the peak; systems other than Linux cannot, and report the peak since the process began."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return
 
 
 def _peak() -> int:

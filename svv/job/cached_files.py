@@ -54,6 +54,7 @@ def list_cached_files() -> list[Kind]:
     """
     results, coarse, gallery = Cache.of_user(), pyramids(), pictures()
     weights = weights_folder()
+    checks = [*_found(cache_folder(), "paraview.json*"), *_found(cache_folder() / "gpu", "*", ".*")]
     scenes = results.folder, "SVV_CACHE", results.bound, "SVV_CACHE_SIZE"
     return [
         Kind("results", "views, scenes and paintings of ParaView's filters", results.entries(), *scenes),
@@ -68,7 +69,7 @@ def list_cached_files() -> list[Kind]:
         ),
         Kind("weights", "networks for the preset paper and LPIPS", _weights(weights), weights, FOLDER_VARIABLE),
         Kind("kernels", "compiled by numba", _kernels()),
-        Kind("checks", "what ParaView and the GPU are", _checks(), cache_folder()),
+        Kind("checks", "what ParaView and the GPU are", entries_of(checks), cache_folder()),
         Kind("temporary", "work in progress, and pages of svv view", entries_of(temporary_folders())),
     ]  # fmt: skip
 
@@ -98,11 +99,6 @@ def _numba_folders() -> Iterator[Path]:
                 at = os.path.abspath(folder)
                 name = f"{folder.name}_{hashlib.sha1(at.encode(), usedforsecurity=False).hexdigest()}"
                 yield from (place / name for place in elsewhere)
-
-
-def _checks() -> list[Entry]:
-    """Return the records about this machine."""
-    return entries_of([*_found(cache_folder(), "paraview.json*"), *_found(cache_folder() / "gpu", "*", ".*")])
 
 
 def _found(folder: Path, *patterns: str) -> list[Path]:

@@ -74,7 +74,8 @@ def with_time_steps(
     for member in every:
         check_follows(member)
         functions.append(function or _read_transfer_function(member))
-    interval = _interval(every)
+    intervals = [member.values.interval for member in every if member.values is not None]
+    interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     steps = sorted(steps, key=lambda step: step.time)
     for before, after in pairwise(steps):
         if before.time == after.time:
@@ -107,12 +108,6 @@ def _same_values(first: Scene, other: Scene) -> bool:
     if bottom >= top:
         return True
     return bool(np.abs(np.diff(np.clip(world, bottom, top), axis=0)).mean() <= DIFFERENT * (top - bottom))
-
-
-def _interval(scenes: Sequence[Scene]) -> tuple[float, float]:
-    """Return the interval of values that contains those of all scenes."""
-    every = [scene.values.interval for scene in scenes if scene.values is not None]
-    return min(low for low, _ in every), max(high for _, high in every)
 
 
 def _read_transfer_function(scene: Scene) -> TransferFunction:

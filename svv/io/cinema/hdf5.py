@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,12 @@ SUFFIXES = (".h5", ".hdf5")
 
 def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
     """Return a file's uint8 levels (height, width, 3 or 4) and metadata; BadInput if damaged, or without h5py."""
-    h5py = _h5py()
+    try:
+        import h5py
+    except ImportError as error:
+        raise BadInput(
+            "The images are HDF5 files, which need h5py, and it is not installed: pip install 'svv[cinema]'."
+        ) from error
     try:
         with h5py.File(path, "r") as file:
             channels = file.get("channels", {})
@@ -36,16 +40,6 @@ def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
             raise BadInput(f"The channel {name} of {path} holds {picture.dtype}, not 8-bit levels or values in [0, 1].")
         picture = np.rint(255.0 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
     return picture, meta
-
-
-def _h5py() -> ModuleType:
-    try:
-        import h5py
-    except ImportError as error:
-        raise BadInput(
-            "The images are HDF5 files, which need h5py, and it is not installed: pip install 'svv[cinema]'."
-        ) from error
-    return h5py
 
 
 def _plain(value: object) -> object:

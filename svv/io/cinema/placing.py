@@ -166,7 +166,8 @@ def cameras_about(
     if shot.parallel_scale is not None:
         return cameras, notes
     fixed = fixed_in(cameras, images)
-    silhouettes = silhouettes_of(images if fixed is None else without(images, fixed))
+    shown = images if fixed is None else without(images, fixed)
+    silhouettes = Silhouettes.of([image[..., 3] > VISIBLE for image in shown])
     usual, fit = cameras[0].fov_x, best_fov(cameras, silhouettes)
     if fit is None:
         return cameras, [*notes, *([_assumed(ascent)] if shot.view_angle is None else [])]
@@ -199,11 +200,6 @@ def _assumed(ascent: bool) -> str:
         f"The silhouettes hardly depend on the view angle, so {USUAL_ANGLE[ascent]:g} degrees are assumed, the usual "
         f"angle of {'Ascent' if ascent else 'ParaView'}; if you know it, give --view-angle."
     )
-
-
-def silhouettes_of(images: NDArray[np.uint8]) -> Silhouettes:
-    """Return the silhouettes of RGBA images. (n, height, width, 4)"""
-    return Silhouettes.of([image[..., 3] > VISIBLE for image in images])
 
 
 def first_of_each(places: Array) -> list[int]:

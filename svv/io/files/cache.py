@@ -103,7 +103,12 @@ class Cache:
         return [entry for entry in self._all() if entry.unfinished]
 
     def _all(self) -> list[Entry]:
-        return sorted(entries_of(self._paths()), key=lambda entry: (entry.used, entry.path))
+        """Return all results and unfinished files, whose names start with a dot."""
+        try:
+            there = [path for path in self.folder.iterdir() if self.pattern.match(path.name.lstrip("."))]
+        except OSError:  # the folder does not exist yet
+            return []
+        return sorted(entries_of(there), key=lambda entry: (entry.used, entry.path))
 
     def hold_checkpoint(self, name: str) -> tuple[Path, int | None]:
         """Return the file of the checkpoint for a result, and a descriptor that keeps it from removal until closed.
@@ -191,13 +196,6 @@ class Cache:
             if old or (total > self.bound and resumable):
                 remove(entry.path)
                 total -= entry.bytes
-
-    def _paths(self) -> list[Path]:
-        """Return the paths of all results and of unfinished files, whose names start with a dot."""
-        try:
-            return [path for path in self.folder.iterdir() if self.pattern.match(path.name.lstrip("."))]
-        except OSError:  # the folder does not exist yet
-            return []
 
 
 def entries_of(paths: Iterable[Path]) -> list[Entry]:

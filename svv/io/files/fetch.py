@@ -22,7 +22,7 @@ import urllib.request
 from http.client import HTTPMessage
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO
 
 from svv.errors import BadInput, Progress, silent
 from svv.io.files.atomic import cannot_write, check_writable
@@ -82,10 +82,14 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
         with opened as reply, path.open("wb") as file:
             done = 0
             while done < size and (block := reply.read(min(BLOCK, size - done))):
-                _write(file, block, path)
+                try:
+                    file.write(block)
+                except OSError as error:  # of the disk, not of the network
+                    raise cannot_write(path, error) from error
                 done += len(block)
                 progress(done / size, f"{done / 1e6:.0f} of {megabytes(size)}")
-        if done < size and _is_announced(reply, size):
+        # A server that announces another size sends a different file, not too little.
+        if done < size and int(reply.headers.get("Content-Length") or size) == size:
             raise BadInput(f"The download from {url} stopped after {done / 1e6:.0f} of {megabytes(size)}: try again.")
         _check(path, sha256, f"The file from {url}")
         os.replace(path, final)
@@ -118,19 +122,6 @@ def _check_encrypted(url: str) -> None:
     local |= parts.scheme == "http" and parts.hostname in ("127.0.0.1", "::1", "localhost")
     if parts.scheme != "https" and not local:
         raise BadInput(f"{url} is not encrypted: only https addresses are fetched; provide the file yourself.")
-
-
-def _is_announced(reply: http.client.HTTPResponse, size: int) -> bool:
-    """Return whether the server announced the expected size; otherwise it sends a different file, not too little."""
-    return int(reply.headers.get("Content-Length") or size) == size
-
-
-def _write(file: BinaryIO, block: bytes, path: Path) -> None:
-    """Write a block; errors of the disk are reported separately from those of the network."""
-    try:
-        file.write(block)
-    except OSError as error:
-        raise cannot_write(path, error) from error
 
 
 def _check(path: Path, sha256: str, what: str) -> None:

@@ -280,7 +280,14 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
     first = next(rest, None)
     if first is None:
         raise BadInput("A movie needs at least one frame.")
-    encoder = _encoder()
+    try:
+        import imageio_ffmpeg as encoder
+    except ImportError as error:
+        raise BadInput(
+            "Movies need the package imageio-ffmpeg, which is missing here: install it with "
+            "`pip install imageio-ffmpeg`, or write the frames as pictures."
+        ) from error
+    more = [(0, size % 2) for size in first.shape[:2]]
     height, width = (size + size % 2 for size in first.shape[:2])
     with atomic_path(path) as temporary:
         writer = encoder.write_frames(
@@ -297,7 +304,7 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
         try:
             writer.send(None)
             for frame in chain([first], rest):
-                writer.send(_even(frame))
+                writer.send(np.ascontiguousarray(np.pad(frame, (*more, (0, 0)), mode="edge")))
                 count += 1
         except OSError as error:
             if error.errno is not None:
@@ -310,26 +317,9 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             raise BadInput(f"Cannot write {path}: the movie encoder stopped at its end; is the disk full?")
 
 
-def _encoder() -> ModuleType:
-    """Return the package that encodes movies, which nothing else needs; raises BadInput if it is missing."""
-    try:
-        import imageio_ffmpeg
-    except ImportError as error:
-        raise BadInput(
-            "Movies need the package imageio-ffmpeg, which is missing here: install it with "
-            "`pip install imageio-ffmpeg`, or write the frames as pictures."
-        ) from error
-    return imageio_ffmpeg
-
-
 def _is_whole(encoder: ModuleType, movie: Path, frames: int) -> bool:
     """Return whether a movie can be read to its end and has this number of frames; they are not decoded."""
     read = [encoder.get_ffmpeg_exe(), "-nostdin", "-v", "error", "-i", str(movie)]
     done = subprocess.run([*read, "-c", "copy", "-f", "framecrc", "-"], capture_output=True)
     found = sum(not line.startswith(b"#") for line in done.stdout.splitlines())
     return done.returncode == 0 and not done.stderr and found == frames
-
-
-def _even(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    height, width = frame.shape[:2]
-    return np.ascontiguousarray(np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge"))

@@ -54,15 +54,10 @@ class Lens:
             raise BadInput(f"Focal lengths must be positive and all intrinsics finite numbers, not {numbers}.")
 
     @property
-    def is_distorted(self) -> bool:
-        """Whether straight lines are curved in the image."""
-        return self.fisheye or any(self.radial) or any(self.tangential)
-
-    @property
     def is_pinhole(self) -> bool:
         """Whether the image is that of a pinhole camera with square pixels."""
         stretch = abs(1.0 - self.focal[1] / self.focal[0]) * max(self.centre[1], self.height - self.centre[1])
-        return not self.is_distorted and stretch < SQUARE
+        return not (self.fisheye or any(self.radial) or any(self.tangential)) and stretch < SQUARE
 
     @property
     def rectified(self) -> float:

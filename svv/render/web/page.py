@@ -38,6 +38,7 @@ from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
+from svv.io.pictures.picture_data import as_text
 from svv.render.web.fields import Field, fields_of
 from svv.render.web.html import filled, viewer_file
 
@@ -112,7 +113,8 @@ def html_of(
     layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
     header = _header(scene, rig) | {"layers": layers, "file": name, "background": list(background)}
-    page = _page(header, _compressed(packed), stills, title, in_words(scene))
+    arrays = zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)
+    page = _page(header, base64.b64encode(arrays).decode(), stills, title, in_words(scene))
     progress(1.0, "")
     return page
 
@@ -310,10 +312,6 @@ def _strokes(scene: Scene) -> list[list[float]]:
     return rows
 
 
-def _compressed(arrays: Sequence[NDArray[np.uint8]]) -> str:
-    return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), COMPRESSION)).decode()
-
-
 def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> dict[str, str]:
     """Return a picture from the ``front`` and a ``movie`` of the orbit, as data URIs.
 
@@ -336,8 +334,4 @@ def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress:
         path = folder / "orbit.mp4"
         write_mp4(path, frames(), MOVIE_FPS, MOVIE_CRF)
         movie = path.read_bytes()
-    return {"front": _data("image/jpeg", buffer.getvalue()), "movie": _data("video/mp4", movie)}
-
-
-def _data(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+    return {"front": as_text(buffer.getvalue()), "movie": f"data:video/mp4;base64,{base64.b64encode(movie).decode()}"}

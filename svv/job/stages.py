@@ -62,8 +62,7 @@ class Stages:
         ``after`` which it comes, which must be done already. The ``outputs`` exist once ``work``, called with a
         progress, is done; all other files in the folder that the stage wrote when it was done before are removed.
         """
-        key = self._key(settings, after)
-        self._keys[name] = key
+        key = self._keys[name] = key_of(settings, [self._keys[stage] for stage in after])
         done = self._record.get(name)
         fresh = not self._redone.intersection(after)
         if done and fresh and done["key"] == key and all(path.exists() for path in outputs):
@@ -112,9 +111,6 @@ class Stages:
     def key(self, name: str) -> str:
         """Return the hash of a finished stage's settings and of everything that it depends on."""
         return self._keys[name]
-
-    def _key(self, settings: Mapping[str, object], after: Sequence[str]) -> str:
-        return key_of(settings, [self._keys[name] for name in after])
 
 
 def fingerprint(path: Path) -> dict[str, object]:

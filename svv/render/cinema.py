@@ -26,7 +26,7 @@ from svv.options.cinema import ExportOptions
 from svv.options.described import chosen
 
 if TYPE_CHECKING:
-    from svv.fields.scene.scene import Rendering, Scene
+    from svv.fields.scene.scene import Scene
 
 KEY = ".key.json"
 """File in an unfinished database that tells which scene and options it belongs to."""
@@ -126,14 +126,11 @@ def _write_view(
     if options.layers:
         write_depth_png(folder / files["FILE_depth"], view.depth)
         for k in range(regions):
-            write_png(folder / files[f"FILE_region_{k}"], _layer(view, k))
+            # A layer has the pixels to which its region contributes most; all add up to the picture.
+            layer = np.where((view.region == k)[..., None], to_bytes(view.rgba), 0).astype(np.uint8)
+            write_png(folder / files[f"FILE_region_{k}"], layer)
     write_png(folder / files["FILE"], view.rgba)
     return files
-
-
-def _layer(view: Rendering, region: int) -> np.ndarray:
-    """Return the pixels to which a region contributes most; the layers of all regions add up to the picture."""
-    return np.where((view.region == region)[..., None], to_bytes(view.rgba), 0).astype(np.uint8)
 
 
 def _write_table(path: Path, rows: list[dict[str, str]]) -> None:

@@ -224,8 +224,10 @@ class SceneFollower:
         """Render a picture for the current camera unless the last one is for the same camera."""
         moving = self.plotter.render_window.GetDesiredUpdateRate() >= MOVING
         camera = self.camera(self.pace.part if moving else 1.0)
-        if self.seen is not None and _same(camera, self.seen[0]) and self.seen[1] <= moving:
-            return
+        if self.seen is not None and self.seen[1] <= moving:
+            one, other = camera, self.seen[0]
+            if one.identity[1:] == other.identity[1:] and (one.camera_to_world == other.camera_to_world).all():
+                return
         scene = self.scene.while_moving() if moving else self.scene
         began = time.perf_counter()
         self.picture, self.seen = _picture(scene, camera, self.network, self.background), (camera, moving)
@@ -320,10 +322,6 @@ def _bar(learning: Learning) -> Iterator[Callable[[], None]]:
 def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Picture:
     """Render the scene over the background. (H, W, 3) uint8"""
     return to_bytes(over(supersampled(scene, camera, network).rgba, background))
-
-
-def _same(one: Camera, other: Camera) -> bool:
-    return one.identity[1:] == other.identity[1:] and bool((one.camera_to_world == other.camera_to_world).all())
 
 
 def need_pyvista() -> ModuleType:

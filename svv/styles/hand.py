@@ -190,6 +190,7 @@ def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None =
     tones = _ranks(colours)
     places = np.stack([where[1], lab.shape[0] - 1 - where[0]], 1) / max(lab.shape[:2])
     near = cKDTree(places).query(places, min(NEIGHBOURS, len(places)))[1]
+    low, high = np.quantile(colours[:, 0], (NEARLY, 1.0 - NEARLY)).tolist()
     weight = coherences * np.sqrt(_at(tensor.energy, where))
     ahead = _at(tensor.angle, where + along * stroke, order=0)
     turn = np.abs((ahead - angles + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
@@ -199,7 +200,7 @@ def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None =
         *_uses(lab, inside),
         _palette(colours, tones), colours[tones <= 0.03].mean(0).astype(np.float32),
         *(np.asarray(values, np.float32) for values in (colours, places, tones, angles, coherences)),
-        gamut=_gamut(colours),
+        gamut=(low, high, float(np.quantile(np.hypot(colours[:, 1], colours[:, 2]), 1.0 - NEARLY))),
     )  # fmt: skip
 
 
@@ -213,11 +214,6 @@ def _palette(colours: Floats, tones: Floats) -> Floats:
     band = np.minimum((tones * TONES).astype(np.int64), TONES - 1)
     means = [colours[band == k].mean(0) if (band == k).any() else colours.mean(0) for k in range(TONES)]
     return np.array(means, np.float32)
-
-
-def _gamut(colours: Floats) -> tuple[float, float, float]:
-    low, high = np.quantile(colours[:, 0], (NEARLY, 1.0 - NEARLY)).tolist()
-    return low, high, float(np.quantile(np.hypot(colours[:, 1], colours[:, 2]), 1.0 - NEARLY))
 
 
 class _Scale:

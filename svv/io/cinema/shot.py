@@ -48,7 +48,8 @@ class Shot:
         for name, most in (("distance", np.inf), ("view_angle", 180.0), ("parallel_scale", np.inf)):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < most:
-                raise BadInput(f"{where}: the {name.replace('_', ' ')} must be above 0{_below(most)}, not {value}.")
+                below = f" and below {most:g}" if np.isfinite(most) else ""
+                raise BadInput(f"{where}: the {name.replace('_', ' ')} must be above 0{below}, not {value}.")
         return self
 
 
@@ -125,10 +126,6 @@ def fov_x(view_angle: float, width: int, height: int) -> float:
 def view_angle(fov: float, width: int, height: int) -> float:
     """Return the vertical angle of view in degrees of a horizontal one in radians."""
     return float(np.degrees(2.0 * np.arctan(np.tan(0.5 * fov) * height / width)))
-
-
-def _below(most: float) -> str:
-    return f" and below {most:g}" if np.isfinite(most) else ""
 
 
 def _of_json(path: Path, text: str) -> Shot:

@@ -91,7 +91,9 @@ def make_keyed_folder(folder: Path, key: str) -> Path:
     Raises BadInput if others' files are in it.
     """
     note = folder / "key.json"
-    if folder.exists() and not _is_ours(note) and any(folder.iterdir()):
+    told = _record_in(note)  # other programs have files of that name, too
+    is_ours = told.keys() == {"key"} and isinstance(told["key"], str)
+    if folder.exists() and not is_ours and any(folder.iterdir()):
         raise BadInput(f"{folder} contains other files; choose another folder with --out.")
     if note.exists() and read_record(note, key) is None:
         shutil.rmtree(folder)
@@ -99,12 +101,6 @@ def make_keyed_folder(folder: Path, key: str) -> Path:
     if not note.exists():
         write_record(note, key, {})
     return folder
-
-
-def _is_ours(note: Path) -> bool:
-    """Return whether a file is the record of a folder of results; other programs have files of that name, too."""
-    record = _record_in(note)
-    return record.keys() == {"key"} and isinstance(record["key"], str)
 
 
 def _record_in(path: Path) -> dict[str, Any]:

@@ -120,7 +120,8 @@ def check_agreement(
     if fixed is not None:  # a colour bar must not be blamed on the cameras
         images = without(images, fixed)
     tracing = Tracing(images)
-    outlines, which = tracing.outlines(some_of(len(cameras))), _pictures(where)
+    outlines = tracing.outlines(some_of(len(cameras)))
+    which = "The pictures" if where is None else f"The pictures of {where}"
     found, doubt = _check(cameras, outlines, names, which, also)
     if found is None and doubt is None and outlines.cut > MOSTLY_CUT:
         doubt = f"{which} {HARDLY_TELL}"
@@ -184,10 +185,6 @@ def _surrounded(images: NDArray[np.uint8]) -> str | None:
     )
 
 
-def _pictures(where: object) -> str:
-    return "The pictures" if where is None else f"The pictures of {where}"
-
-
 def _check(
     cameras: Sequence[Camera], outlines: Outlines, names: Sequence[str], which: str, also: Sequence[Mistake]
 ) -> tuple[str | None, str | None]:
@@ -206,9 +203,11 @@ def _check(
         return _agree(found), None
     cause = _cause(whole, outlines, found, [*also, *mistakes(whole.matrices, names)], cameras[0])
     if cause is not None:
+        finite = found[np.isfinite(found)]
+        most = f"{finite.max():.3g} pixels" if len(finite) else "more than can be compared"
         raise BadInput(
-            f"{which} contradict their cameras: silhouettes differ by {_most(found)}, but only by "
-            f"{cause.differ:.2g} if {cause.said}; {cause.mend}."
+            f"{which} contradict their cameras: silhouettes differ by {most}, but only by {cause.differ:.2g} if "
+            f"{cause.said}; {cause.mend}."
         )
     if not faced:
         raise BadInput(
@@ -327,8 +326,3 @@ def _score(found: Array) -> float:
 def _agree(found: Array) -> str | None:
     finite = found[np.isfinite(found)]
     return f"The silhouettes agree with the cameras to {finite.min():.2f} pixels." if len(finite) else None
-
-
-def _most(found: Array) -> str:
-    finite = found[np.isfinite(found)]
-    return f"{finite.max():.3g} pixels" if len(finite) else "more than can be compared"

@@ -278,13 +278,6 @@ def _angle(width: int, focal: float) -> float:
     return 2.0 * math.atan(0.5 * width / focal)
 
 
-def _turned(numbers: Mapping[str, float], width: int, height: int) -> str:
-    """Say that the picture is turned if that would explain its size."""
-    if (numbers.get("w"), numbers.get("h")) != (height, width):
-        return ""
-    return ": it is stored turned by 90 degrees, perhaps with an EXIF orientation; turn its pixels"
-
-
 def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) -> Lens:
     """Return the intrinsics of an image of the given size, which may be smaller than the file says."""
     for key in ("w", "h"):
@@ -300,10 +293,12 @@ def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) 
             raise BadInput(f"{key} must lie between 0 and pi radians, not {value:g}{meant}.")
     across, down = width / numbers.get("w", width), height / numbers.get("h", height)
     if abs(across / down - 1.0) > 0.02 and any(key in numbers for key in ("fl_x", "cx", "cy")):
+        turned = (numbers.get("w"), numbers.get("h")) == (height, width)
         raise BadInput(
             f"the image has {width} x {height} pixels, but w and h say {numbers.get('w', width):g} x "
-            f"{numbers.get('h', height):g}" + _turned(numbers, width, height) + "."
-        )
+            f"{numbers.get('h', height):g}"
+            + ": it is stored turned by 90 degrees, perhaps with an EXIF orientation; turn its pixels" * turned + "."
+        )  # fmt: skip
     if "fl_x" in numbers:
         focal = across * numbers["fl_x"]
     elif "camera_angle_x" in numbers:

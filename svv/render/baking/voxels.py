@@ -183,7 +183,10 @@ def matter_of(scene: Scene, grid: Grid, progress: Progress = silent) -> Matter:
     chosen = torch.cat(kept)
     place = place[chosen.numpy()]
     rest = (torch.cat(parts) for parts in zip(*found, strict=True))
-    return Matter(grid, position[chosen].to(device), place, _beside(place, grid), torch.cat(logs), *rest)
+    there = np.zeros(grid.shape[::-1], bool)
+    there.ravel()[place] = True
+    near = np.flatnonzero(maximum_filter(there, 3))
+    return Matter(grid, position[chosen].to(device), place, near, torch.cat(logs), *rest)
 
 
 def _material(palette: PaletteField, position: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -222,13 +225,6 @@ def _points(occupancy: Occupancy, grid: Grid) -> tuple[Tensor, NDArray[np.int64]
     places = lattice.places_of_level(0, *where)[rows][order]
     end = np.asarray(occupancy.box.extent, np.float32)
     return torch.from_numpy(np.minimum(places, end)), place[order]
-
-
-def _beside(place: NDArray[np.int64], grid: Grid) -> NDArray[np.int64]:
-    """Return the flat indices of points and their 26 neighbours, ascending."""
-    there = np.zeros(grid.shape[::-1], bool)
-    there.ravel()[place] = True
-    return np.flatnonzero(maximum_filter(there, 3))
 
 
 def paint_at(network: UnrestrictedField, matter: Matter) -> Tensor:

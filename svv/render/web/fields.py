@@ -215,16 +215,15 @@ class Baker:
             network = self.scene.with_variant(variant.name).paint_shown
             assert network is not None
             grid = self.grid(network.encoding)
-            colours = torch.cat(
-                [self._darkened(network(places).clamp(0.0, 1.0), places) for places in grid.pieces()]
-            ).numpy()
-            self.found.append(Field.of(f"paint{number}", grid.resolution, self.stored(grid, colours, PAINT), unit=True))
-
-    def _darkened(self, paint: Tensor, places: Tensor) -> Tensor:
-        """Return paint (V, 3) at places (V, 3) with the ambient occlusion of their regions."""
-        if is_occluded(self.scene):
-            occlude(self.scene, paint, places, self.scene.region_of(places, self.palette.material(places)[1]))
-        return paint
+            pieces = []
+            for places in grid.pieces():
+                pieces.append(network(places).clamp(0.0, 1.0))
+                if is_occluded(self.scene):
+                    occlude(
+                        self.scene, pieces[-1], places, self.scene.region_of(places, self.palette.material(places)[1])
+                    )
+            stored = self.stored(grid, torch.cat(pieces).numpy(), PAINT)
+            self.found.append(Field.of(f"paint{number}", grid.resolution, stored, unit=True))
 
     def light(self, progress: Progress) -> dict[str, object]:
         """Add the light, if the scene has one, and return how a viewer reads that of a network."""

@@ -176,7 +176,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
     """Return everything but the layers, as plain values."""
     bounds = np.array([member.occupancy.box.bounds for member in members(scene)])
     room = rig.radius - 0.5 * float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
-    names = paintings_of(scene)
+    names, matcaps = paintings_of(scene), [None, *_names_of_matcaps(scene)]
     shown = names[:1] if scene.layers else [name for name in names if name == scene.variant]
     return {
         "camera": {
@@ -193,7 +193,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
         "matcaps": _matcaps(scene),
         "visions": MATRICES,
         "regions": [
-            {**told, "number": number, "matcap": _number_of_matcap(scene, number)}
+            {**told, "number": number, "matcap": matcaps.index(scene.regions[number].matcap)}  # from 1, 0 for none
             for told, number in zip(
                 (told for member in members(scene) for told in _regions(member)), numbers_of(scene), strict=True
             )
@@ -271,12 +271,6 @@ def _matcaps(scene: Scene) -> dict[str, object]:
 
 def _names_of_matcaps(scene: Scene) -> list[str]:
     return list(dict.fromkeys(region.matcap for region in scene.regions if region.matcap is not None))
-
-
-def _number_of_matcap(scene: Scene, region: int) -> int:
-    """Return the number of a region's MatCap from 1, 0 for none."""
-    matcap = scene.regions[region].matcap
-    return 0 if matcap is None else _names_of_matcaps(scene).index(matcap) + 1
 
 
 def numbers_of(scene: Scene) -> list[int]:

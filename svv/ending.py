@@ -25,10 +25,7 @@ NOT_MAPPED = ("failed to map segment", "cannot allocate memory")
 
 
 def end_with(run: Callable[[], object], name: str) -> NoReturn:
-    """Run a program's work, then exit with 0, an integer that it returns, 2 (bad input) or 130 (stopped by the user).
-
-    ``name`` is printed before an error message.
-    """
+    """Run a program's work, then exit with 0, its integer, 2 (bad input, said after ``name``) or 130 (stopped)."""
     _stop_on_terminate()
     try:
         done = run()

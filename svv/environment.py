@@ -11,9 +11,8 @@ LAYERS = "omp tbb workqueue"
 def share_cores(environ: MutableMapping[str, str]) -> None:
     """Let threads that wait for each other sleep. Call it before torch is loaded.
 
-    By default, OpenMP's threads spin for milliseconds after each of torch's operations, on the very cores that our
-    kernels' threads, ParaView's window or other programs need. Alone on two cores, a short training takes 10 % less
-    time without spinning, and beside other work a third of it.
+    By default, OpenMP's threads spin on the very cores that our kernels' threads, ParaView's window or other programs
+    need. Alone on two cores, a short training takes 10 % less time without, and beside other work a third of it.
     """
     if "GOMP_SPINCOUNT" not in environ:
         environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

@@ -119,10 +119,7 @@ def _pieces(
 
 
 def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Read the header and the arrays of a scene.
-
-    Raises BadInput if the file is missing, unreadable, truncated, not a scene, or of another format version.
-    """
+    """Read a scene's header and arrays; raises BadInput if the file is missing, damaged, or of another format."""
     return parse_scene(_content_of(Path(path)), str(Path(path)))
 
 
@@ -164,9 +161,9 @@ def _length(content: bytes, name: str) -> int:
 
 
 def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the header and arrays from the output of :func:`scene_bytes`, or the whole content of a scene file.
+    """Return header and arrays from a scene file's content.
 
-    Raises BadInput, with the file's name, if it is truncated, not a scene, or of another format version.
+    Raises BadInput, with its name, if it is no such content.
     """
     length = _length(content, name)
     try:

@@ -79,9 +79,13 @@ class Described:
         return self.name.title().replace("_", "")
 
 
-@cache
 def described(cls: type) -> tuple[Described, ...]:
     """Describe the fields of a dataclass, in order."""
+    return _described(cls)
+
+
+@cache
+def _described(cls: type) -> tuple[Described, ...]:
     hints, text = get_type_hints(cls, include_extras=True), sentences(cls)
     found = []
     for field in fields(cls):

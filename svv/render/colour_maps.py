@@ -18,9 +18,8 @@ ENTRIES = 256
 def colour_map(cmap: Any = None, opacity: Any = "linear", span: Sequence[float] = (0.0, 1.0)) -> pyvista.VolumeProperty:
     """Return the property that ``pyvista.Plotter.add_volume`` gives a volume of one number per voxel.
 
-    ``cmap`` is the name of a colour map, a list of colours, or a ``matplotlib.colors.Colormap``, by default that of
-    PyVista's theme; a ``pyvista.LookupTable`` is used as it is, with its own opacities and range. ``opacity`` is
-    ``linear``, ``sigmoid``, ``geom`` ..., or numbers, as ``add_volume`` takes them; ``span`` are the values of the
+    ``cmap`` is a name, a list of colours, or a ``matplotlib.colors.Colormap``, by default that of PyVista's theme; a
+    ``pyvista.LookupTable`` is used as it is. ``opacity`` is as ``add_volume`` takes it; ``span`` are the values of the
     first and the last colour, ascending. Raises BadInput if PyVista is missing, or does not know the colour map or
     opacity.
     """

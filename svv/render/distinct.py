@@ -55,9 +55,8 @@ def distinct(scene: Scene, how: DistinctName = "colours", progress: Progress = s
 
     Strokes keep their hues, and other regions where that is possible; pieces of pictures, ink and the strokes of joined
     scenes do not change. ``colours`` are told apart by people with any colour vision, ``lightness`` also in a grey
-    print, if the least difference is reached between the regions as rendered over white
-    (:mod:`svv.render.figures.colour_check`). Of all scenes that were tried, it is the one whose nearest pair is
-    farthest apart, unless an earlier one sufficed. Raises BadInput if there are no regions, or no visible one has a
+    print, as rendered over white (:mod:`svv.render.figures.colour_check`). Of all that were tried, it is the scene
+    whose nearest pair is farthest apart, unless an earlier one sufficed. Raises BadInput if no visible region has a
     colour that can change.
     """
     visions, least, background = VISIONS if how == "lightness" else COLOUR_VISIONS, LEAST_DIFFERENCE, WHITE
@@ -102,10 +101,7 @@ def distinct(scene: Scene, how: DistinctName = "colours", progress: Progress = s
 
 
 def _strokes_apart(scene: Scene, visions: Sequence[VisionName], least: float, background: Sequence[float]) -> Scene:
-    """Return a scene with another lightness and chroma of the strokes of regions that are alike.
-
-    The range of a painting is that of the strokes of all its regions.
-    """
+    """Return a scene with other lightness and chroma of strokes of regions that are alike, within those of all."""
     paint = scene.paint_shown
     assert paint is not None and paint.brushed is not None
     views = visible_from(scene, scene.rig.orbit(181, VIEW_SIZE, frames=FRAMES), silent)

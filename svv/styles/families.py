@@ -191,10 +191,7 @@ def _reduced(picture: NDArray[np.floating]) -> Floats:
 
 
 def names_of(families: Sequence[Family]) -> list[list[str]]:
-    """Return what each family is called: a colour of its own, and its place if it has one.
-
-    The first name is unlike the others' first names.
-    """
+    """Return each family's names: first a colour, unlike other families' first names, then its place if it has one."""
     every = []
     for one in families:
         words = [colour_name(one.mean)]

@@ -163,8 +163,8 @@ class Hand:
 def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None = None, seed: int = 0) -> Hand:
     """Measure the hand of a picture (H, W, 3), sRGB in [0, 1], or of a part of it, a ``mask`` (H, W).
 
-    ``seed`` is that of the samples. Raises BadInput if the picture is smaller than :data:`SMALLEST` pixels, not RGB or
-    not finite, or the mask is empty or of another size.
+    Raises BadInput if it is smaller than :data:`SMALLEST` pixels, not RGB or not finite, or the mask is empty or does
+    not fit.
 
     >>> measure_hand(np.full((32, 48, 3), 0.5, np.float32)).plain
     True

@@ -84,10 +84,7 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
 
 
 def read_views(path: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
-    """Read one split of a folder of views, or of a Cinema database, whose notes are in ``meta.assumed``.
-
-    Raises BadInput as :meth:`svv.io.views.viewset.ViewSet.read` and :func:`read_database`.
-    """
+    """Read a split of a folder of views, or of a Cinema database, its notes in ``meta.assumed``; raises BadInput."""
     path = Path(path)
     if not is_database(path):
         return ViewSet.read(path, split, progress)

@@ -133,10 +133,7 @@ class Cache:
         return self.pattern.fullmatch(name) is not None and (self.folder / name).exists()
 
     def read(self, name: str, read: Callable[[Path], Content]) -> Content | None:
-        """Return what ``read`` makes of the result of this name, or None if there is none.
-
-        A damaged result, for which ``read`` raises BadInput, is removed.
-        """
+        """Return what ``read`` makes of a result, None if there is none; a damaged one (BadInput) is removed."""
         if not self.holds(name):
             return None
         path = self.folder / name

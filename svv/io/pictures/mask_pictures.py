@@ -21,10 +21,7 @@ PAINTS = ((0.90, 0.16, 0.22), (0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (1.0, 0.60
 
 
 def mask_overlay(picture: ArrayLike, mask: Mask, selection: Selection | None = None) -> NDArray[np.uint8]:
-    """Return the picture with all outside the mask dark grey, the mask's outline, and a selection's points: + and -.
-
-    The picture (h, w, 3) is sRGB in [0, 1], the result has 8-bit levels.
-    """
+    """Return a picture (h, w, 3), sRGB in [0, 1], as levels: dark outside the mask, with its outline and its points."""
     values = np.asarray(picture, np.float32)
     grey = values.mean(-1, keepdims=True) * 0.28 + 0.06
     shown = np.where(mask[..., None], values, grey)
@@ -64,10 +61,7 @@ def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = 
 
 
 def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return a picture (h, w, 3), 8-bit levels, with ticks and numbers along its upper and left edges.
-
-    The numbers refer to the width and height ``size`` of the file in pixels.
-    """
+    """Return levels (h, w, 3) with rulers along upper and left edges, in pixels of a file of this ``size``."""
     height, width = picture.shape[:2]
     text = max(12, max(height, width) // 36)
     dark = np.arange(height)[:, None] < 1.9 * text, np.arange(width)[None] < 2.9 * text

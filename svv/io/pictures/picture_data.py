@@ -54,8 +54,7 @@ def mask_as_data(mask: NDArray[np.bool_], long_side: int = LONG_SIDE) -> str:
 def picture_in(text: object, name: str) -> NDArray[np.float32]:
     """Return the picture of a data URI, float32 sRGB in [0, 1]. (h, w, 3)
 
-    Raises BadInput, with a name such as "The picture of the style 'oil'", if the text is no such URI, but for example a
-    path, or the picture is broken, too small or too large.
+    Raises BadInput, with its name, if it is something else, for example a path, broken, too small or too large.
 
     >>> picture_in(as_data(np.ones((16, 20, 3))), "It").shape
     (16, 20, 3)

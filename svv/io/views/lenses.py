@@ -118,10 +118,7 @@ class Lens:
 
 
 def rectify(image: Images, lens: Lens) -> Images:
-    """Resample an image (height, width, 4) to a pinhole camera of the focal length ``lens.rectified`` and same centre.
-
-    Alpha is straight; colours are interpolated with it as weight.
-    """
+    """Resample an image (height, width, 4), straight alpha, to a pinhole camera of focal length ``lens.rectified``."""
     where = _map(lens)
     alpha = map_coordinates(image[..., 3].astype(np.float32), where, order=1, mode="nearest")
     result = np.empty_like(image)

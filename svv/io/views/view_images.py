@@ -17,7 +17,7 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.io.files.declared_sizes import check_pixels
 from svv.io.pictures.gamma import as_srgb, converted, exponent_of, stored
-from svv.io.views.lenses import rectify
+from svv.io.views.lenses import Lens, rectify
 from svv.io.views.straight import ALPHAS, BESIDE_FRAMES, AlphaName, straightened
 from svv.io.views.transforms import Frame, camera_in, file_in, mask_files
 
@@ -69,10 +69,7 @@ def read_views(
     notes += [] if assumed is None else [assumed]
     bent = sum(lens is not None for lens in lenses)
     if bent:
-        pairs = list(zip(images, lenses, strict=True))
-        images = list(
-            in_threads(lambda p: p[0] if p[1] is None else rectify(*p), pairs, progress, "Undistorting views")
-        )
+        images = list(in_threads(_rectified, list(zip(images, lenses, strict=True)), progress, "Undistorting views"))
         notes.append(RECTIFIED.format(count=bent, all=len(images)))
     if len({image.shape for image in images}) > 1:
         stated = all("w" in frame and "h" in frame for frame in frames)
@@ -129,12 +126,17 @@ def _masked(file: Path, mask: Path | None) -> tuple[Images, float | None]:
     return np.dstack([image, alpha[..., 3] if alpha.shape[-1] == 4 else alpha.max(axis=-1)]), exponent
 
 
+def _rectified(job: tuple[Images, Lens | None]) -> Images:
+    image, lens = job
+    return image if lens is None else rectify(image, lens)
+
+
 def _of_one_size(
     images: Sequence[Images], cameras: Sequence[Camera], files: Sequence[Path], stated: bool
 ) -> tuple[list[Images], list[Camera]]:
-    """Reduce images to the size of the smallest.
+    """Reduce images to the smallest's size.
 
-    Raises BadInput if they differ in shape, too, or the frames do not state each one's size, so one may be a mistake.
+    Raises BadInput if shapes differ, or frames do not state each one's size.
     """
     height, width = min(image.shape[:2] for image in images)
     for file, image in zip(files, images, strict=True):

@@ -82,10 +82,7 @@ class Canvas:
     def dab(
         self, rng: Generator, shape: Dab, colour: NDArray[np.generic], bristles: float = 0.3, cover: float = 1.0
     ) -> None:
-        """Lay one dab of paint of this shape, streaked along its length.
-
-        ``bristles`` is the strength of the streaks, ``cover`` the opacity of the dab.
-        """
+        """Lay a dab of this shape, with streaks as strong as ``bristles`` along it, and of the opacity ``cover``."""
         y, x, angle, length, width, bend = shape
         n, m = self.thickness.shape
         reach = max(length, width) + abs(bend) * length + 1.5

@@ -154,9 +154,9 @@ def _check_learned(scene: Scene, before: TransferFunction, function: TransferFun
 
 
 def _classified(function: TransferFunction, at: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    """Return logarithms of mean extinctions around values (K,), for each slope; ``unit`` in box units.
+    """Return logarithms of mean extinctions around values (K,), for each slope. (VALUES, SLOPES)
 
-    (VALUES, SLOPES)
+    ``unit`` is the function's opacity unit distance in box units.
     """
     sigma = -np.log1p(-np.minimum(function.opacity_at(at), 1.0 - 1e-6)) / unit
     place = np.linspace(0.0, 1.0, len(at))

@@ -26,9 +26,11 @@ COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
 def palette_named(source: str, progress: Progress = silent) -> Palette:
-    """Return the palette of a picture's file or ``gallery:NAME``, mixtures of colours, or an empty one for ``own``.
+    """Return a palette from its name.
 
-    Raises BadInput if a colour has another form than ``#102040``, or the picture cannot be read.
+    That is a picture file or ``gallery:NAME``; colours such as ``#102040,#f0d090``, between which strokes get mixtures;
+    or ``own`` for the colours in which they were painted, which is an empty palette. Raises BadInput if a colour has
+    another form, or the picture cannot be read (:func:`svv.styles.gallery.open_style`).
 
     >>> len(palette_named("#102040,#f0d090")), palette_named("own")
     (64, ())

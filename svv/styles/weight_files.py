@@ -115,9 +115,9 @@ def torch_file(name: str) -> Path:
 
 
 def alexnet_from_torch() -> tuple[State, Path] | None:
-    """Read AlexNet, and its path, from torch's cache and heads from lpips, if both are there.
+    """Read AlexNet from torch's cache and the heads from the package ``lpips``; None if either is missing.
 
-    Raises BadInput for others.
+    Returns the weights and AlexNet's file; raises BadInput if its SHA-256 does not match the digits in its name.
     """
     trunk, package = torch_file(ALEXNET_FILE), find_spec("lpips")
     folders = (package.submodule_search_locations if package else None) or []

@@ -130,7 +130,10 @@ def _of_split(path: Path, scene: Frame, frames: list[dict[str, object]], split: 
 
 
 def present(path: Path, frames: Sequence[dict[str, object]]) -> tuple[list[dict[str, object]], str | None]:
-    """Return the frames whose pictures are there, and a sentence on others; BadInput if most lack, or one is twice."""
+    """Return the frames whose pictures are there, and a sentence on the others, if any.
+
+    Raises BadInput if most pictures are missing, a frame names none or one outside the folder, or two name the same.
+    """
     found, missing, first = [], [], None
     seen: dict[Path, str] = {}
     for number, frame in enumerate(frames, start=1):

@@ -69,7 +69,10 @@ def format_ranges(ranges: tuple[tuple[float, float], ...], unit: str | None) -> 
 def entries_of(
     scene: Scene, camera: Camera, network: str, size: int, diameter: float, unit: str | None = None
 ) -> list[Entry]:
-    """Return the legend's lines for a scene's visible regions, by the panel's camera, in its or a smaller picture."""
+    """Return the lines of the legend of a scene with a palette network: its visible regions, in their order.
+
+    A picture of the camera may be smaller than the panel's. For ``size`` and ``diameter``, see :func:`swatch`.
+    """
     found = []
     for number, region in enumerate(scene.regions):
         if region.seen_opacity == 0.0:

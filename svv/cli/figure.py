@@ -12,7 +12,7 @@ import typer
 
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
-from svv.cli.options import Json
+from svv.cli.options import Json, parse_angles
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.figures import FigureOptions
@@ -142,7 +142,6 @@ def _panels(path: Path, scene: Scene, options: PanelOptions, look: Look | None) 
 
 def _cameras(scene: Scene, options: PanelOptions) -> list[Camera]:
     """Return the cameras of a scene's panels."""
-    from svv.cli.options import parse_angles
     from svv.io.views.camera_file import read_camera, read_cameras
     from svv.render.frames import seen_from
 

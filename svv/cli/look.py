@@ -13,7 +13,7 @@ import typer
 from svv.cli.app import guarded
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
-from svv.cli.options import Out, SceneFile, examples
+from svv.cli.options import Out, SceneFile, examples, parse_angles
 from svv.cli.swatches import print_swatches
 from svv.errors import BadInput
 from svv.options.described import Setting
@@ -84,7 +84,6 @@ def save(
 
 def _camera(scene: Scene, side: Kept) -> Camera | None:
     """Return the camera that a look keeps; None for none."""
-    from svv.cli.options import parse_angles
     from svv.io.views.camera_file import read_camera
     from svv.render.frames import seen_from
 

@@ -54,9 +54,9 @@ def show(
     """Show a scene in a window and turn it with the mouse; its picture is coarser while the mouse moves.
 
     In a notebook, the picture is shown below the cell instead, with the names of its regions as alternative text. A
-    training in the background
-    (``train_scene(..., background=True)``) is shown as it sharpens, with a bar of its progress: in a window that can be
-    closed at any time, in a notebook until it is done. Interrupting either lets it go on.
+    training in the background (``train_scene(..., background=True)``) is shown as it sharpens, with a bar of its
+    progress: in a window that can be closed at any time, in a notebook until it is done. Interrupting either lets it go
+    on.
 
     Args:
         scene: Scene to show, or a training in the background.

@@ -24,14 +24,11 @@ STRIDE = 4
 
 
 class PatchFeatures(nn.Module):
-    """Patches of the picture in a cosine basis, as features that do not need training.
+    """Patches of a picture in a cosine basis, of an even side >= 4 in pixels, as features that need no training.
 
     In natural pictures and paintings amplitudes fall roughly as 1 / frequency, so the flat part dominates the cosine
     distance of raw patches. Multiplying each coefficient by its frequency gives strokes and dots the same weight as the
     colour they are painted in. All three channels are treated alike; otherwise faint hues would become gaudy.
-
-    Args:
-        side: Side of a patch in pixels, even and at least 4.
     """
 
     kernels: Tensor

@@ -72,10 +72,7 @@ def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:
     halve(volume.rgba, np.sqrt(depths(volume.most)), first, rgba, root)
     with np.errstate(divide="ignore"):
         logs = (2.0 * np.log(root) + np.log(grid.unit_distance / fine.unit_distance)).astype(np.float32)
-    most = most_of(logs)
-    rgba[..., 3] = codes_of(logs, most)
-    extend_colours(rgba, np.flatnonzero(rgba[..., 3] == 0))
-    span_all_bytes(rgba.reshape(-1, 4))
+    most = _encode(rgba, logs)
     ends = np.array([*volume.ranges[0][:3], [0.0, rgba[..., 3].max()]])
     return replace(volume, rgba=rgba, grid=grid, most=most, ranges=(ends, volume.ranges[1]))
 
@@ -96,12 +93,18 @@ def summed(volumes: Sequence[BakedVolume], grid: Grid) -> BakedVolume:
     )  # fmt: skip
     with np.errstate(divide="ignore"):
         logs = np.log(total, out=total) + np.float32(np.log(grid.unit_distance))
+    most = _encode(rgba, logs)
+    ends = np.array([*volumes[0].ranges[0][:3], [0.0, rgba[..., 3].max()]])
+    return BakedVolume(rgba, grid, most, (ends, (0.0, longest(rgba))))
+
+
+def _encode(rgba: NDArray[np.uint8], logs: NDArray[np.float32]) -> float:
+    """Set the codes of logarithms of extinctions, and the colours where nothing is; return what the codes refer to."""
     most = most_of(logs)
     rgba[..., 3] = codes_of(logs, most)
     extend_colours(rgba, np.flatnonzero(rgba[..., 3] == 0))
     span_all_bytes(rgba.reshape(-1, 4))
-    ends = np.array([*volumes[0].ranges[0][:3], [0.0, rgba[..., 3].max()]])
-    return BakedVolume(rgba, grid, most, (ends, (0.0, longest(rgba))))
+    return most
 
 
 def span_all_bytes(flat: NDArray[np.uint8]) -> None:

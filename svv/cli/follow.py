@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,8 +18,6 @@ from svv.options.making import VolumeOptions
 from svv.progress import shown
 
 if TYPE_CHECKING:
-    from vtkmodules.vtkCommonDataModel import vtkImageData
-
     from svv.job.series import Step
 
 FOLLOW = (
@@ -138,7 +136,7 @@ def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     return [Step(path.name, time, _reader(path, reading)) for time, path in told]
 
 
-def _reader(path: Path, reading: VolumeOptions) -> Callable[[], vtkImageData]:
+def _reader(path: Path, reading: VolumeOptions) -> Callable[[], Any]:
     """Return what reads a volume."""
     from svv.dvr.read.volumes import read_volume
 

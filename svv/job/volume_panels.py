@@ -97,15 +97,14 @@ def panel_of(scene: Scene, found: Remembered, camera: GivenCamera | None = None,
     """Return a panel of a scene with its volume as it was found; see :func:`volume_panel`."""
     from svv.render.figures.figure import SHOWN, Panel  # matplotlib's, which ParaView's Python may not have
 
+    network = "pcn" if "pcn" in scene.networks else "base"
     if found.draw is None:
-        network = "pcn" if "pcn" in scene.networks else "base"
         note = f"shows the {SHOWN[network]}, not the volume rendering, because {found.said}."
         return Panel(scene, camera, title, network=network, shows=SHOWN[network], note=note)
     plain = replace(scene, regions=tuple(with_edits(r, named_alone(r)) for r in scene.regions), lamp=Lamp(), cuts=())
     edited = (scene.lamp, scene.cuts) != (plain.lamp, ()) or any(edits_of(r) != named_alone(r) for r in scene.regions)
     note = f"is drawn from {found.said}" + ", without the edits of the scene" * edited + "."
     look = ("volume", id(found.draw))
-    network = "pcn" if "pcn" in scene.networks else "base"
     return Panel(plain, camera, title, look, network, found.draw, SHOWS, note)
 
 

@@ -25,14 +25,7 @@ NOT_MAPPED = ("failed to map segment", "cannot allocate memory")
 
 
 def end_with(run: Callable[[], object], name: str) -> NoReturn:
-    """Run a program's work, then exit.
-
-    Args:
-        run: The work. If it returns an integer, that is the exit code.
-        name: Name of the program, printed before an error message.
-
-    Exit codes: 0 success, 2 bad usage or bad input, 130 stopped by the user.
-    """
+    """Run a program's work, then exit with 0, its integer, 2 (bad input, said after ``name``) or 130 (stopped)."""
     _stop_on_terminate()
     try:
         done = run()

@@ -9,19 +9,16 @@ import resource
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 
 @dataclass
 class Cost:
-    """Cost of a piece of work, filled in when it is done.
+    """Cost of a piece of work, filled in when it is done: wall-clock time, all threads' processor time, and memory.
 
-    Args:
-        seconds: Wall-clock time.
-        cpu_seconds: Processor time of this process, the sum over its threads.
-        peak_rss_bytes: Peak resident memory of the process during the work, as reported by the operating system.
+    The peak is that of the process's resident memory during the work, as reported by the operating system.
     """
 
     seconds: float = 0.0
@@ -33,7 +30,8 @@ class Cost:
 def measured() -> Iterator[Cost]:
     """Measure the cost of the body; the figures are set when it ends."""
     cost = Cost()
-    _forget_peak()
+    with suppress(OSError):  # systems other than Linux cannot reset it, and report the peak since the process began
+        Path("/proc/self/clear_refs").write_text("5")
     start, cpu = time.monotonic(), time.process_time()
     try:
         yield cost
@@ -56,14 +54,6 @@ def give_memory_back() -> None:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:
             trim(0)
-
-
-def _forget_peak() -> None:
-    """Reset the peak; systems other than Linux cannot, and report the peak since the process began."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return
 
 
 def _peak() -> int:

@@ -299,13 +299,13 @@ def test_a_single_camera_may_be_orthographic(tmp_path: Path) -> None:
 def test_the_edge_of_a_huge_image_is_looked_at_in_places(monkeypatch: pytest.MonkeyPatch) -> None:
     """A lens is what it is at any number of pixels: the same at 65,536 as at 1,024, and for as little work."""
     seen: list[int] = []
-    whole = Lens._seen_at
+    whole = Lens.seen_at
 
     def counted(lens: Lens, column: np.ndarray, row: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
         seen.append(column.size)
         return whole(lens, column, row, focal)
 
-    monkeypatch.setattr(Lens, "_seen_at", counted)
+    monkeypatch.setattr(Lens, "seen_at", counted)
     found = [Lens(n, n, (n, n), (0.5 * n, 0.5 * n), (0.1, 0, 0, 0), (0.001, 0)).rectified / n for n in (1024, 65536)]
     assert found[0] == pytest.approx(found[1], rel=2e-3)
     assert max(seen) <= 33 * 4 * 2048

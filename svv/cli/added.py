@@ -1,7 +1,6 @@
 """Commands of other distributions: ``svv`` has them where they are installed, or their package is on Python's path.
 
-An entry point in the group ``svv.commands`` gives a command's name and its Typer app. ``svv bench`` is one of them; it
-is also found without being installed, as in a checkout with ``PYTHONPATH=.:bench``.
+An entry point in the group ``svv.commands`` gives a name and a Typer app, as that of ``svv bench`` does.
 """
 
 from __future__ import annotations
@@ -38,10 +37,9 @@ def added() -> dict[str, tuple[EntryPoint, str]]:
 
 
 def added_command(name: str) -> Any:
-    """Return a command of another distribution; None if nobody brings one of that name.
+    """Return a command of another distribution, if one brings it.
 
-    Raises:
-        BadInput: It is ``bench``, which is not installed, or what is installed does not fit this svv.
+    Raises BadInput if it does not fit, or bench is missing.
     """
     if name not in (found := added()):
         if name == BENCH.name:

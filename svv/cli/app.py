@@ -1,9 +1,7 @@
 """The ``svv`` command: reads arguments, calls the layers below and prints the result.
 
-Heavy imports are inside the commands, and a command's module is imported when it is called, so ``svv --help`` answers
-at once.
-
-Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130 stopped by the user.
+A command and what is heavy are imported when it is called, so ``svv --help`` answers at once. Exit codes: 0 done, 2 bad
+use or bad input (one sentence on standard error), 130 stopped by the user.
 """
 
 from __future__ import annotations

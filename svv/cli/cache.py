@@ -21,7 +21,6 @@ CACHE = (
     "svv cache --json cache.json",
     "SVV_CACHE=/data/scenes SVV_CACHE_SIZE=10G svv paraview",
 )
-"""Examples in the help."""
 
 
 class KindName(str, Enum):
@@ -42,8 +41,7 @@ def cache(
         list[KindName] | None, typer.Argument(metavar="KIND", help="Kinds to show or clear; by default all.")
     ] = None,
     clear: Annotated[
-        bool,
-        typer.Option("--clear", help="Remove them; saved states that need a result will say so."),
+        bool, typer.Option("--clear", help="Remove them; saved states that need a result will say so.")
     ] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="With --clear: only say what would be removed, and what stays.")

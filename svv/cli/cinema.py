@@ -6,9 +6,8 @@ import os
 import sys
 import time
 import webbrowser
-from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +29,6 @@ IMPORT = (
     "svv import head.cdb --cameras head.pvsm --select time=0.5 --out views",
     "svv import head.cdb --select producer=white --black black --view-angle 30 --out views",
 )
-"""Examples in the help."""
 EXPORT = (
     "svv export scene.svv --out scene.html",
     "svv export scene.svv --out scene.cdb",
@@ -40,14 +38,10 @@ EXPORT = (
     "svv export scene.svv --out scene.vti --resolution 128 --light baked --regions 0,2",
     "svv export scene.svv --out scene.vdb --light baked",
 )
-"""Examples in the help."""
-
+VIEW = ("svv view scene.svv", "svv view --follow scene.svv")
 
 POLITE = 10
 """Added to the niceness of `svv view --follow`."""
-
-VIEW = ("svv view scene.svv", "svv view --follow scene.svv")
-"""Examples in the help."""
 
 
 @spread
@@ -93,22 +87,23 @@ def export(
     from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks
 
-    writer = WRITERS.get(out.suffix.lower())
-    if writer is None:
+    write = WRITERS.get(out.suffix.lower())
+    if write is None:
         raise BadInput(
             f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb, or a volume "
             "NAME.vti or NAME.vdb."
         )
-    if not writer.shared:
+    shared = write is _database  # others are written by the first of the processes that torchrun starts
+    if not shared:
         check_targets(out)
         if ranks.place().rank:
             return
-    with ranks.joined(options.device) if writer.shared else nullcontext():
+    with ranks.joined(options.device) if shared else nullcontext():
         loaded = load(scene, options.device)
         if hides_all(loaded) and options.network != "base" and ranks.is_first():
             print(f"svv: {out} will be empty, because {HIDDEN}: {SHOW}.", file=sys.stderr)
         with shown("Exporting", quiet=not ranks.is_first()) as progress:
-            said = writer.write(out, loaded, options, baking, progress)
+            said = write(out, loaded, options, baking, progress)
         if ranks.is_first():
             print(f"{out}: {said}")
 
@@ -148,20 +143,8 @@ def _openvdb(out: Path, scene: Scene, options: ExportOptions, baking: BakeOption
     return " ".join([f"{said}.", *notes]) if notes else said
 
 
-@dataclass(frozen=True)
-class Writer:
-    """How to write a scene for another program."""
-
-    write: Callable[[Path, Scene, ExportOptions, BakeOptions, Progress], str]
-    """Returns what it wrote in a few words."""
-    shared: bool = False
-    """Whether processes that torchrun starts share the work; otherwise the first one does it."""
-
-
-WRITERS = {
-    ".html": Writer(_page), ".cdb": Writer(_database, shared=True), ".vti": Writer(_volume), ".vdb": Writer(_openvdb),
-}  # fmt: skip
-"""Suffix of what to write -> its writer."""
+WRITERS = {".html": _page, ".cdb": _database, ".vti": _volume, ".vdb": _openvdb}
+"""Suffix of what to write -> what writes it, and returns what it wrote in a few words."""
 
 
 def view(

@@ -60,7 +60,6 @@ EDIT = (
     "svv edit scene.svv --occlusion 0.8 --out deep.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
-"""Examples in the help."""
 PALETTE = (
     "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
     "svv palette scene.svv --views views --merge 0,1 --set 0='#d0a060' --out one.svv",
@@ -68,7 +67,6 @@ PALETTE = (
     "svv palette scene.svv --views views --point 410,320=0 --point 150,90=1 --out pointed.svv",
     "svv palette scene.svv --views views --point 410,320=150,90 --out same.svv",
 )
-"""Examples in the help."""
 
 
 @dataclass(frozen=True)
@@ -79,44 +77,26 @@ class Steps:
     redo: Annotated[
         int, typer.Option("--redo", count=True, help="Redo the last edit that was undone; may be repeated.")
     ] = 0
-    show_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Show this painting.")] = None
-    drop_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Remove this painting from the file.")] = None
+    show_variant: Annotated[str | None, Setting(metavar="NAME")] = None
+    """Show this painting."""
+    drop_variant: Annotated[str | None, Setting(metavar="NAME")] = None
+    """Remove this painting from the file."""
 
 
 @dataclass(frozen=True)
 class Asked:
     """Names, MatCaps and words, which concern several regions, and colours that all can tell apart."""
 
-    name: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
-        ),
-    ] = None
-    matcap: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K=NAME|IMG|none",
-            help="Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, "
-            "x-ray, pearl, velvet, or the file of a square picture. May be repeated.",
-        ),
-    ] = None
-    say: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TEXT",
-            help="Say what should change: region names or 'region 0', colours, thinner, hide, only, light from the "
-            "left, in jade, as watercolour ... What is understood is printed; an unknown word fails.",
-        ),
-    ] = None
-    distinct: Annotated[
-        DistinctName | None,
-        typer.Option(
-            metavar="colours|lightness",
-            help="Recolour unpainted regions so that all differ: colours for any colour vision, lightness also in a "
-            "grey print.",
-        ),
-    ] = None
+    name: Annotated[tuple[str, ...], Setting(metavar="K=NAME")] = ()
+    """Name a region; nothing after the sign takes its name away."""
+    matcap: Annotated[tuple[str, ...], Setting(metavar="K=NAME|IMG|none")] = ()
+    """Colour a region by a picture of a lit sphere: clay, wax, bronze, jade, porcelain, chalk, toon, x-ray, pearl,
+    velvet, or the file of a square picture."""
+    say: Annotated[str | None, Setting(metavar="TEXT")] = None
+    """Say what should change: region names or 'region 0', colours, thinner, hide, only, light from the left, in jade,
+    as watercolour ... What is understood is printed; an unknown word fails."""
+    distinct: Annotated[DistinctName | None, Setting(metavar="colours|lightness")] = None
+    """Recolour unpainted regions so that all differ: colours for any colour vision, lightness also in a grey print."""
 
 
 @spread
@@ -125,10 +105,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     out: Out,
     region: Annotated[
         int | None,
-        typer.Option(
-            min=0,
-            help="Number of the region. Without it, occlusion, paint and outlines change in all.",
-        ),
+        typer.Option(min=0, help="Number of the region. Without it, occlusion, paint and outlines change in all."),
     ] = None,
     asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),
@@ -152,20 +129,15 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.files.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name or []))
-    regions = _with(regions, "matcap", parse_names(asked.matcap or [], "--matcap 0=jade"))
+    regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name))
+    regions = _with(regions, "matcap", parse_names(asked.matcap, "--matcap 0=jade"))
     request = SceneEdit(regions, light, occlusion, paint, outline, visibility, cuts, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    _check(
-        region,
-        own,
-        bool(own or occlusion or paint or outline),
-        steps,
-        bool(request or own or asked.distinct or asked.say),
-    )
+    edits = bool(request or own or asked.distinct or asked.say)
+    _check(region, own, bool(own or occlusion or paint or outline), steps, edits)
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:
@@ -339,11 +311,7 @@ def palette(
 
 
 def parse_set(text: str) -> tuple[int, tuple[float, float, float]]:
-    """Return the region and colour of '0=#rrggbb'.
-
-    Raises:
-        BadInput: The text has another form.
-    """
+    """Return the region and colour of '0=#rrggbb'; raises BadInput for another form."""
     region, _, colour = text.partition("=")
     if not (region.strip().isascii() and region.strip().isdigit() and colour):
         raise BadInput(f"'{text}' does not set a colour; write region=colour, for example --set 0='#ff8800'.")

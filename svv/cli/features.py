@@ -21,7 +21,6 @@ FEATURES = (
     "svv features --json features.json",
     "SVV_WEIGHTS=/shared/weights svv features",
 )
-"""Examples in the help."""
 
 
 class Weights(str, Enum):

@@ -12,7 +12,7 @@ import typer
 
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
-from svv.cli.options import Json
+from svv.cli.options import Json, parse_angles
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.figures import FigureOptions
@@ -37,7 +37,6 @@ FIGURE = (
     "svv figure same.svv --look look.json --out same.pdf",
     "svv figure series.svv --time 0 --time 0.5 --time 1 --across 3 --transparent --out times.png",
 )
-"""Examples in the help."""
 
 
 CHECK_COLOURS = (
@@ -45,7 +44,6 @@ CHECK_COLOURS = (
     "svv check-colours scene.svv --background black --json colours.json",
     "svv check-colours figure.png --out simulated.png",
 )
-"""Examples in the help."""
 
 
 PanelName = Literal["dvr"]
@@ -144,7 +142,6 @@ def _panels(path: Path, scene: Scene, options: PanelOptions, look: Look | None) 
 
 def _cameras(scene: Scene, options: PanelOptions) -> list[Camera]:
     """Return the cameras of a scene's panels."""
-    from svv.cli.options import parse_angles
     from svv.io.views.camera_file import read_camera, read_cameras
     from svv.render.frames import seen_from
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,13 +25,11 @@ FOLLOW = (
     "svv follow scene.svv flow.pvd --array pressure --out series.svv",
     "svv follow scene.svv blob_01.vti blob_02.vti blob_03.vti --out steps",
 )
-"""Examples in the help."""
 
 OPACITIES = (
     "svv opacities scene.svv head.vti --tf fainter.json --out fainter.svv",
     "svv opacities series.svv --tf core-alone.json --out core.svv",
 )
-"""Examples in the help."""
 
 
 @spread
@@ -105,7 +103,6 @@ def opacities(
     """
     from svv.dvr.functions.transfer_functions import TransferFunction
     from svv.dvr.read.appearance import without_interpolation
-    from svv.dvr.read.volumes import read_volume
     from svv.io.files.atomic import check_writable
     from svv.job.opacities import with_opacities
 
@@ -115,10 +112,7 @@ def opacities(
         raise BadInput("Name the transfer function: --tf TF.json.")
     function, image = TransferFunction.read(reading.only), None
     if volume is not None:
-        image = read_volume(
-            volume, reading.dims, reading.dtype, reading.spacing, None, reading.only_array, reading.channel,
-            reading.time, reading.resample_to,
-        )  # fmt: skip
+        image = _reader(volume, reading)()
         if loaded.made.get("source", {}).get("nearest"):
             image = without_interpolation(image)
     result = with_opacities(loaded, function, image)
@@ -130,7 +124,6 @@ def opacities(
 
 def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     """Return the time steps that are named; the times of files without any are their numbers."""
-    from svv.dvr.read.volumes import read_volume
     from svv.io.series_file import EXTENSIONS, read_series
     from svv.job.series import Step
 
@@ -138,16 +131,14 @@ def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     if listed and len(volumes) > 1:
         raise BadInput(f"{listed[0]} lists time steps itself: name no other volumes.")
     told = read_series(listed[0]) if listed else [(float(number), path) for number, path in enumerate(volumes)]
-    array = reading.only_array
     if len(told) < 2:
         raise BadInput("A series needs at least two time steps, one of them that of the scene.")
-    return [
-        Step(
-            path.name, time,
-            partial(
-                read_volume, path, reading.dims, reading.dtype, reading.spacing, None, array, reading.channel,
-                reading.time, reading.resample_to,
-            ),
-        )
-        for time, path in told
-    ]  # fmt: skip
+    return [Step(path.name, time, _reader(path, reading)) for time, path in told]
+
+
+def _reader(path: Path, reading: VolumeOptions) -> Callable[[], Any]:
+    """Return what reads a volume."""
+    from svv.dvr.read.volumes import read_volume
+
+    names = ("dims", "dtype", "spacing", "channel", "time", "resample_to")
+    return partial(read_volume, path, array=reading.only_array, **{name: getattr(reading, name) for name in names})

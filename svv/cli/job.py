@@ -20,19 +20,13 @@ if TYPE_CHECKING:
     from svv.io.views.view_meta import ViewMeta
     from svv.job.source import ViewSource, VolumeSource
 
-DEMO = (
-    "svv demo",
-    "svv demo --out my-demo --preset balanced",
-    "svv demo --resolution 64 --size 400",
-)
-"""Examples in the help."""
+DEMO = ("svv demo", "svv demo --out my-demo --preset balanced", "svv demo --resolution 64 --size 400")
 RUN = (
     "svv run foot.vti --tf bones.json --style brush.jpg --out foot",
     "svv run engine_256x256x128_uint8.raw --out engine --preset fast",
     "svv run next.vti --tf bones.json --look look.json --out next",
     "svv run views --style a.png --style gallery:mosaic --lighting auto --out result",
 )
-"""Examples in the help."""
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
     "svv views foot.vti --tf bones.json --tf skin.json --out views",
@@ -42,7 +36,6 @@ VIEWS = (
     "svv views head.raw --dims 256,256,128 --dtype uint16 --spacing 1,1,1.5 --tf skin.json --out views",
     "torchrun --nproc-per-node 4 -m svv views large.mhd --tf skin.json --out views",
 )
-"""Examples in the help."""
 
 
 @spread

@@ -11,11 +11,7 @@ import typer
 from svv.cli.files import load
 from svv.cli.options import Out
 
-JOIN = (
-    "svv join shell.svv core.svv --out both.svv",
-    "svv edit both.svv --isolate 0 --isolate 1 --out shell-alone.svv",
-)
-"""Examples in the help."""
+JOIN = ("svv join shell.svv core.svv --out both.svv", "svv edit both.svv --isolate 0 --isolate 1 --out shell-alone.svv")
 
 
 def join(

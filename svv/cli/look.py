@@ -13,7 +13,7 @@ import typer
 from svv.cli.app import guarded
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
-from svv.cli.options import Out, SceneFile, examples
+from svv.cli.options import Out, SceneFile, examples, parse_angles
 from svv.cli.swatches import print_swatches
 from svv.errors import BadInput
 from svv.options.described import Setting
@@ -30,29 +30,28 @@ SAVE = (
     "svv look save painted.svv --out look.json",
     "svv look save painted.svv --about 'Blue shell' --view 40,20 --journal science --unit mm --out look.json",
 )
-"""Examples in the help."""
 APPLY = (
     "svv look apply look.json other.svv --dry-run",
     "svv look apply look.json other.svv --out same.svv",
     "svv look apply look.json other.svv --map 0=1,1=0 --camera camera.json --out same.svv",
     "svv look apply gallery:porcelain scene.svv --out porcelain.svv",
 )
-"""Examples in the help."""
 SHOW = ("svv look show look.json", "svv look show gallery:porcelain")
-"""Examples in the help."""
 LIST = ("svv look list",)
-"""Examples in the help."""
 
 LOOK = (SAVE[0], APPLY[1])
-"""Examples in the help."""
 
 LookFile = Annotated[str, typer.Argument(metavar="LOOK.json|gallery:NAME", help="A look; `svv look list` lists some.")]
 
 
 @dataclass(frozen=True)
-class Side:
-    """The side that a look is seen from."""
+class Kept:
+    """What a look keeps beside the scene's own: a line, pictures of styles, and the side that it is seen from."""
 
+    about: Annotated[str, Setting(metavar="TEXT")] = ""
+    """One line about the look."""
+    style: Annotated[tuple[str, ...], Setting(metavar="IMG|gallery:NAME")] = ()
+    """Picture of a style, for scenes that were painted before scenes kept them."""
     view: Annotated[str | None, Setting(metavar="AZ,EL")] = None
     """Keep this side as the look's camera: degrees to the right of the front of the volume, and above it."""
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
@@ -65,15 +64,7 @@ class Side:
 def save(
     scene: SceneFile,
     out: Out,
-    about: Annotated[str, typer.Option(metavar="TEXT", help="One line about the look.")] = "",
-    style: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="IMG|gallery:NAME",
-            help="Picture of a style, for scenes that were painted before scenes kept them. May be repeated.",
-        ),
-    ] = None,
-    side: Side = Side(),
+    kept: Kept = Kept(),
     figure: FigureOptions = FigureOptions(),
 ) -> None:
     """Save how a scene looks: names, colours, opacities, light, styles, strokes, outlines, camera and figure settings.
@@ -86,14 +77,13 @@ def save(
 
     check_targets(out)
     loaded = load(scene)
-    given = {str(one.name): one for one in read_styles(style or [], [])} if style else {}
-    Look.of(loaded, _camera(loaded, side), figure, given, about).save(out)
+    given = {str(one.name): one for one in read_styles(kept.style, [])} if kept.style else {}
+    Look.of(loaded, _camera(loaded, kept), figure, given, kept.about).save(out)
     print(out)
 
 
-def _camera(scene: Scene, side: Side) -> Camera | None:
+def _camera(scene: Scene, side: Kept) -> Camera | None:
     """Return the camera that a look keeps; None for none."""
-    from svv.cli.options import parse_angles
     from svv.io.views.camera_file import read_camera
     from svv.render.frames import seen_from
 

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 MCP = ("svv mcp --root data",)
-"""Examples in the help."""
 
 
 def mcp(

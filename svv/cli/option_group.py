@@ -38,10 +38,7 @@ SYNTAX: dict[str, Callable[[str, str], object]] = {
 
 
 def spread(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command as typer is to see it: each dataclass parameter is replaced by its fields, in order.
-
-    The default of an option comes from the parameter's default if there is one, otherwise from the field.
-    """
+    """Return a command as typer is to see it: fields replace dataclasses, whose own default wins over theirs."""
     parameters: list[inspect.Parameter] = []
     groups: dict[str, type] = {}
     for name, parameter in inspect.signature(command).parameters.items():

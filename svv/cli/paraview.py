@@ -13,9 +13,7 @@ from svv.errors import BadInput
 Folder = Annotated[
     Path | None,
     typer.Option(
-        "--paraview",
-        metavar="DIR",
-        help="ParaView's folder; by default SVV_PARAVIEW, otherwise the one on the PATH.",
+        "--paraview", metavar="DIR", help="ParaView's folder; by default SVV_PARAVIEW, otherwise the one on the PATH."
     ),
 ]
 Arguments = Annotated[

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from svv.cli.options import numbers_in
 from svv.errors import BadInput
 from svv.options.described import Setting
 
@@ -31,9 +32,7 @@ class PictureOptions:
 def point_in(scene: Scene, place: Place, picture: PictureOptions) -> tuple[float, float, float]:
     """Return the point in the world that a place means: what a pixel shows, or the point itself.
 
-    Raises:
-        BadInput: A picture was named, but the place is no pixel; nothing is visible there, or the picture has no such
-            pixel.
+    Raises BadInput if the place is no pixel of the picture that was named, or nothing is visible there.
     """
     from svv.io.views.camera_file import read_camera
     from svv.render.frames import orbit
@@ -51,10 +50,7 @@ def point_in(scene: Scene, place: Place, picture: PictureOptions) -> tuple[float
 
 
 def parse_pointed(text: str) -> tuple[Place, int | Place]:
-    """Return what --point says: a place, and the region that is there or the other place.
-
-    Raises:
-        BadInput: The text has another form.
+    """Return what --point says: a place, and the region that is there or the other place; BadInput for another form.
 
     >>> parse_pointed("410,320=2"), parse_pointed("410,320=0.5,1,-2")
     (((410.0, 320.0), 2), ((410.0, 320.0), (0.5, 1.0, -2.0)))
@@ -66,10 +62,7 @@ def parse_pointed(text: str) -> tuple[Place, int | Place]:
 
 
 def _place(numbers: str, text: str) -> Place:
-    try:
-        found = tuple(float(part) for part in numbers.split(","))
-    except ValueError:
-        found = ()
+    found = numbers_in(numbers)
     if len(found) not in (2, 3):
         raise BadInput(
             f"'{text}' does not point at a place: write place=region, such as --point 410,320=1, or place=place, such "

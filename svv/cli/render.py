@@ -34,7 +34,6 @@ RENDER = (
     "svv render series.svv --play --orbit 240 --out frames",
     "torchrun --nproc-per-node 4 -m svv render scene.svv --orbit 181 --out frames",
 )
-"""Examples in the help."""
 
 ONE_VIEW = (".png", ".vti")
 """Extensions of files of one view."""
@@ -64,8 +63,7 @@ class Shown:
 def render(
     scene: SceneFile,
     out: Annotated[
-        Path,
-        typer.Option("--out", "-o", metavar="DIR|FILE", help="Folder for frames, or a .png, .vti or .mp4 file."),
+        Path, typer.Option("--out", "-o", metavar="DIR|FILE", help="Folder for frames, or a .png, .vti or .mp4 file.")
     ],
     which: Shown = Shown(),
     options: RenderOptions = RenderOptions(),
@@ -116,26 +114,25 @@ def render(
 
 def _check(out: Path, which: Shown) -> None:
     """Raise BadInput if the arguments contradict each other, or do not tell what to write."""
-    one_view = out.suffix.lower() in ONE_VIEW
-    if which.play and which.time is not None:
-        raise BadInput("Give --time or --play, not both.")
-    if one_view and which.play:
-        raise BadInput("Time steps have many views: give --out as a folder or an .mp4 file.")
-    ways = [name for name in ("orbit", "view", "camera") if getattr(which, name) not in (None, ())]
-    if len(ways) > 1:
-        raise BadInput(f"Give --{ways[0]} or --{ways[1]}, not both.")
-    if one_view and which.orbit is not None:
-        raise BadInput("An orbit has many views: give --out as a folder or an .mp4 file.")
-    if one_view and which.path is not None:
-        raise BadInput("A path has many views: give --out as a folder or an .mp4 file.")
-    if which.frame is not None and which.path is not None:
-        raise BadInput("Give --frame or --path, not both: a path goes through all views of the file.")
-    if which.frame is not None and which.camera is None:
-        raise BadInput("--frame needs --camera, a file of cameras.")
-    if which.path is not None and which.camera is None and len(which.view) < 2:
-        raise BadInput("--path needs views to go through: several --view AZ,EL, or --camera, a file of cameras.")
-    if one_view and len(which.view) > 1:
-        raise BadInput(f"{out} holds one view: give one --view, or --out as a folder or an .mp4 file.")
+    one_view, orbit, path = out.suffix.lower() in ONE_VIEW, which.orbit is not None, which.path is not None
+    ways = [f"--{name}" for name in ("orbit", "view", "camera") if getattr(which, name) not in (None, ())]
+    many, frame, lacking = "--out as a folder or an .mp4 file.", which.frame is not None, which.camera is None
+    for wrong, said in (
+        (which.play and which.time is not None, "Give --time or --play, not both."),
+        (one_view and which.play, f"Time steps have many views: give {many}"),
+        (len(ways) > 1, f"Give {' or '.join(ways[:2])}, not both."),
+        (one_view and orbit, f"An orbit has many views: give {many}"),
+        (one_view and path, f"A path has many views: give {many}"),
+        (frame and path, "Give --frame or --path, not both: a path goes through all views of the file."),
+        (frame and lacking, "--frame needs --camera, a file of cameras."),
+        (
+            path and lacking and len(which.view) < 2,
+            "--path needs views to go through: several --view AZ,EL, or --camera, a file of cameras.",
+        ),
+        (one_view and len(which.view) > 1, f"{out} holds one view: give one --view, or {many}"),
+    ):
+        if wrong:
+            raise BadInput(said)
     for angles in which.view:
         parse_angles(angles, "--view")
     if out.suffix.lower() not in ("", *ONE_VIEW, ".mp4") and out.suffix[1:].isalpha() and not out.is_dir():

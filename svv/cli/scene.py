@@ -28,14 +28,8 @@ TRAIN = (
     "svv train views -o scene.svv --sketch",
     "torchrun --nproc-per-node 4 -m svv train views -o scene.svv",
 )
-"""Examples in the help."""
 EVALUATE = ("svv evaluate scene.svv --views views --json scores.json",)
-"""Examples in the help."""
-INFO = (
-    "svv info scene.svv",
-    "svv info scene.svv --json info.json",
-)
-"""Examples in the help."""
+INFO = ("svv info scene.svv", "svv info scene.svv --json info.json")
 
 
 @spread
@@ -157,8 +151,7 @@ class Scoring:
 def evaluate(
     scene: SceneFile,
     views: Annotated[
-        Path,
-        typer.Option("--views", metavar="VIEWS", help="Folder with views that were not trained on."),
+        Path, typer.Option("--views", metavar="VIEWS", help="Folder with views that were not trained on.")
     ],
     scoring: Scoring = Scoring(),
     json: Json = None,

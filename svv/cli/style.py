@@ -20,14 +20,12 @@ if TYPE_CHECKING:
     from svv.train.paint.ink import StyleInput
 
 STYLES = ("svv styles", "svv styles --out gallery", "svv styles woodcut mosaic --size 800 --seed 3 --out gallery")
-"""Examples in the help."""
 STYLE_MASK = (
     "svv style-mask painting.jpg --regions 4 --out parts",
     "svv style-mask painting.jpg --positive 310,120 --negative 40,300 --out sky.png",
     "svv style-mask painting.jpg --refine sky.png --negative 200,260 --out sky.png",
     "svv style-mask gallery:impasto --positive 250,260 --out flower.png",
 )
-"""Examples in the help."""
 
 
 @dataclass(frozen=True)
@@ -120,12 +118,9 @@ def style_mask(
 
 
 def read_styles(sources: Sequence[str], masks: Sequence[str]) -> list[StyleInput]:
-    """Read the pictures or inks and the masks of the options ``--style`` and ``--style-mask``, with their names.
+    """Read the styles and masks of ``--style`` and ``--style-mask``, named for both.
 
-    The name of a picture with a mask includes the name of the mask.
-
-    Raises:
-        BadInput: A picture, ink or mask does not exist or cannot be used.
+    Raises BadInput if one is of no use.
     """
     from svv.io.pictures.mask_file import read_mask
     from svv.train.paint.ink import StyleInput, picture_of, style_named

@@ -26,7 +26,6 @@ STYLIZE = (
     "svv stylize scene.svv --style brush.jpg --preview now.png --out styled.svv",
     "svv stylize scene.svv --style ink:hatching --style ink:stippling --out drawn.svv",
 )
-"""Examples in the help."""
 
 
 @spread

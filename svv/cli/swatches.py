@@ -11,13 +11,9 @@ if TYPE_CHECKING:
 
 
 def print_swatches(divided: Mapping[str, Mapping[str, Any]], regions: Sequence[Region]) -> None:
-    """Print on standard error, for each region with a part of a picture, three colours from dark to light and a label.
+    """Print on standard error three colours from dark to light and a label for each region with a part of a picture.
 
     The colours are blocks on a terminal that shows colours, unless NO_COLOR is set, and hex codes elsewhere.
-
-    Args:
-        divided: ``report["divided"]`` of :func:`svv.train.pipeline.stylize_scene`.
-        regions: The scene's regions.
     """
     from rich.console import Console
     from rich.text import Text

@@ -1,9 +1,7 @@
-"""A program for any Python that has OpenVDB's module: writes grids from NumPy files. It needs nothing of svv.
+"""A program for any Python that has OpenVDB's module, as a system or Blender has: writes grids from NumPy files.
 
-OpenVDB comes with a system or with Blender, seldom with the Python that runs svv, whose NumPy it may not fit; so
-:mod:`svv.render.baking.openvdb` runs this file. Arguments: a folder with ``density.npy`` float32 (X, Y, Z),
-``colour.npy`` float32 (X, Y, Z, 3) and ``told.json`` (``origin`` and ``spacing`` of the points, ``metadata`` of the
-file), and the file to write.
+It needs nothing of svv. Arguments: a folder with ``density.npy`` float32 (X, Y, Z), ``colour.npy`` float32 (X, Y, Z, 3)
+and ``told.json`` (``origin`` and ``spacing`` of the points, ``metadata`` of the file), and the file to write.
 """
 
 from __future__ import annotations

@@ -76,15 +76,10 @@ def remove_checkpoints(checkpoint: Path, layers: int = 0) -> None:
 
 
 def write_scene_file(path: str | Path, header: Mapping[str, object], tensors: Mapping[str, np.ndarray]) -> None:
-    """Write a scene, whole or not at all.
+    """Write a scene, by convention ``NAME.svv``, whole or not at all.
 
-    Args:
-        path: The file, by convention ``NAME.svv``.
-        header: JSON content; NumPy numbers and arrays become plain values, and NaN becomes null.
-        tensors: Arrays of bool, integer or float type (including float16) and any shape.
-
-    Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    NumPy numbers and arrays of the header become plain values, and NaN becomes null; tensors are of bool, integer or
+    float type (including float16). Raises BadInput if the file cannot be written.
     """
     pieces = _pieces(header, tensors, deflate=True)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -100,10 +95,7 @@ def scene_bytes(header: Mapping[str, object], tensors: Mapping[str, np.ndarray],
 def _pieces(
     header: Mapping[str, object], tensors: Mapping[str, np.ndarray], deflate: bool
 ) -> Iterator[bytes | memoryview]:
-    """Yield the content of a scene file, array by array: the safetensors package would copy all of them, twice.
-
-    A checkpoint thus takes no memory.
-    """
+    """Yield a scene file's content by arrays, without a copy of all: the safetensors package would make two."""
     # safetensors ignores the strides of arrays, so the values would be read back in another order.
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
     tables = {name: a.shape for name, a in arrays.items() if deflate and a.dtype == np.uint8 and a.ndim == 2 and a.size}
@@ -127,31 +119,17 @@ def _pieces(
 
 
 def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Read the header and the arrays of a scene.
-
-    Raises:
-        BadInput: The file is missing, unreadable, truncated, not a scene, or of another format version.
-    """
-    file = Path(path)
-    content = _content_of(file)
-    return parse_scene(content, str(file))
+    """Read a scene's header and arrays; raises BadInput if the file is missing, damaged, or of another format."""
+    return parse_scene(_content_of(Path(path)), str(Path(path)))
 
 
 def read_scene_header(path: str | Path) -> dict[str, Any]:
-    """Read the header of a scene alone, which takes no time however large its arrays are.
-
-    Raises:
-        BadInput: As :func:`read_scene_file`, but arrays are not looked at.
-    """
+    """Read a scene's header alone, which takes no time however large its arrays are; raises BadInput if that fails."""
     return header_in(_content_of(Path(path), whole=False), str(path))
 
 
 def header_in(content: bytes, name: str) -> dict[str, Any]:
-    """Return the header of a scene from the content of its file, or from the beginning of that.
-
-    Raises:
-        BadInput: As :func:`parse_scene`.
-    """
+    """Return the header from (the beginning of) a scene file's content; raises BadInput as :func:`parse_scene`."""
     return _validate_header(name, content[8 : _length(content, name) + 8])[0]
 
 
@@ -183,14 +161,9 @@ def _length(content: bytes, name: str) -> int:
 
 
 def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the header and arrays from the output of :func:`scene_bytes`.
+    """Return header and arrays from a scene file's content.
 
-    Args:
-        content: The whole file.
-        name: Name of the file in messages.
-
-    Raises:
-        BadInput: The content is truncated, not a scene, or of another format version.
+    Raises BadInput, with its name, if it is no such content.
     """
     length = _length(content, name)
     try:

@@ -13,11 +13,7 @@ EXTENSIONS = (".pvd", ".series")
 
 
 def read_series(path: Path) -> list[tuple[float, Path]]:
-    """Return the times and files that a ``.pvd`` or ``.series`` file lists, in ascending order of time.
-
-    Raises:
-        BadInput: The file is missing, damaged, lists nothing, or a time is no number or occurs twice.
-    """
+    """Return times and files that a ``.pvd`` or ``.series`` file lists, in order; raises BadInput if it is invalid."""
     try:
         text = path.read_bytes()
         if path.suffix.lower() == ".pvd":

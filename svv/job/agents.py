@@ -51,11 +51,9 @@ SMALLER = 0.85
 def serve(root: str | Path) -> None:
     """Serve a folder over standard input and output, until the client leaves.
 
-    Tools that take long report their progress and stop when the client cancels the call or leaves; nothing is left
-    half written. In the background, they end with the server.
-
-    Raises:
-        BadInput: There is no such folder, or the package mcp is missing or too old.
+    Tools that take long report their progress and stop when the client cancels the call or leaves; nothing is left half
+    written. In the background, they end with the server. Raises BadInput if there is no such folder, or the package mcp
+    is missing or too old.
     """
     jobs = Jobs(Workshop(root))
     server = _server_for(jobs)
@@ -87,12 +85,7 @@ def _server_for(jobs: Jobs) -> MCPServer:
 
 
 class _Offered:
-    """Methods as tools of the protocol: their errors are one sentence for the assistant.
-
-    Args:
-        module: ``mcp.server.mcpserver``.
-        jobs: Where they work in the background.
-    """
+    """Methods as tools of the protocol of ``mcp.server.mcpserver``; their errors are one sentence for assistants."""
 
     def __init__(self, module: Any, jobs: Jobs) -> None:
         self._context, self._picture = module.Context, module.Image
@@ -113,12 +106,7 @@ class _Offered:
         return tool
 
     def long(self, method: Callable[..., object], background: bool) -> Callable[..., object]:
-        """Return a method that takes long as a tool, which reports its progress and stops with its caller.
-
-        Args:
-            method: It takes ``progress``.
-            background: Whether it can also be started in the background, by an argument of that name.
-        """
+        """Return a method as a tool that reports its progress, ends with its caller, or starts in the background."""
         hints, name = get_type_hints(method), method.__name__
 
         async def tool(context: Context, **given: Any) -> object:

@@ -36,23 +36,16 @@ UNEXPECTED = "This should not have failed ({error}): please report it, with the 
 
 
 class Jobs:
-    """The jobs of a server, by their numbers from 1; one works at a time.
-
-    Args:
-        workshop: Whose tools work.
-    """
+    """The jobs of a server, which the tools of a workshop do, by their numbers from 1; one works at a time."""
 
     def __init__(self, workshop: Workshop) -> None:
         self.workshop = workshop
         self._jobs: list[Job] = []
 
     def start(self, tool: str, given: dict[str, object]) -> str:
-        """Start a tool with its arguments, and return a sentence that says how to ask for it.
+        """Start a tool; return a sentence that says how to ask for it. Raises BadInput if another job is at work.
 
         The process ends with the thread that calls this (Linux), which should be the main one.
-
-        Raises:
-            BadInput: Another job is at work.
         """
         last = self._jobs[-1] if self._jobs else None
         if last is not None and last.poll()["state"] == "running":

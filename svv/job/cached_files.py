@@ -47,17 +47,18 @@ class Kind:
 
 
 def list_cached_files() -> list[Kind]:
-    """Return all kinds of files, with what there is of each.
+    """Return all kinds of files, with what there is of each; raises BadInput if a variable's maximum size is none.
 
-    Raises:
-        BadInput: A variable that sets a maximum size does not contain one.
-
-    Example:
-        >>> [kind.name for kind in list_cached_files()][:3]
-        ['results', 'unfinished', 'pyramids']
+    >>> [kind.name for kind in list_cached_files()][:3]
+    ['results', 'unfinished', 'pyramids']
     """
     results, coarse, gallery = Cache.of_user(), pyramids(), pictures()
-    weights = weights_folder()
+    weights, names = weights_folder(), [network.file for network in NETWORKS.values()]
+    # Others may share that folder.
+    networks = _found(weights, *names, FAILED_FILE, *(f".{Path(name).stem}-*" for name in names))
+    kernels = [file for folder in _numba_folders() for file in _found(folder, "*.nbi*", "*.nbc*")]
+    kernels += _found(cache_folder() / "compiled", "*", ".*")  # marks of versions that were compiled ahead
+    checks = [*_found(cache_folder(), "paraview.json*"), *_found(cache_folder() / "gpu", "*", ".*")]
     scenes = results.folder, "SVV_CACHE", results.bound, "SVV_CACHE_SIZE"
     return [
         Kind("results", "views, scenes and paintings of ParaView's filters", results.entries(), *scenes),
@@ -70,24 +71,11 @@ def list_cached_files() -> list[Kind]:
             "pictures", "style pictures of the gallery", [*gallery.entries(), *gallery.unfinished()], gallery.folder,
             bound=gallery.bound,
         ),
-        Kind("weights", "networks for the preset paper and LPIPS", _weights(weights), weights, FOLDER_VARIABLE),
-        Kind("kernels", "compiled by numba", _kernels()),
-        Kind("checks", "what ParaView and the GPU are", _checks(), cache_folder()),
+        Kind("weights", "networks for the preset paper and LPIPS", entries_of(networks), weights, FOLDER_VARIABLE),
+        Kind("kernels", "compiled by numba", entries_of(kernels)),
+        Kind("checks", "what ParaView and the GPU are", entries_of(checks), cache_folder()),
         Kind("temporary", "work in progress, and pages of svv view", entries_of(temporary_folders())),
     ]  # fmt: skip
-
-
-def _weights(folder: Path) -> list[Entry]:
-    """Return the weights in a folder, which may be shared with other programs."""
-    names = [network.file for network in NETWORKS.values()]
-    unfinished = [f".{Path(name).stem}-*" for name in names]
-    return entries_of(_found(folder, *names, FAILED_FILE, *unfinished))
-
-
-def _kernels() -> list[Entry]:
-    """Return numba's files of our kernels, and the marks of versions that were compiled ahead."""
-    compiled = [file for folder in _numba_folders() for file in _found(folder, "*.nbi*", "*.nbc*")]
-    return entries_of([*compiled, *_found(cache_folder() / "compiled", "*", ".*")])
 
 
 def _numba_folders() -> Iterator[Path]:
@@ -102,11 +90,6 @@ def _numba_folders() -> Iterator[Path]:
                 at = os.path.abspath(folder)
                 name = f"{folder.name}_{hashlib.sha1(at.encode(), usedforsecurity=False).hexdigest()}"
                 yield from (place / name for place in elsewhere)
-
-
-def _checks() -> list[Entry]:
-    """Return the records about this machine."""
-    return entries_of([*_found(cache_folder(), "paraview.json*"), *_found(cache_folder() / "gpu", "*", ".*")])
 
 
 def _found(folder: Path, *patterns: str) -> list[Path]:

@@ -1,9 +1,7 @@
-"""Compile the kernels before they are needed, in a process of its own, while something else takes the time.
+"""Compile the kernels before they are needed, in a process beside the drawing of views, which needs none.
 
-numba compiles each kernel when it is first called and keeps the result for later processes. On a fresh installation,
-that is most of a minute, of which one CPU core is busy and the user sees no progress. Views are drawn by VTK, which
-needs no kernels, so the commands that draw them start this module beside themselves. It does a whole small job: what
-that compiles is what any job needs, without a list of kernels that would go out of date.
+numba takes most of a minute on a fresh installation, and keeps what it compiles. A whole small job compiles what any
+job needs, without a list of kernels that would go out of date.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ import os
 import platform
 import subprocess
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -51,15 +49,9 @@ def compile_beside() -> None:
     """
     if os.environ.get(SWITCH) == "0" or memory_there() < LEAST_MEMORY or _marker().exists():
         return
-    nowhere = subprocess.DEVNULL
-    try:
-        _started.append(
-            subprocess.Popen(
-                [sys.executable, "-m", "svv.job.compile_ahead"], stdin=nowhere, stdout=nowhere, stderr=nowhere
-            )
-        )
-    except OSError:  # no more processes, or no memory for one: there is no harm in compiling later
-        return
+    nowhere, command = subprocess.DEVNULL, [sys.executable, "-m", "svv.job.compile_ahead"]
+    with suppress(OSError):  # no more processes, or no memory for one: there is no harm in compiling later
+        _started.append(subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere))
 
 
 def ball_views() -> ViewSet:

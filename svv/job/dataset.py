@@ -1,8 +1,7 @@
 """Scenes in PyVista: ``pyvista.read("scene.svv")`` and the accessor ``.svv`` of what it returns.
 
-PyVista (0.48 and newer) finds both by the entry points in ``pyproject.toml`` and imports this module when they are
-first used. A scene becomes an image of cells with its regions and opacities, which shows where things are; the scene
-itself travels along as field data, so copies of the dataset and files of it keep it.
+PyVista (0.48 and newer) finds both by the entry points in ``pyproject.toml``. A scene becomes an image of cells with
+its regions and opacities, which shows where things are; the scene itself travels along as field data.
 """
 
 from __future__ import annotations
@@ -16,10 +15,11 @@ import pyvista
 from PIL import Image
 
 from svv.errors import BadInput, Progress, silent
+from svv.fields.scene.scene import Scene
+from svv.fields.scene.splitting import regions_in_cells
 from svv.render.show import show, widget
 
 if TYPE_CHECKING:
-    from svv.fields.scene.scene import Scene
     from svv.render.web.notebook import SceneWidget
 
 SCENE = "StyleRF Scene"
@@ -29,25 +29,16 @@ Colour = str | Sequence[float]
 
 
 def read_dataset(path: str | Path, **_: object) -> pyvista.ImageData:
-    """Read a scene file as a dataset; PyVista's reader of ``.svv`` files.
-
-    Raises:
-        BadInput: The file is missing, damaged, or not a scene.
-    """
-    from svv.fields.scene.scene import Scene
-
+    """Read a scene file as PyVista's reader of ``.svv``; raises BadInput if it is missing, damaged, or not a scene."""
     return dataset_of(Scene.load(path))
 
 
 def dataset_of(scene: Scene) -> pyvista.ImageData:
-    """Return a scene as an image of cells in world coordinates.
+    """Return a scene as an image of cells in world coordinates, with the scene as field data.
 
-    Returns:
-        Cell data ``Opacity``, of a ray through the cell, with the regions' edits, in [0, 1] (the active scalars), and
-        ``Region`` int16, -1 where nothing was found; the scene as field data.
+    Cell data are ``Opacity``, of a ray through the cell, with the regions' edits, in [0, 1] (the active scalars), and
+    ``Region`` int16, -1 where nothing was found.
     """
-    from svv.fields.scene.splitting import regions_in_cells
-
     cells, region, opacity = regions_in_cells(scene)
     box = scene.occupancy.box
     grid = pyvista.ImageData(
@@ -70,14 +61,8 @@ class SceneAccessor:
 
     @property
     def scene(self) -> Scene:
-        """The scene, for everything else that svv offers.
-
-        Raises:
-            BadInput: The dataset was not read from a scene.
-        """
+        """The scene, for everything else that svv offers; raises BadInput if the dataset was not read from a scene."""
         if self._scene is None:
-            from svv.fields.scene.scene import Scene
-
             if SCENE not in self._dataset.field_data:
                 raise BadInput("This dataset holds no scene: read one with pyvista.read('scene.svv').")
             content = np.asarray(self._dataset.field_data[SCENE], np.uint8).tobytes()
@@ -89,14 +74,10 @@ class SceneAccessor:
         return dataset_of(change(self.scene))
 
     def recolour(self, region: int, colour: Colour) -> pyvista.ImageData:
-        """Return the dataset with another colour of a region.
+        """Return the dataset with another colour of a region, whose number is that in the cell data ``Region``.
 
-        Args:
-            region: Number of the region, as in the cell data ``Region``.
-            colour: A colour as PyVista takes it: '#1a8c5a', 'orange', or RGB in [0, 1].
-
-        Raises:
-            BadInput: There is no such region or colour, or the region is painted.
+        A colour is as PyVista takes it: '#1a8c5a', 'orange', or RGB in [0, 1]. Raises BadInput if there is no such
+        region or colour, or the region is painted.
         """
         try:
             rgb = pyvista.Color(colour).float_rgb
@@ -105,16 +86,10 @@ class SceneAccessor:
         return self.edited(lambda scene: scene.edited(region, colour=rgb))
 
     def restyle(self, *styles: str | Path, progress: Progress = silent, **options: Any) -> pyvista.ImageData:
-        """Return the dataset with its regions painted.
+        """Return the dataset with its regions painted in turn in these styles: files, ``gallery:NAME``, ``ink:NAME``.
 
-        Args:
-            styles: A style for each region, in turn: a picture's file, ``gallery:NAME`` or ``ink:NAME``.
-            progress: Called several times a second.
-            options: Other arguments of :func:`svv.stylize_scene`: fields of :class:`svv.PaintOptions` by name, such as
-                ``preset="fast"`` or ``keep=(1,)``.
-
-        Raises:
-            BadInput: Any reason of :func:`svv.stylize_scene`.
+        ``options`` are other arguments of :func:`svv.stylize_scene`, such as the fields ``preset="fast"`` or
+        ``keep=(1,)`` of :class:`svv.PaintOptions`; the reasons of BadInput are its own, too.
         """
         from svv.train.paint.ink import StyleInput, style_named
         from svv.train.pipeline import stylize_scene

@@ -17,20 +17,11 @@ STYLES = ("oil", "impasto", "watercolour")
 
 
 def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show = unseen) -> Path:
-    """Generate the input, then do the whole job, or whatever part of it is not done yet.
+    """Generate the input, then do the whole job, or whatever part of it is not done yet; return its page.
 
-    Args:
-        out: Folder for all results; created if missing.
-        settings: What to do.
-        resolution: Voxels along each side of the volume.
-        show: Shows the progress of each stage.
-
-    Returns:
-        Path of the page ``report.html``.
-
-    Raises:
-        BadInput: The folder cannot be written to, or a setting is out of range.
-        Cancelled: ``show``'s progress stopped the demo; the same call resumes it.
+    ``out`` is created if missing; the volume has ``resolution`` voxels along each side. Raises BadInput if the folder
+    cannot be written to, or a setting is out of range, and Cancelled if the progress that ``show`` gives stopped the
+    demo; the same call resumes it.
     """
     check(settings)
     stages = Stages(out, show)

@@ -1,8 +1,7 @@
-"""A figure that another program asks for: ``python -m svv.job.figure_program REQUEST.json``.
+"""A figure that another program asks for: ``python -m svv.job.figure_program REQUEST.json`` (:func:`request`).
 
-ParaView's own Python must not load matplotlib, which brings another VTK, or NumPy of another version. The request is
-``{"scene": file, "camera": matrix and lens or null, "options": settings, "volume": files or null, "out": file}``, as
-:func:`request` writes it. What users should know of the figure is printed, a line each.
+ParaView's own Python must not load matplotlib, which brings another VTK, or NumPy of another version. What users should
+know of the figure is printed, a line each.
 """
 
 from __future__ import annotations
@@ -31,11 +30,7 @@ def request(
 
 
 def drawn(content: dict[str, Any]) -> None:
-    """Draw what a request asks for.
-
-    Raises:
-        BadInput: As for :func:`svv.render.figures.figure.figure`.
-    """
+    """Draw what a request asks for; raises BadInput as :func:`svv.render.figures.figure.figure`."""
     import numpy as np
 
     from svv.fields.scene.scene import Scene

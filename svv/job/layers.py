@@ -23,17 +23,10 @@ ENDINGS = (".nii.gz", ".ome.tif", ".ome.tiff", ".ome.zarr")
 def layers(volumes: Sequence[Path], reading: ShownVolumeOptions) -> dict[str, tuple[Path, ShownVolumeOptions]]:
     """Return the volume and the options of each layer, by its name; a single one has the name ''.
 
-    Several volumes (members of an ensemble), several arrays, or several transfer functions are layers. With one
-    transfer function for each array or volume, each has its own; otherwise they share the only one, or each has ranges
-    of its own.
-
-    Args:
-        volumes: Volumes, at least one.
-        reading: Which arrays and transfer functions are asked for.
-
-    Raises:
-        BadInput: Volumes and arrays are both several, their number is not that of the transfer functions, two layers
-            have the same name, or there are more than :data:`MOST`.
+    Several volumes (members of an ensemble), arrays, or transfer functions are layers. With one transfer function for
+    each array or volume, each has its own; otherwise they share the only one, or each has ranges of its own. Raises
+    BadInput if volumes and arrays are both several, counts do not fit, two names are the same, or there are more than
+    :data:`MOST`.
 
     >>> [*layers([Path("a.vti")], ShownVolumeOptions(array=("heat", "speed")))]
     ['heat', 'speed']
@@ -91,11 +84,7 @@ def _folder(name: str) -> str:
 
 
 def check_layers(sources: Sequence[VolumeSource]) -> None:
-    """Open the volume of each layer, so that what cannot be read is said before anything is drawn.
-
-    Raises:
-        BadInput: A volume or an array cannot be read, or two volumes have no place in common.
-    """
+    """Open each layer's volume before anything is drawn; raises BadInput if one is unreadable, or two lie apart."""
     first: NDArray[np.float64] | None = None
     for source in sources:
         volume = source.image("auto")

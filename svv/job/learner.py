@@ -1,8 +1,8 @@
-"""A process that learns for another one: it obeys orders, and shows sketches until the result is there.
+"""A process that learns for ParaView's window or a training in the background: it obeys orders, and shows sketches.
 
 Each order is a :class:`svv.job.request.Request`. First sketches with broad strokes are painted
 (:mod:`svv.job.sketching`); and when the scene is there, that with broad strokes. Orders that come meanwhile are obeyed
-from the callback of the progress. ParaView's window and trainings in the background have such a process beside them.
+from the callback of the progress.
 """
 
 from __future__ import annotations
@@ -63,13 +63,7 @@ class Desk(Protocol):
 
 
 class Learner:
-    """Obeys orders, one after another.
-
-    Args:
-        orders: Where they come from.
-        folder: Where states and reports go.
-        desk: Who gives them.
-    """
+    """Obeys the ``orders`` of a ``desk``, one after another; states and reports go to a folder."""
 
     def __init__(self, orders: Orders, folder: Path, desk: Desk) -> None:
         self.orders, self.folder, self.desk = orders, folder, desk
@@ -118,11 +112,7 @@ class Learner:
         return True
 
     def heard(self, fraction: float, label: str) -> None:
-        """Tell the progress of the present work, and obey what has been ordered meanwhile.
-
-        Raises:
-            Cancelled: The work is no longer wanted as it is.
-        """
+        """Tell the progress, and obey what was ordered meanwhile; raises Cancelled if the work is no longer wanted."""
         while self._listen(0.0):
             pass
         begun = time.monotonic()

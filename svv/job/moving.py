@@ -34,13 +34,9 @@ class Moving:
     def __init__(
         self, image: vtkImageData, interval: tuple[float, float], time: float, times: Sequence[float] = ()
     ) -> None:  # fmt: skip
-        """Begin with the time at which the volume was painted.
+        """Begin with the volume (:func:`svv.dvr.read.grids.as_volume`) at the ``time`` at which it was painted.
 
-        Args:
-            image: The volume at that time (see :func:`svv.dvr.read.grids.as_volume`).
-            interval: Values between which it shows something.
-            time: The time.
-            times: The times of the series, if they are known.
+        It shows something between the values of the ``interval``; ``times`` are those of the series, if they are known.
         """
         self.strokes = Flocks(time, times)
         """The strokes of the painting."""

@@ -32,26 +32,15 @@ from which that matters: the colours of faint values are less exact in any case.
 
 
 def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageData | None = None) -> Scene:
-    """Return a scene as its transfer function shows it with other opacities, with its palette, edits and paint.
+    """Return a scene as another transfer function's opacities show it, with its palette, edits, paint and time steps.
 
-    The extinction that training found is multiplied by the ratio of the classified extinctions, of which it started
-    (:class:`svv.train.base.extinction_table.ExtinctionTable`), so what training adapted is kept: for each value and
-    slope in a scene of the encoding ``values``, and otherwise at each vertex, from the volume.
+    The extinction that training found is multiplied by the ratio of the classified extinctions, from which it started
+    (:class:`svv.train.base.extinction_table.ExtinctionTable`): for each value and slope in a scene of the encoding
+    ``values``, and otherwise at each vertex, from the ``volume`` on which it was trained. What is then shown only
+    approximately is told in ``made["approximate"]``. A scene whose opacities are the same is returned itself.
 
-    Args:
-        scene: A scene of one transfer function; its time steps stay.
-        function: The function, at values of the data.
-        volume: The volume on which it was trained (:func:`svv.dvr.read.volumes.read_volume`), unless it is of the
-            encoding ``values``. What is then shown only approximately is told in ``made["approximate"]``.
-
-    Returns:
-        The changed scene, or the scene itself if the opacities are the same.
-
-    Raises:
-        BadInput: The scene is not one of these, or was trained on another volume; or the function has other colours, or
-            shows values of which the scene never saw a colour.
-
-    ``with_opacities(scene, TransferFunction.read("fainter.json"), read_volume("head.vti"))`` is an example.
+    Raises BadInput if the scene is not one of these, or was trained on another volume; or if the function, at values of
+    the data, has other colours, or shows values of which the scene never saw a colour.
     """
     scene.check_alone("Changing opacities")
     told = scene.made.get("source", {}).get("tf")
@@ -166,12 +155,9 @@ def _check_learned(scene: Scene, before: TransferFunction, function: TransferFun
 
 
 def _classified(function: TransferFunction, at: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    """Return the logarithm of the mean extinction over values around a value, for each slope. (VALUES, SLOPES)
+    """Return logarithms of mean extinctions around values (K,), for each slope. (VALUES, SLOPES)
 
-    Args:
-        function: The function.
-        at: Evenly spaced values. (K,)
-        unit: Its opacity unit distance in box units.
+    ``unit`` is the function's opacity unit distance in box units.
     """
     sigma = -np.log1p(-np.minimum(function.opacity_at(at), 1.0 - 1e-6)) / unit
     place = np.linspace(0.0, 1.0, len(at))

@@ -13,6 +13,7 @@ from PIL import Image
 
 from svv._version import __version__
 from svv.io.files.atomic import atomic_path
+from svv.io.pictures.picture_data import as_text
 from svv.progress import duration
 from svv.render.web.html import filled
 
@@ -36,12 +37,7 @@ class Picture:
 class Table:
     """A table on the page; cells are shown verbatim and right-aligned except in the first column.
 
-    Args:
-        heading: Heading of the table.
-        text: One sentence about the table.
-        columns: Names of the columns.
-        rows: One cell per column.
-        swatch: Indices of columns whose cells are colours ``#rrggbb``, shown as such.
+    ``text`` is one sentence about it; ``swatch`` are the columns whose cells are colours ``#rrggbb``, shown as such.
     """
 
     heading: str
@@ -53,16 +49,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Page:
-    """Content of the page, in order.
+    """Content of the page, in order, but that the link follows the movie.
 
-    Args:
-        title: Heading of the page.
-        text: One sentence below the heading.
-        numbers: (value, meaning) of the few figures that matter most.
-        movie: An MP4 file, shown first.
-        parts: Pictures and tables.
-        facts: (name, value) of the conditions of the run, shown at the end.
-        link: A file beside the page, and the text of the link to it, shown after the movie.
+    ``text`` is one sentence, ``numbers`` are (value, meaning) of the few figures that matter most, ``movie`` is an MP4
+    file, ``facts`` are (name, value) of the conditions of the run, and ``link`` is a file beside the page with the
+    link's text.
     """
 
     title: str
@@ -75,11 +66,7 @@ class Page:
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write the page atomically.
-
-    Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
-    """
+    """Write the page atomically; raises BadInput if the file cannot be written."""
     movie = base64.b64encode(page.movie.read_bytes()).decode() if page.movie else ""
     template = files("svv.job").joinpath("page.html").read_text(encoding="utf-8")
     text = filled(template, page=page, movie=movie, embedded=_embedded, version=__version__)
@@ -106,4 +93,4 @@ def _embedded(picture: Picture) -> str:
     kind = "PNG" if picture.drawing else "JPEG"
     with Image.open(picture.file) as image:
         image.convert("RGB").save(buffer, format=kind, quality=JPEG_QUALITY)
-    return f"data:image/{kind.lower()};base64,{base64.b64encode(buffer.getvalue()).decode()}"
+    return as_text(buffer.getvalue())

@@ -127,19 +127,11 @@ class Result:
 def run(
     request: Request, progress: Progress = silent, checkpoint: Path | None = None, preview: Show | None = None
 ) -> Result:
-    """Make what is asked for.
+    """Make what is asked for; ``preview`` is called with the unfinished painting (:func:`svv.stylize_scene`).
 
-    Args:
-        request: What is asked for.
-        progress: Called several times a second; the work stops when it raises.
-        checkpoint: File to save to regularly, and to resume from if it exists. The caller removes it once the result is
-            saved.
-        preview: Called with the unfinished painting (:func:`svv.stylize_scene`).
-
-    Raises:
-        BadInput: The reasons of :func:`svv.make_views`, :func:`svv.train_scene`, :func:`svv.correct_palette` and
-            :func:`svv.stylize_scene`.
-        Cancelled: ``progress`` raised it.
+    The work is saved to the ``checkpoint`` regularly, and resumes from it if it exists; the caller removes it once the
+    result is saved. Raises BadInput for the reasons of :func:`svv.make_views`, :func:`svv.train_scene`,
+    :func:`svv.correct_palette` and :func:`svv.stylize_scene`, and what ``progress`` raises.
     """
     if request.paint is None:
         return Result(*learn(request, progress, checkpoint))
@@ -152,10 +144,7 @@ def run(
 
 
 def learn(request: Request, progress: Progress = silent, checkpoint: Path | None = None) -> tuple[Scene, Report]:
-    """Learn the scene of a request from its input, or correct that; return it, not yet painted, with a report.
-
-    Arguments and errors are those of :func:`run`.
-    """
+    """Learn the scene of a request, or correct it, as :func:`run`; return it, not yet painted, with a report."""
     if request.correct is not None:
         return _corrected(request, request.correct, progress, checkpoint)
     views, file = request.input, request.file
@@ -201,11 +190,7 @@ def round_trip(scene: Scene) -> Scene:
 
 
 def make_preview_callback(file: Path, progress: Progress) -> tuple[Show, Progress]:
-    """Return a preview callback that writes a picture of the painting to a file, and a progress that mentions the file.
-
-    Raises:
-        BadInput: The file is not a .png, or cannot be written.
-    """
+    """Return a preview callback that writes a .png (else BadInput), and a progress that mentions the file."""
     write, there = previews_in(file), []
 
     def show(scene: Scene) -> None:

@@ -48,11 +48,7 @@ PROTOCOL = (
 
 
 def write_result(path: Path, job: Job) -> None:
-    """Write the page of a finished job.
-
-    Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
-    """
+    """Write the page of a finished job; raises BadInput if the file cannot be written."""
     scene = Scene.load(job.variants.get("styled", ("", None))[1] or job.scene)
     training, styling = _read(job, "train", "train.json"), _read(job, "stylize", "stylize.json")
     scores = {k: Scores.from_json(v) for k, v in _read(job, "evaluate", "scores.json").items()}

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from svv.fields.devices.gpu import device_named
 from svv.io.pictures.style_picture import read_style
 from svv.job.result import write_result
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Show, Stages, unseen
 from svv.job.steps import Job, JobSettings
+from svv.train.run.config import settings_of
 
 
 def check(settings: JobSettings) -> None:
     """Raise BadInput if an option does not exist or is incompatible with another."""
-    from svv.fields.devices.gpu import device_named
-    from svv.train.run.config import settings_of
-
     device_named(settings.train.device)
     settings_of(settings.train)
 
@@ -29,22 +28,12 @@ def run_job(
     show: Show = unseen,
     stages: Stages | None = None,
 ) -> Path:
-    """Do the whole job, or whatever part of it is not done yet.
+    """Do the whole job, or whatever part of it is not done yet, in the folder ``out``; return the page ``report.html``.
 
-    Args:
-        source: Where the views come from.
-        styles: Style pictures, assigned to the regions in turn; empty for no stylization.
-        out: Folder for all results; created if missing.
-        settings: What to do.
-        show: Shows the progress of each stage.
-        stages: Stages already begun in the same folder, for a job in which an earlier stage creates the source.
-
-    Returns:
-        Path of the page ``report.html``.
-
-    Raises:
-        BadInput: Any input is unusable, or the folder cannot be written to.
-        Cancelled: ``show``'s progress stopped the job; the same call resumes it.
+    Regions get the style pictures in turn; without any, nothing is stylized. ``stages`` are those already begun in the
+    same folder, for a job in which an earlier stage creates the source. Raises BadInput if an input is unusable, or the
+    folder cannot be written to, and Cancelled if the progress that ``show`` gives stopped the job; the same call
+    resumes it.
     """
     check(settings)  # report errors before the work begins, not minutes into it
     source.identity()

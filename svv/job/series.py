@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, zoom
 
 from svv.core.geometry.box import Box
 from svv.core.geometry.displacement import came_from, small
@@ -17,13 +18,15 @@ from svv.core.volumes.classified import COARSE, ValueGrid
 from svv.dvr.draw.time_series import beyond, values_over, visible_bounds
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.following.carried_paint import with_lives
+from svv.fields.following.followed_scene import at_step, check_follows
+from svv.fields.radiance.time_steps import TimeSteps, move_shape, packed_codes, packed_moves
+from svv.fields.scene.joined import members
+from svv.fields.scene.scene import Scene
 from svv.fields.strokes.advected import Field
 
 if TYPE_CHECKING:
     from vtkmodules.vtkCommonDataModel import vtkImageData
-
-    from svv.fields.radiance.time_steps import TimeSteps
-    from svv.fields.scene.scene import Scene
 
 SAME = 0.995
 """Fraction of a grid's values that agree if a scene was trained on a volume."""
@@ -52,20 +55,10 @@ def with_time_steps(
 ) -> tuple[Scene, list[str]]:
     """Return a scene with the time steps of its volume, and what the user should know about them.
 
-    Args:
-        scene: A scene of the encoding ``values``, which was trained on one of the steps.
-        steps: The time steps. Each volume is read twice, one after the other.
-        function: The scene's transfer function; by default as the scene records it.
-        progress: Called several times a second.
-
-    Raises:
-        BadInput: The scene is not one of these, or was trained on none of the steps; a volume cannot be read; or times
-            are equal.
+    The scene, of the encoding ``values``, was trained on one of the steps, each of whose volumes is read twice. The
+    transfer function is by default the one that the scene records. Raises BadInput if the scene is not one of these, or
+    was trained on none of the steps; a volume cannot be read; or times are equal.
     """
-    from svv.fields.following.carried_paint import with_lives
-    from svv.fields.following.followed_scene import at_step, check_follows
-    from svv.fields.scene.joined import members
-
     if function is not None and not function.placed:
         raise BadInput(
             f"'{function.name}' has no opacity points, so it has no values of its own: leave it out, as the scene "
@@ -81,7 +74,8 @@ def with_time_steps(
     for member in every:
         check_follows(member)
         functions.append(function or _read_transfer_function(member))
-    interval = _interval(every)
+    intervals = [member.values.interval for member in every if member.values is not None]
+    interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     steps = sorted(steps, key=lambda step: step.time)
     for before, after in pairwise(steps):
         if before.time == after.time:
@@ -116,12 +110,6 @@ def _same_values(first: Scene, other: Scene) -> bool:
     return bool(np.abs(np.diff(np.clip(world, bottom, top), axis=0)).mean() <= DIFFERENT * (top - bottom))
 
 
-def _interval(scenes: Sequence[Scene]) -> tuple[float, float]:
-    """Return the interval of values that contains those of all scenes."""
-    every = [scene.values.interval for scene in scenes if scene.values is not None]
-    return min(low for low, _ in every), max(high for _, high in every)
-
-
 def _read_transfer_function(scene: Scene) -> TransferFunction:
     recorded = scene.made.get("source", {}).get("tf")
     if recorded is None:
@@ -139,8 +127,6 @@ def _survey(
     scene: Scene, steps: Sequence[Step], functions: Sequence[TransferFunction], progress: Progress
 ) -> tuple[int, NDArray[np.float64], list[str]]:
     """Return which step the scene was trained on, the bounds of all that is visible (2, 3), and notes."""
-    from svv.fields.scene.joined import members
-
     known = _own(scene)
     codes, own, notes = known.grid(known.own, (0.0, 1.0)).codes.astype(np.int32), None, []
     every = members(scene)
@@ -193,8 +179,6 @@ def _grids(
     steps: Sequence[Step], own: int, over: tuple[Box, int, tuple[float, float]], progress: Progress
 ) -> TimeSteps:
     """Return the values of all steps over a box, and where their matter was in the own step."""
-    from svv.fields.radiance.time_steps import TimeSteps, packed_codes
-
     (box, cells, interval), count = over, len(steps)
     codes: dict[int, NDArray[np.uint8]] = {}
     moves: dict[int, NDArray[np.uint8] | None] = {own: None}
@@ -221,10 +205,6 @@ def _grids(
 
 def _packed_moves(moved: NDArray[np.float32], box: Box, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return displacements in cells of their grid (3, X, Y, Z) as the scene's file keeps them."""
-    from scipy.ndimage import gaussian_filter, zoom
-
-    from svv.fields.radiance.time_steps import move_shape, packed_moves
-
     wanted = move_shape((shape[0], shape[1], shape[2]))
     factors = [a / b for a, b in zip(wanted, moved.shape[1:])]
     unit = [side / (n - 1) for side, n in zip(box.extent, moved.shape[1:])]

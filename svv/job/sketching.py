@@ -1,8 +1,7 @@
 """What is shown first of a request: sketches that are learned in seconds, and painted.
 
-If the volume may be learned from, there is one sketch, in its own shape and light (:mod:`svv.train.value_sketch`);
-otherwise one follows another (:mod:`svv.train.run.sketches`). The last one gets strokes as they are asked for if that
-is quick.
+If the volume may be learned from, there is one, in its own shape and light (:mod:`svv.train.value_sketch`); otherwise
+one follows another (:mod:`svv.train.run.sketches`). The last one gets strokes as asked for if that is quick.
 """
 
 from __future__ import annotations
@@ -69,12 +68,7 @@ class Sketching:
         self._broad = SKETCHES[-1]
 
     def refine(self, painted: Scene, request: Request) -> bool:
-        """Take strokes as asked if that is quick, or those of the finest sketch; return whether they are others.
-
-        Args:
-            painted: The sketch as it is shown now.
-            request: What is asked for.
-        """
+        """Take strokes as asked if that is quick, or the finest sketch's; return whether ``painted`` has others now."""
         if self.scene is None or request.paint is None or request.paint.options.preset == "draft":
             return False
         manners = painted.made.get("stylized", {}).get("manner", {})

@@ -55,14 +55,7 @@ class Drawn(ABC):
         """Return arguments of :func:`svv.dvr.draw.views.make_views`: ``tf``, and others that the source requires."""
 
     def make_views(self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE) -> ViewMeta:
-        """Draw the views into a folder; see :func:`svv.dvr.draw.views.make_views`.
-
-        Views are kept in the folder while they are drawn, so an interrupted drawing goes on, and several processes can
-        share it.
-
-        Returns:
-            The metadata of the views.
-        """
+        """Draw the views into a folder, a kept one at a time (:class:`DrawnViews`), and return their metadata."""
         check_splits(folder)  # before the work, not after it
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
         kept = DrawnViews(folder / ".drawing", key_of("views", self.identity(), chosen(options)), sharing)
@@ -84,18 +77,9 @@ class Drawn(ABC):
         return make_views(volume, **self.how(), options=options, name=self.name, kept=kept, progress=drawing)
 
     def truth(self, views: Path, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
-        """Render the volume directly from cameras other than those of ``views``.
+        """Render the volume from cameras of one image size as views in a folder were drawn. (n, height, width, 4) uint8
 
-        Args:
-            views: Folder of the views, whose metadata give the transfer function, light and ray caster.
-            cameras: Cameras of one image size.
-            progress: Called after each view.
-
-        Returns:
-            (n, height, width, 4) uint8, straight alpha.
-
-        Raises:
-            BadInput: The metadata do not say how the views were drawn.
+        Alpha is straight. Raises BadInput if the metadata do not say how the views were drawn.
         """
         return self.render(read_meta(views), cameras, progress)
 
@@ -140,11 +124,7 @@ class VolumeSource(Drawn):
         return self.volume.name
 
     def identity(self) -> dict[str, object]:
-        """Identify the files and options.
-
-        Raises:
-            BadInput: A file is missing.
-        """
+        """Identify the files and options; raises BadInput if a file is missing."""
         files = [("volume", self.volume)] + ([("transfer function", self.tf)] if self.tf else [])
         for kind, path in files:
             if not path.exists():
@@ -192,11 +172,7 @@ class ViewSource:
     folder: Path
 
     def identity(self) -> dict[str, object]:
-        """Identify the views, to detect changes.
-
-        Raises:
-            BadInput: The folder has no training views, or an image that they refer to is missing.
-        """
+        """Identify the views, to detect changes; raises BadInput if none are for training, or an image is missing."""
         if transforms_file(self.folder, "train") is None:
             raise BadInput(f"{self.folder} holds no views: there is no transforms_train.json or transforms.json.")
         splits = [split for split in ("train", "test") if transforms_file(self.folder, split) is not None]
@@ -206,23 +182,16 @@ class ViewSource:
 
 
 def content_of(volume: Path) -> str:
-    """Return a hash by which a volume's file is known again, whatever its name and place.
+    """Return a hash by which a volume's file is known again, wherever it is; raises BadInput if it is unreadable.
 
     A folder, and a file of more than a gigabyte, are known by the sizes and times of files instead.
-
-    Raises:
-        BadInput: The file cannot be read.
     """
     told = [fingerprint(file) for file in (volume, *data_files(volume))]
     return digest([{key: value for key, value in one.items() if key != "name"} for one in told])
 
 
 def imported_views(database: Path, folder: Path, progress: Progress) -> Path:
-    """Return the folder of views of a Cinema database; it is made anew only if the database has changed.
-
-    Raises:
-        BadInput: The database cannot be read, see :func:`svv.io.cinema.views.read_database`.
-    """
+    """Return a Cinema database's folder of views, made anew only if it changed; raises BadInput as `read_database`."""
     if transforms_file(folder, "train") is not None:
         known_as = read_meta(folder).other.get("cinema")
         if isinstance(known_as, dict) and known_as.get("key") == read_table(database).key():

@@ -1,9 +1,7 @@
-"""Work in stages, none of which is repeated unnecessarily.
+"""Work in stages, none of which is repeated unnecessarily: ``stages.json`` records settings, outputs and costs.
 
-A job records the settings, outputs and cost of each stage in ``stages.json`` beside its results. Running the same
-command again skips every stage whose settings, inputs and files are unchanged; a changed setting repeats only the
-stages that depend on it. Results of stages that depended on what is no longer there are removed: the results in the
-folder always belong together.
+The same command skips every stage whose settings, inputs and files are unchanged. Results of stages that depended on
+what is no longer there are removed: the results in the folder always belong together.
 """
 
 from __future__ import annotations
@@ -37,15 +35,7 @@ def unseen(title: str) -> Iterator[Progress]:
 
 
 class Stages:
-    """The stages of one job in one folder.
-
-    Args:
-        folder: Folder for the results; created if missing.
-        show: Shows the progress of a stage.
-
-    Raises:
-        BadInput: The folder cannot be created.
-    """
+    """The stages of one job in one folder, which is created if missing; raises BadInput if it cannot be."""
 
     def __init__(self, folder: Path, show: Show = unseen) -> None:
         self.folder = make_folder(folder)
@@ -66,22 +56,13 @@ class Stages:
         work: Callable[[Progress], object],
         after: Sequence[str] = (),
     ) -> bool:
-        """Do a stage, unless it was done before.
+        """Do a stage, unless it was done before; return whether it was done in this call.
 
-        Args:
-            name: Name of the stage in ``stages.json``.
-            title: Title shown to the user.
-            settings: Everything that the results depend on besides the stages in ``after`` (JSON).
-            outputs: Files in the folder that exist once the stage is done; all others that it wrote when it was done
-                before are removed.
-            work: Called with ``progress``; writes the outputs.
-            after: Names of the stages whose results this one uses; they must be done already.
-
-        Returns:
-            Whether the stage was done in this call.
+        ``name`` is that in ``stages.json``. ``settings`` (JSON) are all that the results depend on besides the stages
+        ``after`` which it comes, which must be done already. The ``outputs`` exist once ``work``, called with a
+        progress, is done; all other files in the folder that the stage wrote when it was done before are removed.
         """
-        key = self._key(settings, after)
-        self._keys[name] = key
+        key = self._keys[name] = key_of(settings, [self._keys[stage] for stage in after])
         done = self._record.get(name)
         fresh = not self._redone.intersection(after)
         if done and fresh and done["key"] == key and all(path.exists() for path in outputs):
@@ -130,9 +111,6 @@ class Stages:
     def key(self, name: str) -> str:
         """Return the hash of a finished stage's settings and of everything that it depends on."""
         return self._keys[name]
-
-    def _key(self, settings: Mapping[str, object], after: Sequence[str]) -> str:
-        return key_of(settings, [self._keys[name] for name in after])
 
 
 def fingerprint(path: Path) -> dict[str, object]:

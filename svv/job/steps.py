@@ -11,12 +11,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from svv.errors import Progress, part
+from svv.fields.devices.gpu import device_named
+from svv.fields.scene.scene import Scene
 from svv.io.files.atomic import make_folder, write_json
 from svv.io.files.keyed_results import digest
 from svv.io.pictures.output import is_frame, write_mp4, write_png, write_region_png
@@ -27,6 +28,7 @@ from svv.io.views.transforms import transforms_file
 from svv.io.views.viewset import ViewSet
 from svv.job.looks.file import to_json
 from svv.job.looks.look import Look
+from svv.job.request import Paint, Request, learn, paint
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
 from svv.measure import usable_cpus
@@ -34,9 +36,9 @@ from svv.options.described import chosen
 from svv.options.making import OrbitOptions, PaintOptions, SharingOptions, TrainOptions, ViewOptions
 from svv.render.frames import orbit, region_colours, write_frames_of
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
-
-if TYPE_CHECKING:
-    from svv.fields.scene.scene import Scene
+from svv.render.web.page import write_html
+from svv.train.paint.ink import StyleInput
+from svv.train.pipeline import evaluate_scene
 
 HUE_TURN = 0.42
 """Fraction of the hue circle by which the recoloured orbit turns each region: enough to be obvious."""
@@ -73,12 +75,7 @@ class Job:
     """One job in one folder; call its steps in the order of :func:`svv.job.run.run_job`."""
 
     def __init__(
-        self,
-        source: Drawn | ViewSource,
-        styles: Sequence[Path],
-        out: Path,
-        settings: JobSettings,
-        stages: Stages,
+        self, source: Drawn | ViewSource, styles: Sequence[Path], out: Path, settings: JobSettings, stages: Stages
     ) -> None:
         self.source, self.styles, self.settings, self.stages = source, list(styles), settings, stages
         self.out = out
@@ -89,9 +86,6 @@ class Job:
 
     def scene_at(self, path: Path) -> Scene:
         """Load a scene onto the device given in the settings."""
-        from svv.fields.devices.gpu import device_named
-        from svv.fields.scene.scene import Scene
-
         return Scene.load(path).on(device_named(self.settings.train.device))
 
     @property
@@ -118,8 +112,6 @@ class Job:
 
     def train(self) -> None:
         """Train the scene."""
-        from svv.job.request import Request, learn
-
         options, checkpoint = self.settings.train, checkpoint_of(self.scene)
 
         def work(progress: Progress) -> None:
@@ -136,8 +128,6 @@ class Job:
 
     def evaluate(self) -> None:
         """Score the base and palette networks on the test views, and show some renderings beside the ground truth."""
-        from svv.train.pipeline import evaluate_scene
-
         if not self.has_unseen:
             return
 
@@ -180,8 +170,6 @@ class Job:
 
     def recolour(self) -> None:
         """Shift the hue of every region."""
-        from svv.fields.scene.scene import Scene
-
         path = self.out / "recoloured.svv"
 
         def work(progress: Progress) -> None:
@@ -195,9 +183,6 @@ class Job:
 
     def stylize(self) -> None:
         """Paint the regions in the manner of the styles."""
-        from svv.job.request import Paint, Request, paint
-        from svv.train.paint.ink import StyleInput
-
         options, path = self.settings.paint, self.out / "styled.svv"
         checkpoint, size = checkpoint_of(path), self.settings.path.orbit_size
         settings = {"styles": [fingerprint(style) for style in self.styles], **chosen(options)}
@@ -237,8 +222,6 @@ class Job:
 
     def share(self) -> None:
         """Write the scene, painted if there are styles, as a page that a browser turns."""
-        from svv.render.web.page import write_html
-
         stage, path = self.variants.get("styled", ("train", self.scene))
         page, source = self.out / "scene.html", self.source
         title = Path(source.name).stem if isinstance(source, Drawn) else source.folder.name
@@ -278,10 +261,8 @@ class Job:
             files = [self._frames(TRUTH) / frame for frame in frames]
             self.stages.do(f"orbit {TRUTH}", f"Orbit: {TRUTH}", settings, files, draw, ["train", "views"])
         stages = sorted({"train", *(stage for stage, path in columns.values() if path is not None)})
-        files, names = (
-            [folder / frame for folder in scenes for frame in frames],
-            ", ".join(label for label in columns if label != TRUTH),
-        )
+        files = [folder / frame for folder in scenes for frame in frames]
+        names = ", ".join(label for label in columns if label != TRUTH)
         self.stages.do("orbits", f"Orbits: {names}", {**settings, "of": names}, files, render, stages)
 
     def movie(self) -> None:
@@ -317,9 +298,8 @@ class Job:
             camera = views.cameras[index]
             height = round(size * camera.height / camera.width)
             truth = over_white(shrunk(views.images[index], size, height))
-            pictures = [
-                over_white(scene.render(camera.resized(size, height), name, None).rgba) for name in ("base", "pcn")
-            ]
+            small = camera.resized(size, height)
+            pictures = [over_white(scene.render(small, name, None).rgba) for name in ("base", "pcn")]
             rows.append([truth, *pictures, error_picture(truth, pictures[1])])
         labels = ["volume rendering", "base network", "palette network", "its error x 4"]
         write_png(self.out / "unseen.png", sheet(cropped(rows), labels))

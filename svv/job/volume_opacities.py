@@ -1,10 +1,7 @@
 """Other opacities of a scene of learned features, from the volume on which it was trained.
 
-What the functions say of the volume changes the extinction that training found at each vertex, and
-:mod:`svv.fields.following.other_cells` has the rest: nothing is learned, so what the views of the training did not
-show is approximate, and is told.
-
-Letters: V vertices, S samples.
+The functions change the extinction that training found at each vertex, and :mod:`svv.fields.following.other_cells` has
+the rest: what the views of the training did not show is approximate, and is told. Letters: V vertices, S samples.
 """
 
 from __future__ import annotations
@@ -61,15 +58,9 @@ def with_opacities_of(
 ) -> Scene:
     """Return a scene with the opacities of another function of its volume, with its palette, edits and paint.
 
-    Args:
-        scene: A scene of the encoding ``lattice`` that was trained with its volume.
-        before: The function that it shows, with its unit distance.
-        function: The other function, with its unit distance.
-        volume: The volume (see :func:`svv.dvr.read.grids.as_volume`).
-
-    Raises:
-        BadInput: The scene is not one of these, the volume is another one, or the function shows too much of
-            which no colours were learned.
+    The scene, of the encoding ``lattice``, was trained with the volume (:func:`svv.dvr.read.grids.as_volume`), which it
+    shows by the function ``before``; both functions have their unit distances. Raises BadInput if the scene is not one
+    of these, the volume is another one, or the function shows too much of which no colours were learned.
     """
     density, occupancy = scene.base.density, scene.occupancy
     if density is None or scene.made.get("learned_from") != "volume and views":

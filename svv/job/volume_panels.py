@@ -1,8 +1,7 @@
 """The volume rendering as a panel of a figure, beside the paintings of the scene that was trained on it.
 
-A scene says what its volume's file is called and holds, not where it is: the file is looked for where the scene is and
-where the command runs, and known again by its content. If it is not there, the panel shows the scene's palette network
-and says so.
+A scene says what its volume's file is called and holds, not where it is: it is looked for where the scene is and where
+the command runs. If it is not there, the panel shows the scene's palette network and says so.
 """
 
 from __future__ import annotations
@@ -71,10 +70,7 @@ class Remembered:
 
 
 def volume_panel(
-    scene: Scene,
-    volume: GivenVolume | None = None,
-    camera: GivenCamera | None = None,
-    title: str = "",
+    scene: Scene, volume: GivenVolume | None = None, camera: GivenCamera | None = None, title: str = ""
 ) -> Panel:
     """Return a panel with the rendering of a scene's volume, for :func:`svv.figure`.
 
@@ -101,15 +97,14 @@ def panel_of(scene: Scene, found: Remembered, camera: GivenCamera | None = None,
     """Return a panel of a scene with its volume as it was found; see :func:`volume_panel`."""
     from svv.render.figures.figure import SHOWN, Panel  # matplotlib's, which ParaView's Python may not have
 
+    network = "pcn" if "pcn" in scene.networks else "base"
     if found.draw is None:
-        network = "pcn" if "pcn" in scene.networks else "base"
         note = f"shows the {SHOWN[network]}, not the volume rendering, because {found.said}."
         return Panel(scene, camera, title, network=network, shows=SHOWN[network], note=note)
     plain = replace(scene, regions=tuple(with_edits(r, named_alone(r)) for r in scene.regions), lamp=Lamp(), cuts=())
     edited = (scene.lamp, scene.cuts) != (plain.lamp, ()) or any(edits_of(r) != named_alone(r) for r in scene.regions)
     note = f"is drawn from {found.said}" + ", without the edits of the scene" * edited + "."
     look = ("volume", id(found.draw))
-    network = "pcn" if "pcn" in scene.networks else "base"
     return Panel(plain, camera, title, look, network, found.draw, SHOWS, note)
 
 
@@ -118,14 +113,9 @@ def remembered(
 ) -> Remembered:
     """Find the volume of a scene.
 
-    Args:
-        scene: The scene.
-        named: Files or images that may be it, whatever they are called.
-        folders: Where a file of its name is looked for: in each of these folders, and in those that hold them.
-        within: The folder beyond which nothing is read of what is looked for; by default anywhere.
-
-    Raises:
-        BadInput: A file that was named does not exist.
+    ``named`` are files or images that may be it, whatever they are called. A file of its name is looked for in the
+    ``folders``, and in those that hold them, but not beyond the folder ``within``. Raises BadInput if a file that was
+    named does not exist.
     """
     for path in named:
         if isinstance(path, Path) and not path.exists():

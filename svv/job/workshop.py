@@ -23,14 +23,7 @@ LARGEST = 2048
 
 
 class Workshop:
-    """Scenes, volumes and pictures below a folder.
-
-    Args:
-        root: The folder.
-
-    Raises:
-        BadInput: There is no such folder.
-    """
+    """Scenes, volumes and pictures below a folder; raises BadInput if there is no such folder."""
 
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root).resolve()
@@ -38,11 +31,7 @@ class Workshop:
             raise BadInput(f"There is no folder {root}: give one that exists, for all files that are read and written.")
 
     def place(self, name: str) -> Path:
-        """Return the path of a file below the root.
-
-        Raises:
-            BadInput: It is not below the root, also by way of links.
-        """
+        """Return the path of a file below the root; raises BadInput if it is not below it, also by way of links."""
         path = self.root.parent if "\0" in name else (self.root / name).resolve()
         if not name.strip() or not path.is_relative_to(self.root):
             raise BadInput(f"'{name}' is not below the folder of this server: give a path relative to it.")

@@ -12,12 +12,9 @@ Options = TypeVar("Options")
 
 
 def add_arguments(parser: argparse.ArgumentParser, options: object, flags: Mapping[str, str]) -> None:
-    """Add arguments for some fields of a dataclass.
+    """Add arguments for the fields of a dataclass that ``flags`` name with their flags: ``{"n": "--views"}``.
 
-    Args:
-        parser: The script's parser.
-        options: The dataclass with the script's defaults, such as ``TrainOptions(preset="fast")``.
-        flags: The fields that the script accepts and the flag of each: ``{"n": "--views"}``.
+    ``options`` holds the script's defaults, such as ``TrainOptions(preset="fast")``.
     """
     for field in described(type(options)):
         if field.name not in flags:

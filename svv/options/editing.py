@@ -199,15 +199,5 @@ class SceneEdit:
     """Regions whose outlines are changed; empty means all."""
 
     def __bool__(self) -> bool:
-        return any(
-            (
-                *self.regions.values(),
-                self.light,
-                self.occlusion,
-                self.paint,
-                self.outline,
-                self.visibility,
-                self.cuts,
-                self.part,
-            )
-        )
+        of_all = self.light, self.occlusion, self.paint, self.outline, self.visibility, self.cuts, self.part
+        return any((*self.regions.values(), *of_all))

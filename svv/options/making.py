@@ -32,7 +32,6 @@ TimeLimit = Annotated[
 
 PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
 LIGHTINGS: tuple[str, ...] = get_args(LightingName)
-DEVICES: tuple[str, ...] = get_args(DeviceName)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from svv.options.cinema import ExportOptions
 from svv.options.described import chosen
 
 if TYPE_CHECKING:
-    from svv.fields.scene.scene import Rendering, Scene
+    from svv.fields.scene.scene import Scene
 
 KEY = ".key.json"
 """File in an unfinished database that tells which scene and options it belongs to."""
@@ -35,24 +35,11 @@ KEY = ".key.json"
 def write_database(
     path: Path, scene: Scene, options: ExportOptions, progress: Progress = silent, sharing: Sharing = ALONE
 ) -> int:
-    """Write a database; a database of the same name is replaced once the new one is complete.
+    """Write a database, ``NAME.cdb``, which replaces one of the same name once complete; return how many views it has.
 
     Everything is written to a hidden folder beside ``path``, which a repeated call with the same scene and options
-    continues.
-
-    Args:
-        path: The folder, by convention ``NAME.cdb``.
-        scene: Scene to render.
-        options: Its views.
-        progress: Called while rendering.
-        sharing: The processes that render; all of them see the folder.
-
-    Returns:
-        The number of views.
-
-    Raises:
-        BadInput: The path is something else than a database, or cannot be written, or the scene has no cameras or does
-            not have that network.
+    continues, and which all processes that share the work see. Raises BadInput if the path is something else than a
+    database, or cannot be written, or the scene has no cameras or does not have that network.
     """
     if path.exists() and not (path.is_dir() and _only_ours(path)):
         raise BadInput(
@@ -82,11 +69,7 @@ def write_database(
 
 
 def _only_ours(folder: Path) -> bool:
-    """Return whether a folder is empty, or has nothing but a database with the files that :func:`write_database` wrote.
-
-    Other programs' databases have no ``camera.json``, but for those of ``extract_views.py``, whose images are named
-    otherwise.
-    """
+    """Return whether a folder holds nothing but a database of :func:`write_database`: others' names differ."""
     there = {file.name for file in folder.iterdir()}
     ours = re.compile(r"\d{5}(_depth|_region_\d+)?\.png")
     return not there or (
@@ -143,14 +126,11 @@ def _write_view(
     if options.layers:
         write_depth_png(folder / files["FILE_depth"], view.depth)
         for k in range(regions):
-            write_png(folder / files[f"FILE_region_{k}"], _layer(view, k))
+            # A layer has the pixels to which its region contributes most; all add up to the picture.
+            layer = np.where((view.region == k)[..., None], to_bytes(view.rgba), 0).astype(np.uint8)
+            write_png(folder / files[f"FILE_region_{k}"], layer)
     write_png(folder / files["FILE"], view.rgba)
     return files
-
-
-def _layer(view: Rendering, region: int) -> np.ndarray:
-    """Return the pixels to which a region contributes most; the layers of all regions add up to the picture."""
-    return np.where((view.region == region)[..., None], to_bytes(view.rgba), 0).astype(np.uint8)
 
 
 def _write_table(path: Path, rows: list[dict[str, str]]) -> None:

@@ -18,14 +18,10 @@ ENTRIES = 256
 def colour_map(cmap: Any = None, opacity: Any = "linear", span: Sequence[float] = (0.0, 1.0)) -> pyvista.VolumeProperty:
     """Return the property that ``pyvista.Plotter.add_volume`` gives a volume of one number per voxel.
 
-    Args:
-        cmap: Name of a colour map, a list of colours, or a ``matplotlib.colors.Colormap``; by default that of PyVista's
-            theme. A ``pyvista.LookupTable`` is used as it is, with its own opacities and range.
-        opacity: ``linear``, ``sigmoid``, ``geom`` ..., or numbers, as ``add_volume`` takes them.
-        span: Values of the first and the last colour, ascending.
-
-    Raises:
-        BadInput: PyVista is missing, or does not know the colour map or opacity.
+    ``cmap`` is a name, a list of colours, or a ``matplotlib.colors.Colormap``, by default that of PyVista's theme; a
+    ``pyvista.LookupTable`` is used as it is. ``opacity`` is as ``add_volume`` takes it; ``span`` are the values of the
+    first and the last colour, ascending. Raises BadInput if PyVista is missing, or does not know the colour map or
+    opacity.
     """
     found = need_pyvista()
     if isinstance(cmap, found.LookupTable):

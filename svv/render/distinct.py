@@ -50,32 +50,16 @@ class Recoloured:
     nearest: Pair | None
 
 
-def distinct(
-    scene: Scene,
-    how: DistinctName = "colours",
-    least: float = LEAST_DIFFERENCE,
-    background: Sequence[float] = WHITE,
-    progress: Progress = silent,
-) -> Recoloured:
+def distinct(scene: Scene, how: DistinctName = "colours", progress: Progress = silent) -> Recoloured:
     """Return a scene with the nearest colours found that everybody can tell apart, as one edit.
 
     Strokes keep their hues, and other regions where that is possible; pieces of pictures, ink and the strokes of joined
-    scenes do not change.
-
-    Args:
-        scene: A scene with a palette network.
-        how: ``colours`` are told apart by people with any colour vision, ``lightness`` also in a grey print.
-        least: CIEDE2000 to be reached between the regions as rendered (:mod:`svv.render.figures.colour_check`).
-        background: What they are rendered over, RGB in [0, 1].
-        progress: Called while it works.
-
-    Returns:
-        The scene, of all that were tried the one whose nearest pair is farthest apart, unless an earlier one sufficed.
-
-    Raises:
-        BadInput: The scene has no regions, or no visible one has a colour that can change.
+    scenes do not change. ``colours`` are told apart by people with any colour vision, ``lightness`` also in a grey
+    print, as rendered over white (:mod:`svv.render.figures.colour_check`). Of all that were tried, it is the scene
+    whose nearest pair is farthest apart, unless an earlier one sufficed. Raises BadInput if no visible region has a
+    colour that can change.
     """
-    visions = VISIONS if how == "lightness" else COLOUR_VISIONS
+    visions, least, background = VISIONS if how == "lightness" else COLOUR_VISIONS, LEAST_DIFFERENCE, WHITE
     free = [k for k, r in enumerate(scene.regions) if r.seen_opacity > 0.0 and r.style is None]
     before = seen_in(scene, None, background, progress=part(progress, 0.0, 0.1))
     if all(region.seen_opacity == 0.0 for region in scene.regions):
@@ -117,10 +101,7 @@ def distinct(
 
 
 def _strokes_apart(scene: Scene, visions: Sequence[VisionName], least: float, background: Sequence[float]) -> Scene:
-    """Return a scene with another lightness and chroma of the strokes of regions that are alike.
-
-    The range of a painting is that of the strokes of all its regions.
-    """
+    """Return a scene with other lightness and chroma of strokes of regions that are alike, within those of all."""
     paint = scene.paint_shown
     assert paint is not None and paint.brushed is not None
     views = visible_from(scene, scene.rig.orbit(181, VIEW_SIZE, frames=FRAMES), silent)
@@ -149,13 +130,9 @@ def _strokes_apart(scene: Scene, visions: Sequence[VisionName], least: float, ba
 def _wanted(
     colours: NDArray[np.float64], seen: Sequence[Seen | None], visions: Sequence[VisionName], least: float
 ) -> NDArray[np.float64]:
-    """Return the difference to ask of each pair of a palette, so that ``least`` is left as rendered. (N, N)
+    """Return the CIEDE2000 to ask of each pair of a palette (N, 3), so that ``least`` is left as rendered. (N, N)
 
-    Args:
-        colours: The last palette. (N, 3)
-        seen: The colours in which its regions appeared, None for those that did not.
-        visions: Ways to see them.
-        least: CIEDE2000.
+    ``seen`` are the colours in which the last palette's regions appeared, None for those that did not.
     """
     wanted, palette = np.full((len(seen),) * 2, least), smallest_differences(colours, visions)
     for i, j in combinations(range(len(seen)), 2):

@@ -23,12 +23,7 @@ def hides_all(scene: Scene) -> bool:
 
 
 def why_empty(scene: Scene, depth: NDArray[np.floating]) -> str:
-    """Return why a picture of a scene shows nothing, without a full stop; '' if it shows something.
-
-    Args:
-        scene: The scene.
-        depth: The picture's depth, NaN where nothing is visible. (h, w)
-    """
+    """Return why a picture whose depth (h, w) is all NaN shows nothing, without a full stop; '' for others."""
     if np.isfinite(depth).any():
         return ""
     return HIDDEN if hides_all(scene) else PAST

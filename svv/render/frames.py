@@ -94,12 +94,7 @@ def orbit(scene: Scene, n: int, width: int, height: int) -> list[Camera]:
 def seen_from(scene: Scene, azimuth: float, elevation: float, width: int, height: int) -> Camera:
     """Return a camera beside the front of a scene, at the distance of its training views.
 
-    Args:
-        scene: A scene that knows where its views' cameras stood.
-        azimuth: Degrees to the right of the front.
-        elevation: Degrees above it, in [-90, 90].
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
+    ``azimuth`` is in degrees to the right of the front, ``elevation`` in degrees above it, in [-90, 90].
     """
     (front,) = scene.rig.orbit(181, width, frames=[90])
     centre, axes = np.asarray(scene.rig.centre), front.camera_to_world[:3, :3]
@@ -116,22 +111,13 @@ def write_view(
     camera: Camera,
     shown: RenderSettings = COLOURS,
     progress: Progress = silent,
-    made: str = "",
 ) -> str:
     """Render one view into a file; return why it shows nothing (:func:`why_empty`), '' if it shows something.
 
-    Args:
-        path: A .vti, which always contains colour, depth and regions, or a PNG.
-        scene: Scene to render.
-        camera: Camera in world units.
-        shown: What a PNG shows.
-        progress: Called while rendering.
-        made: What a PNG says that it was made from (:func:`svv.io.pictures.output.made_of`).
-
-    Raises:
-        BadInput: The scene does not have that network, or the file cannot be written.
+    A .vti always contains colour, depth and regions; of a PNG, ``shown`` says what it shows. Raises BadInput if the
+    scene does not have that network, or the file cannot be written.
     """
-    view, write = _rendered(path, scene, camera, shown, progress, made)
+    view, write = _rendered(path, scene, camera, shown, progress, "")
     write()
     return why_empty(scene, view.depth)
 
@@ -141,10 +127,9 @@ def _rendered(
 ) -> tuple[Rendering, Callable[[], None]]:
     """Render one view, and return it with what writes it into a file; see :func:`write_view`."""
     check_writable(path)
-    colours = path.suffix.lower() == ".vti" or shown.what == "rgba"
-    samples = (
-        shown.samples if shown.samples is not None or colours else 1
-    )  # edges of regions and depths have nothing to smooth
+    samples = shown.samples
+    if samples is None and path.suffix.lower() != ".vti" and shown.what != "rgba":
+        samples = 1  # edges of regions and depths have nothing to smooth
     view = supersampled(scene, camera, shown.network, None, progress, samples)
     return view, partial(_write, path, view, scene, shown, made)
 
@@ -163,11 +148,8 @@ def _write(path: Path, view: Rendering, scene: Scene, shown: RenderSettings, mad
 def previews_in(path: Path) -> Callable[[Scene], None]:
     """Return a ``preview`` for :func:`svv.train.pipeline.stylize_scene` that overwrites a PNG, over white.
 
-    Args:
-        path: The file. It is complete at any time, so a viewer that reloads it shows the painting in progress.
-
-    Raises:
-        BadInput: The file is not a .png, or cannot be written.
+    The file is complete at any time, so a viewer that reloads it shows the painting in progress. Raises BadInput if it
+    is not a .png, or cannot be written.
     """
     if path.suffix.lower() != ".png":
         raise BadInput(f"The preview {path} is not a PNG: name it .png.")
@@ -187,17 +169,12 @@ def write_frames(
     progress: Progress = silent,
     those: slice = slice(None),
 ) -> list[Path]:
-    """Render views into ``folder/0000.png`` and so on; see :func:`write_view`.
+    """Render views into ``folder/0000.png`` and so on (:func:`write_view`); return the files in the cameras' order.
 
     Files that are there already and were made from the same scene, camera and settings are left as they are, so an
     interrupted call can be repeated. Other frames that this function wrote are removed first, so a folder never holds
-    the frames of two runs. With ``those``, only these of the views are rendered, and others may render the rest.
-
-    Returns:
-        The files, in the order of the cameras.
-
-    Raises:
-        BadInput: The folder has numbered pictures that this function did not write, or cannot be written.
+    the frames of two runs. With ``those``, only these of the views are rendered, and others may render the rest. Raises
+    BadInput if the folder has numbered pictures that this function did not write, or cannot be written.
     """
     frames = _Frames(folder, scene, shown)
     chosen = list(enumerate(cameras))[those]
@@ -213,15 +190,10 @@ def write_frames(
 
 
 def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], progress: Progress = silent) -> None:
-    """Render the same views of several scenes, each into a folder; see :func:`write_frames`.
+    """Render the same views of several scenes, each into its folder; see :func:`write_frames`.
 
     Scenes with the same networks, such as edits and a painting of one scene, share what these say of a view: it is
     found once for all of them. The files are the same as from one call for each.
-
-    Args:
-        scenes: Folder of each scene.
-        cameras: Cameras in world units.
-        progress: Called often.
     """
     from svv.fields.scene.view_cache import cache_every_view
 

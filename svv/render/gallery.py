@@ -20,20 +20,10 @@ COLUMNS, SIDE = 4, 180
 
 
 def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, progress: Progress = silent) -> Path:
-    """Write style pictures of the gallery as ``NAME.png``, and ``gallery.png`` with all of them.
+    """Write style pictures of the gallery (:data:`svv.styles.gallery.GALLERY`) as ``NAME.png``, 16 to 1024 pixels.
 
-    Args:
-        folder: Folder of the pictures; created if missing.
-        names: Names from :data:`svv.styles.gallery.GALLERY`.
-        size: Side in pixels, 16 to 1024.
-        seed: Seed of all pictures.
-        progress: Called before each picture.
-
-    Returns:
-        The file of the contact sheet.
-
-    Raises:
-        BadInput: A name is unknown, the size is out of range, or the folder cannot be written to.
+    All have one seed. Returns the contact sheet, ``gallery.png``. Raises BadInput if a name is unknown, the size is out
+    of range, or the folder cannot be written to.
     """
     make_folder(folder)
     pictures = []
@@ -50,11 +40,7 @@ def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, 
 
 
 def style_file(source: str, folder: Path) -> Path:
-    """Return the file of a style; for ``gallery:NAME`` one in ``folder``, written if it does not exist yet.
-
-    Raises:
-        BadInput: The name is unknown, the style has no picture, or the folder cannot be written to.
-    """
+    """Return the file of a style, for ``gallery:NAME`` one in ``folder``; BadInput if unknown or without a picture."""
     if source.startswith(DRAWN):
         raise BadInput(f"{source} is drawn without a picture, but a picture is needed here; use it with svv stylize.")
     if not source.startswith(PREFIX):
@@ -69,12 +55,8 @@ def contact_sheet(pictures: Sequence[Picture], names: Sequence[str]) -> Picture:
     """Arrange square pictures in rows of four on white, each under its name."""
     small = [np.asarray(Image.fromarray(p).resize((SIDE, SIDE), Image.Resampling.LANCZOS)) for p in pictures]
     columns = min(COLUMNS, len(small))
-    rows = [
-        sheet([small[first : first + columns]], names[first : first + columns])
-        for first in range(0, len(small), columns)
-    ]
+    slices = [slice(first, first + columns) for first in range(0, len(small), columns)]
+    rows = [sheet([small[own]], names[own]) for own in slices]
     width = max(row.shape[1] for row in rows)
-    whole = np.concatenate(
-        [np.pad(row, ((0, 8), (0, width - row.shape[1]), (0, 0)), constant_values=255) for row in rows]
-    )
-    return whole
+    padded = [np.pad(row, ((0, 8), (0, width - row.shape[1]), (0, 0)), constant_values=255) for row in rows]
+    return np.concatenate(padded)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from svv.core.colour.colour import over
 from svv.io.pictures.output import to_bytes
-
-if TYPE_CHECKING:
-    pass
 
 Picture = NDArray[np.uint8]
 
@@ -27,25 +23,11 @@ INK = (60, 60, 60)
 def sheet(
     rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6, captions: Sequence[str] | None = None
 ) -> Picture:
-    """Draw a contact sheet: rows of pictures on white, with labels above the columns.
-
-    Args:
-        rows: Pictures of one size; every row has one per label.
-        labels: Labels, one per column.
-        gap: Space between pictures in pixels.
-        captions: Smaller text under each label, if any.
-
-    Returns:
-        The sheet.
-    """
+    """Draw a contact sheet: rows of pictures of one size on white, with labels and captions above the columns."""
     height, width = rows[0][0].shape[:2]
     line = max(18, width // 11)
     head = line if captions is None else line + max(12, line * 2 // 3)
-    canvas = Image.new(
-        "RGB",
-        (len(labels) * (width + gap) - gap, head + len(rows) * (height + gap) - gap),
-        "white",
-    )
+    canvas = Image.new("RGB", (len(labels) * (width + gap) - gap, head + len(rows) * (height + gap) - gap), "white")
     draw = ImageDraw.Draw(canvas)
     for column, label in enumerate(labels):
         x = column * (width + gap)
@@ -107,11 +89,7 @@ def shrunk(image: Picture, width: int, height: int) -> Picture:
 
 def _font(label: str, width: int, head: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """Return the largest font in which the label fits its column."""
-    size = int(head * 0.66)
-    while size > 8 and ImageDraw.Draw(Image.new("L", (1, 1))).textlength(label, _sized(size)) > 0.96 * width:
+    draw, size = ImageDraw.Draw(Image.new("L", (1, 1))), int(head * 0.66)
+    while size > 8 and draw.textlength(label, ImageFont.load_default(size)) > 0.96 * width:
         size -= 1
-    return _sized(size)
-
-
-def _sized(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size)

@@ -54,9 +54,9 @@ def show(
     """Show a scene in a window and turn it with the mouse; its picture is coarser while the mouse moves.
 
     In a notebook, the picture is shown below the cell instead, with the names of its regions as alternative text. A
-    training in the background
-    (``train_scene(..., background=True)``) is shown as it sharpens, with a bar of its progress: in a window that can be
-    closed at any time, in a notebook until it is done. Interrupting either lets it go on.
+    training in the background (``train_scene(..., background=True)``) is shown as it sharpens, with a bar of its
+    progress: in a window that can be closed at any time, in a notebook until it is done. Interrupting either lets it go
+    on.
 
     Args:
         scene: Scene to show, or a training in the background.
@@ -197,16 +197,10 @@ def image_data(rendering: Rendering) -> pyvista.ImageData:
 
 
 class SceneFollower:
-    """Updater of a plotter's background with renderings of a scene from the plotter's camera.
+    """Updater of a plotter's background with renderings of a scene from the plotter's camera, at first at ``camera``.
 
-    Pictures of a moving camera are made in a hurry, and are as large as time permits; at rest they are sharp.
-
-    Args:
-        plotter: A ``pyvista.Plotter``. Meshes that are added to it appear in front of the picture.
-        scene: Scene to show.
-        camera: Initial camera.
-        network: Network of the scene; by default its last.
-        background: RGB in [0, 1].
+    Pictures of a moving camera are made in a hurry, and are as large as time permits; at rest they are sharp. Meshes
+    that are added to the plotter appear in front. The network is by default the last; the background is RGB in [0, 1].
     """
 
     def __init__(
@@ -230,8 +224,10 @@ class SceneFollower:
         """Render a picture for the current camera unless the last one is for the same camera."""
         moving = self.plotter.render_window.GetDesiredUpdateRate() >= MOVING
         camera = self.camera(self.pace.part if moving else 1.0)
-        if self.seen is not None and _same(camera, self.seen[0]) and self.seen[1] <= moving:
-            return
+        if self.seen is not None and self.seen[1] <= moving:
+            one, other = camera, self.seen[0]
+            if one.identity[1:] == other.identity[1:] and (one.camera_to_world == other.camera_to_world).all():
+                return
         scene = self.scene.while_moving() if moving else self.scene
         began = time.perf_counter()
         self.picture, self.seen = _picture(scene, camera, self.network, self.background), (camera, moving)
@@ -281,9 +277,7 @@ class SceneFollower:
 def first_scene_of(learning: Learning) -> Scene:
     """Return the first scene of a training in the background, and show its progress until there is one.
 
-    Raises:
-        BadInput: The training failed.
-        Cancelled: It was stopped.
+    Raises BadInput if the training failed, and Cancelled if it was stopped.
     """
     with _bar(learning) as look:
         while learning.scene is None and not learning.done:
@@ -294,11 +288,7 @@ def first_scene_of(learning: Learning) -> Scene:
 def _sharpened_below(
     learning: Learning, scene: Scene, picture: Picture, drawn: Callable[[Scene], Picture]
 ) -> tuple[Picture, Scene]:
-    """Show a picture below a notebook's cell, and newer ones in its place until the training is done.
-
-    Returns:
-        The last picture, and its scene.
-    """
+    """Show a picture below a cell, and then newer ones until the training is done; return the last and its scene."""
     from IPython.display import display
 
     place, shown = display(_Shown.of(picture, in_words(scene)), display_id=True), learning.number
@@ -332,10 +322,6 @@ def _bar(learning: Learning) -> Iterator[Callable[[], None]]:
 def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Picture:
     """Render the scene over the background. (H, W, 3) uint8"""
     return to_bytes(over(supersampled(scene, camera, network).rgba, background))
-
-
-def _same(one: Camera, other: Camera) -> bool:
-    return one.identity[1:] == other.identity[1:] and bool((one.camera_to_world == other.camera_to_world).all())
 
 
 def need_pyvista() -> ModuleType:

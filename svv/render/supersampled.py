@@ -1,7 +1,7 @@
 """Images averaged over several rays per pixel: edges of brush strokes are smooth where one sees them at a slant.
 
-A stroke's edge is as soft as a pixel is wide. Where a surface is seen at a slant or a sheet of glass from its side, the
-place that a ray shows changes by more than that from pixel to pixel, so edges become stairs and thin strokes dots.
+A stroke's edge is as soft as a pixel is wide. At a slant, the place that a ray shows changes by more than that from
+pixel to pixel, so edges become stairs and thin strokes dots.
 """
 
 from __future__ import annotations
@@ -51,13 +51,7 @@ def supersampled(
 ) -> Rendering:
     """Render one image with several rays per pixel; arguments and errors as in :meth:`Scene.render`.
 
-    Args:
-        scene: Scene to render.
-        camera: Camera in world units, with the size of the image.
-        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
-        background: RGB in [0, 1] to blend over; None keeps straight alpha.
-        progress: Called before every chunk of rays and at the end.
-        samples: Number of rays along a pixel's side, from 1 to :data:`MOST`; by default :func:`samples_for`.
+    ``samples`` are rays along a pixel's side, from 1 to :data:`MOST`; by default :func:`samples_for`.
     """
     n = samples_for(scene, camera, network) if samples is None else samples
     if not 1 <= n <= MOST:

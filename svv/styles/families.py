@@ -1,8 +1,7 @@
 """Families of strokes: a picture's strokes divided into as many parts as are asked for, so that regions can share it.
 
-What the hand of a picture measures as one stroke (:mod:`svv.styles.hand`) has one colour, and strokes are divided, not
-pixels. They are divided by coherent areas where the picture has some that differ (a sky, a field, a tree), else by
-colour (Ward 1963). Letters: N strokes, F families.
+What the hand of a picture measures as one stroke (:mod:`svv.styles.hand`) has one colour. Strokes are divided by
+coherent areas where the picture has some that differ, else by colour (Ward 1963). Letters: N strokes, F families.
 """
 
 from __future__ import annotations
@@ -96,9 +95,9 @@ class Family:
         order = np.argsort(self.colours[:, 0], kind="stable")
         return np.stack([part.mean(0) for part in np.array_split(self.colours[order], QUANTILES) if len(part)])
 
-    def codes(self, count: int = 3) -> list[str]:
-        """Return hex codes of some of its colours, from dark to light."""
-        return [to_hex(lab_to_rgb(part.mean(0))) for part in np.array_split(self.tones, min(count, len(self.tones)))]
+    def codes(self) -> list[str]:
+        """Return hex codes of up to three of its colours, from dark to light."""
+        return [to_hex(lab_to_rgb(part.mean(0))) for part in np.array_split(self.tones, min(3, len(self.tones)))]
 
 
 def joined(families: Sequence[Family]) -> Family:
@@ -109,16 +108,10 @@ def joined(families: Sequence[Family]) -> Family:
 def divisions(
     picture: NDArray[np.floating], hand: Hand, counts: Sequence[int], ways: Sequence[DivisionName]
 ) -> list[list[Family]]:
-    """Divide a picture's strokes into families, in several ways.
+    """Divide a picture (H, W, 3), sRGB in [0, 1], into families of strokes by its hand, or that of a part of it.
 
-    Args:
-        picture: Picture, sRGB in [0, 1]. (H, W, 3)
-        hand: Its hand, or that of a part of it.
-        counts: Numbers of families, each at least 1.
-        ways: By coherent ``areas`` or by ``colours``.
-
-    Returns:
-        For each way and count at most as many families, the largest first; fewer if the picture has fewer colours.
+    For each way, by coherent ``areas`` or by ``colours``, and each count (>= 1), there are at most as many families,
+    the largest first; fewer if the picture has fewer colours.
     """
     found = []
     for way in ways:
@@ -133,10 +126,7 @@ def divisions(
 def areas_of(picture: NDArray[np.floating], families: Sequence[Family], mask: Mask | None = None) -> list[Mask]:
     """Return the pixels of each family (H, W): those whose nearest stroke of a like colour is the family's.
 
-    Args:
-        picture: Picture, sRGB in [0, 1]. (H, W, 3)
-        families: Families of its strokes, not empty.
-        mask: Part of the picture that was divided, (H, W); None for all of it.
+    The picture (H, W, 3) is sRGB in [0, 1]; a ``mask`` (H, W) is the part that was divided.
     """
     from skimage.transform import resize
 
@@ -201,10 +191,7 @@ def _reduced(picture: NDArray[np.floating]) -> Floats:
 
 
 def names_of(families: Sequence[Family]) -> list[list[str]]:
-    """Return what each family is called: a colour of its own, and its place if it has one.
-
-    The first name is unlike the others' first names.
-    """
+    """Return each family's names: first a colour, unlike other families' first names, then its place if it has one."""
     every = []
     for one in families:
         words = [colour_name(one.mean)]

@@ -24,14 +24,11 @@ STRIDE = 4
 
 
 class PatchFeatures(nn.Module):
-    """Patches of the picture in a cosine basis, as features that do not need training.
+    """Patches of a picture in a cosine basis, of an even side >= 4 in pixels, as features that need no training.
 
     In natural pictures and paintings amplitudes fall roughly as 1 / frequency, so the flat part dominates the cosine
     distance of raw patches. Multiplying each coefficient by its frequency gives strokes and dots the same weight as the
     colour they are painted in. All three channels are treated alike; otherwise faint hues would become gaudy.
-
-    Args:
-        side: Side of a patch in pixels, even and at least 4.
     """
 
     kernels: Tensor
@@ -82,14 +79,7 @@ class VggFeatures(nn.Module):
         self.channels = sum(VGG16_WIDTHS[2])
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return features of pictures.
-
-        Args:
-            image: Pictures in sRGB, in [0, 1]; h and w at least 12. (n, 3, h, w)
-
-        Returns:
-            Features, >= 0. (n, channels, h // 4, w // 4)
-        """
+        """Return features >= 0: sRGB in [0, 1] (n, 3, h, w), h and w >= 12 -> (n, channels, h // 4, w // 4)."""
         x = ((image - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
         maps: list[Tensor] = []
         for number, block in enumerate(self.layers):
@@ -139,11 +129,7 @@ def load_features(name: str = "auto", progress: Progress = silent) -> FeatureNet
 
 
 def read_features(path: Path) -> VggFeatures:
-    """Load VGG-16 with the weights in a file (``features.N.weight``, torchvision's names).
-
-    Raises:
-        BadInput: The file is missing, unreadable or contains something else.
-    """
+    """Load VGG-16 with the weights in a file (``features.N.weight``, torchvision's names); BadInput if it is none."""
     if not path.is_file():
         raise BadInput(f"There is no file of feature weights at {path}: give a path, 'embedded' or 'vgg16'.")
     try:

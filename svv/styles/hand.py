@@ -1,10 +1,8 @@
-"""The hand of a picture: how its strokes look, measured.
+"""The hand of a picture: how its strokes look, measured; nothing is learned.
 
-Strokes run along the structure tensor, and across it the lightness changes from stroke to stroke. The autocorrelation
-of the lightness across and along the strokes gives their width and length, and the mean cross-section of light and dark
-strokes their profile. Colours are sampled one for each short stretch of a stroke. Nothing is learned.
-
-Units: pixels are those of the picture as given; lightness and colours are CIELAB. Letters: N samples of strokes.
+Strokes run along the structure tensor. The autocorrelation of the lightness across and along them gives their width and
+length, and the mean cross-section of light and dark strokes their profile. Units: pixels are those of the picture as
+given; lightness and colours are CIELAB. Letters: N samples of strokes.
 """
 
 from __future__ import annotations
@@ -139,11 +137,7 @@ class Hand:
         return self.contrast < LEAST_CONTRAST
 
     def within(self, area: NDArray[np.bool_]) -> Hand:
-        """Return the same hand with the colours and places of the strokes in an area of the picture alone.
-
-        Args:
-            area: True where the strokes are, (H, W), the picture's size; some stroke must be there.
-        """
+        """Return the same hand with the colours and places of the strokes in an area of the picture (H, W) alone."""
         height, width = area.shape
         long = max(height, width)
         column = (self.places[:, 0] * long).astype(np.int64).clip(0, width - 1)
@@ -154,33 +148,23 @@ class Hand:
             y, x = (float(a.mean()) for a in np.nonzero(area))
             own[cKDTree(self.places).query(np.array([x, height - 1 - y]) / long, NEIGHBOURS)[1]] = True
         colours = self.colours[own]
-        tones = (np.argsort(np.argsort(colours[:, 0], kind="stable")) / max(len(colours) - 1, 1)).astype(np.float32)
-        band = np.minimum((tones * TONES).astype(np.int64), TONES - 1)
-        palette = [colours[band == k].mean(0) if (band == k).any() else colours.mean(0) for k in range(TONES)]
+        tones = _ranks(colours).astype(np.float32)
         # An ink is the family's if most strokes around its colour are: there is at least the nearest to what they show.
-        among = (
-            cKDTree(self.colours).query(self.inks, min(NEIGHBOURS, len(self.colours)))[1].reshape(len(self.inks), -1)
-        )
-        mine = own[among].mean(1)
+        among = cKDTree(self.colours).query(self.inks, min(NEIGHBOURS, len(self.colours)))[1]
+        mine = own[among.reshape(len(self.inks), -1)].mean(1)
         inks = self.inks[mine >= 0.5] if (mine >= 0.5).any() else self.inks[mine.argmax()][None]
         return replace(
-            self, inks=inks, palette=np.array(palette, np.float32), darkest=colours[tones <= 0.03].mean(0),
+            self, inks=inks, palette=_palette(colours, tones), darkest=colours[tones <= 0.03].mean(0),
             colours=colours, places=self.places[own], tones=tones, angles=self.angles[own],
             coherences=self.coherences[own], part=True,
         )  # fmt: skip
 
 
 def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None = None, seed: int = 0) -> Hand:
-    """Measure the hand of a picture.
+    """Measure the hand of a picture (H, W, 3), sRGB in [0, 1], or of a part of it, a ``mask`` (H, W).
 
-    Args:
-        picture: Picture, sRGB in [0, 1]. (H, W, 3)
-        mask: Part of the picture to measure, (H, W); by default all of it.
-        seed: Seed of the samples.
-
-    Raises:
-        BadInput: The picture is smaller than :data:`SMALLEST` pixels, not RGB or not finite, or the mask is empty or of
-            another size.
+    Raises BadInput if it is smaller than :data:`SMALLEST` pixels, not RGB or not finite, or the mask is empty or does
+    not fit.
 
     >>> measure_hand(np.full((32, 48, 3), 0.5, np.float32)).plain
     True
@@ -203,11 +187,10 @@ def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None =
     steps = np.linspace(-0.8, 0.8, 5) * stroke
     stretch = where[:, :, None] + along[:, :, None] * steps
     colours = np.stack([_at(soft[..., c], stretch).mean(1) for c in range(3)], 1)
-    tones = np.argsort(np.argsort(colours[:, 0], kind="stable")) / max(len(colours) - 1, 1)
+    tones = _ranks(colours)
     places = np.stack([where[1], lab.shape[0] - 1 - where[0]], 1) / max(lab.shape[:2])
     near = cKDTree(places).query(places, min(NEIGHBOURS, len(places)))[1]
-    band = np.minimum((tones * TONES).astype(np.int64), TONES - 1)
-    palette = [colours[band == k].mean(0) if (band == k).any() else colours.mean(0) for k in range(TONES)]
+    low, high = np.quantile(colours[:, 0], (NEARLY, 1.0 - NEARLY)).tolist()
     weight = coherences * np.sqrt(_at(tensor.energy, where))
     ahead = _at(tensor.angle, where + along * stroke, order=0)
     turn = np.abs((ahead - angles + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
@@ -215,15 +198,22 @@ def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None =
         (height, width), stroke / factor, scale.elongation, _mean(coherences, weight), _mean(turn, weight),
         scale.contrast, profile, bristles, relief, float(tones[near].std(1).mean()),
         *_uses(lab, inside),
-        np.array(palette, np.float32), colours[tones <= 0.03].mean(0).astype(np.float32),
+        _palette(colours, tones), colours[tones <= 0.03].mean(0).astype(np.float32),
         *(np.asarray(values, np.float32) for values in (colours, places, tones, angles, coherences)),
-        gamut=_gamut(colours),
+        gamut=(low, high, float(np.quantile(np.hypot(colours[:, 1], colours[:, 2]), 1.0 - NEARLY))),
     )  # fmt: skip
 
 
-def _gamut(colours: Floats) -> tuple[float, float, float]:
-    low, high = np.quantile(colours[:, 0], (NEARLY, 1.0 - NEARLY)).tolist()
-    return low, high, float(np.quantile(np.hypot(colours[:, 1], colours[:, 2]), 1.0 - NEARLY))
+def _ranks(colours: Floats) -> Floats:
+    """Return the fraction of colours (N, 3) that are darker than each. (N,)"""
+    return np.asarray(np.argsort(np.argsort(colours[:, 0], kind="stable")) / max(len(colours) - 1, 1))
+
+
+def _palette(colours: Floats, tones: Floats) -> Floats:
+    """Return the mean of colours (N, 3) in each range of their tones (N,), that of all where there are none."""
+    band = np.minimum((tones * TONES).astype(np.int64), TONES - 1)
+    means = [colours[band == k].mean(0) if (band == k).any() else colours.mean(0) for k in range(TONES)]
+    return np.array(means, np.float32)
 
 
 class _Scale:

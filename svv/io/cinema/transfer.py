@@ -9,11 +9,7 @@ from svv.errors import BadInput
 
 
 def opacity_function(folder: Path, number: str) -> Json | None:
-    """Return a transfer function of the sweep as a ParaView preset; None if ParaView did not export it.
-
-    Raises:
-        BadInput: The file is damaged.
-    """
+    """Return a sweep's transfer function as a ParaView preset, if it has one; raises BadInput if it is damaged."""
     file = folder / f"cinemavolume_{number}.json"
     if not file.is_file():
         return None

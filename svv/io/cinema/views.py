@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.cinema.pictures import read_pair, read_pictures, transparent
-from svv.io.cinema.placing import (
-    cameras_by_rows,
-    first_of_each,
-    gap_in,
-    placed_about,
-    rotations_of,
-    spread_out,
-)
+from svv.io.cinema.placing import cameras_by_rows, first_of_each, gap_in, placed_about, rotations_of, spread_out
 from svv.io.cinema.shot import BESIDE, Shot, read_shot
 from svv.io.cinema.table import OPACITY_FUNCTION, Table, check_files, is_database, read_table, select
 from svv.io.cinema.transfer import opacity_function
@@ -52,16 +45,7 @@ class Imported:
 
 
 def read_database(path: str | Path, options: DatabaseOptions | None = None, progress: Progress = silent) -> Imported:
-    """Read a Cinema database.
-
-    Args:
-        path: Folder of the database.
-        options: Which images are used, and what is known about their cameras.
-        progress: Called after each image.
-
-    Raises:
-        BadInput: The database is damaged or incomplete, its images contradict its cameras, or an option is wrong.
-    """
+    """Read a Cinema database; raises BadInput if it is damaged, contradicts its cameras, or an option is wrong."""
     options = options or DatabaseOptions()
     listed = read_table(path)
     whole, lacking = check_files(listed)
@@ -100,13 +84,7 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
 
 
 def read_views(path: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
-    """Read views of one split from a folder of views, or from a Cinema database with the default options.
-
-    ``meta.assumed`` contains the notes of the database.
-
-    Raises:
-        BadInput: As :meth:`svv.io.views.viewset.ViewSet.read` and :func:`read_database`.
-    """
+    """Read a split of a folder of views, or of a Cinema database, its notes in ``meta.assumed``; raises BadInput."""
     path = Path(path)
     if not is_database(path):
         return ViewSet.read(path, split, progress)
@@ -208,12 +186,7 @@ def _test_views(options: DatabaseOptions, count: int) -> int:
 
 
 def _split(
-    table: Table,
-    images: NDArray[np.uint8],
-    cameras: list[Camera],
-    options: DatabaseOptions,
-    key: str,
-    notes: list[str],
+    table: Table, images: NDArray[np.uint8], cameras: list[Camera], options: DatabaseOptions, key: str, notes: list[str]
 ) -> Imported:
     count = _test_views(options, len(cameras))
     if len(cameras) - count < MIN_TRAIN_VIEWS:

@@ -1,8 +1,7 @@
-"""Files that are either written whole or not at all.
+"""Files that are either written whole or not at all, whenever a run is stopped, the disk fills up or the power fails.
 
-A run that is stopped, or a disk that fills up, must never leave half a scene under the name of a good one:
-every writer of the project fills a temporary file in the same folder and moves it into place at the end. Data are on
-disk before they get their name, and names before the writer goes on, so a power failure does no more harm than that.
+Every writer of the project fills a temporary file in the same folder and moves it into place at the end. Data are on
+disk before they get their name, and names before the writer goes on.
 """
 
 from __future__ import annotations
@@ -53,10 +52,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
     If the body raises an exception (including the cancellation of a run), the temporary file is removed and ``path``
     stays unchanged. The next writer of ``path`` removes what a killed process left. After a power failure, ``path`` is
-    the old file or the new one; when this returns, it is the new one.
-
-    Raises:
-        BadInput: The folder is missing or not writable, the disk is full or read-only, or ``path`` is a folder.
+    the old file or the new one; when this returns, it is the new one. Raises BadInput if the folder is missing or not
+    writable, the disk is full or read-only, or ``path`` is a folder.
     """
     target = Path(path)
     temporary, held = _claim(target)
@@ -81,8 +78,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 def partial_folder(path: Path) -> Iterator[Path]:
     """Yield an empty hidden folder next to ``path``, which is removed at the end; the body moves its files into place.
 
-    Raises:
-        BadInput: The folder that contains it is missing or not writable.
+    Raises BadInput if the folder that contains it is missing or not writable.
     """
     folder = path.with_name(hidden(path.name, "-partial", ""))
     held = None
@@ -103,11 +99,7 @@ def partial_folder(path: Path) -> Iterator[Path]:
 
 
 def sync(path: Path) -> None:
-    """Wait until the content of a file is on disk.
-
-    Raises:
-        OSError: The system could not write it.
-    """
+    """Wait until the content of a file is on disk; raises OSError if the system could not write it."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
@@ -115,8 +107,7 @@ def sync(path: Path) -> None:
 def sync_folder(folder: Path) -> None:
     """Wait until the names in a folder are on disk, where the system knows how: otherwise a power failure undoes them.
 
-    Raises:
-        OSError: The system could not write them.
+    Raises OSError if the system could not write them.
     """
     if os.name == "nt":  # Windows opens no folders
         return
@@ -134,11 +125,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def check_writable(path: str | Path) -> None:
-    """Check before long work that its result can be written to ``path``.
-
-    Raises:
-        BadInput: It cannot be written, see :func:`atomic_path`.
-    """
+    """Check before long work that its result can be written; raises BadInput otherwise, as :func:`atomic_path`."""
     temporary, held = _claim(Path(path))
     with suppress(OSError):
         temporary.unlink()
@@ -154,11 +141,7 @@ def is_file(path: Path) -> bool:
 
 
 def make_folder(path: str | Path) -> Path:
-    """Create a folder for results, with its parents, if it does not exist.
-
-    Raises:
-        BadInput: The folder cannot be created, or a file has the same name.
-    """
+    """Create a folder for results, with its parents, if there is none; raises BadInput if it cannot be created."""
     folder = Path(path)
     try:
         missing = [place for place in (folder, *folder.parents) if not place.exists()]
@@ -178,11 +161,7 @@ def to_json(data: object, indent: int | None = None) -> str:
 
 
 def write_json(path: str | Path, data: object) -> None:
-    """Write ``data`` as indented JSON, whole or not at all.
-
-    Raises:
-        BadInput: The file cannot be written, see :func:`atomic_path`.
-    """
+    """Write ``data`` as indented JSON, whole or not at all; raises BadInput as :func:`atomic_path`."""
     text = to_json(data, indent=2) + "\n"
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

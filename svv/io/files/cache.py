@@ -8,6 +8,7 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -43,11 +44,7 @@ def cache_folder() -> Path:
 
 
 def bytes_in(text: str, name: str = "SVV_CACHE_SIZE") -> int:
-    """Return a size such as '500M', '2G' or '1000000' in bytes; ``name`` is that of the variable.
-
-    Raises:
-        BadInput: The text is not a size.
-    """
+    """Return a size such as '500M', '2G' or '1000000' in bytes; raises BadInput, with a variable's name, for others."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)B?", text.strip().upper())
     if found is None:
         raise BadInput(f"{name} must be a number of bytes such as 500M or 2G (0 keeps nothing), not '{text}'.")
@@ -91,8 +88,7 @@ class Cache:
     def of_user(cls) -> Cache:
         """Return the user's cache: ``SVV_CACHE``, or by default the folder ``scenes`` in :func:`cache_folder`.
 
-        Raises:
-            BadInput: ``SVV_CACHE_SIZE`` is not a size.
+        Raises BadInput if ``SVV_CACHE_SIZE`` is not a size.
         """
         folder = os.environ.get("SVV_CACHE") or cache_folder() / "scenes"
         size = os.environ.get("SVV_CACHE_SIZE")
@@ -107,15 +103,18 @@ class Cache:
         return [entry for entry in self._all() if entry.unfinished]
 
     def _all(self) -> list[Entry]:
-        return sorted(entries_of(self._paths()), key=lambda entry: (entry.used, entry.path))
+        """Return all results and unfinished files, whose names start with a dot."""
+        try:
+            there = [path for path in self.folder.iterdir() if self.pattern.match(path.name.lstrip("."))]
+        except OSError:  # the folder does not exist yet
+            return []
+        return sorted(entries_of(there), key=lambda entry: (entry.used, entry.path))
 
     def hold_checkpoint(self, name: str) -> tuple[Path, int | None]:
         """Return the file of the checkpoint for a result, and a descriptor that keeps it from removal until closed.
 
-        Several processes may use it; the descriptor is None if another one holds it.
-
-        Raises:
-            BadInput: The folder cannot be created or written to.
+        Several processes may use it; the descriptor is None if another one holds it. Raises BadInput if the folder
+        cannot be written to.
         """
         path = make_folder(self.folder) / f".{name}{CHECKPOINT}"
         try:
@@ -134,12 +133,7 @@ class Cache:
         return self.pattern.fullmatch(name) is not None and (self.folder / name).exists()
 
     def read(self, name: str, read: Callable[[Path], Content]) -> Content | None:
-        """Return the result of this name, or None if there is none; a damaged result is removed.
-
-        Args:
-            name: Name that matches :attr:`pattern`; for any other name, there is no result.
-            read: Function that reads the result from its path, or raises BadInput.
-        """
+        """Return what ``read`` makes of a result, None if there is none; a damaged one (BadInput) is removed."""
         if not self.holds(name):
             return None
         path = self.folder / name
@@ -148,21 +142,15 @@ class Cache:
         except (BadInput, OSError):  # damaged, or another process has just removed it
             remove(path)
             return None
-        try:
+        with suppress(OSError):  # of another user, or on a read-only disk, it will merely appear older than it is
             os.utime(path)
-        except OSError:  # belongs to another user, or the disk is read-only: it will merely appear older than it is
-            pass
         return content
 
     def write(self, name: str, write: Callable[[Path], None]) -> str:
         """Add a result, and remove others until the total size is within the bound.
 
-        Args:
-            name: Name that matches :attr:`pattern`.
-            write: Function that writes the result, a file or a folder, to the path passed to it.
-
-        Returns:
-            An empty string, or one sentence that says why the result could not be kept.
+        ``write`` writes it, a file or a folder, to the path that it is given. Returns '', or why the result could not
+        be kept, in a sentence.
         """
         assert self.pattern.fullmatch(name), name
         if self.bound == 0:
@@ -193,11 +181,7 @@ class Cache:
         return cleared(self._all())
 
     def trim(self, newest: Path | None = None) -> None:
-        """Remove results and what is unfinished, the least recently used first, until the size is within the bound.
-
-        Args:
-            newest: A result that is never removed.
-        """
+        """Remove what was used longest ago, finished or not, down to the bound, but never the result ``newest``."""
         everything = self._all()
         total, yesterday = sum(entry.bytes for entry in everything), time.time() - LEFT_BEHIND
         for entry in everything:
@@ -209,13 +193,6 @@ class Cache:
             if old or (total > self.bound and resumable):
                 remove(entry.path)
                 total -= entry.bytes
-
-    def _paths(self) -> list[Path]:
-        """Return the paths of all results and of unfinished files, whose names start with a dot."""
-        try:
-            return [path for path in self.folder.iterdir() if self.pattern.match(path.name.lstrip("."))]
-        except OSError:  # the folder does not exist yet
-            return []
 
 
 def entries_of(paths: Iterable[Path]) -> list[Entry]:
@@ -251,7 +228,5 @@ def remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
         return
-    try:
+    with suppress(OSError):  # of another user: it stays, and its size counts
         path.unlink(missing_ok=True)
-    except OSError:  # belongs to another user: it stays, and its size counts
-        pass

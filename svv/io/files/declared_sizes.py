@@ -50,18 +50,11 @@ def check_pixels(path: Path, width: int, height: int) -> None:
 def arrays_of_npz(
     file: BinaryIO, names: Sequence[str], optional: Sequence[str], large: Sequence[str], what: str
 ) -> dict[str, NDArray[Any]]:
-    """Read arrays of a ``.npz`` file, after their headers were compared with the sizes of the archive's members.
+    """Read arrays of an open ``.npz`` file, after their headers were compared with the sizes of the archive's members.
 
-    Args:
-        file: The file, open.
-        names: Arrays that it must have.
-        optional: Arrays that it may have.
-        large: Those that may have more than :data:`MOST_NUMBERS` numbers.
-        what: Its name in messages.
-
-    Raises:
-        BadInput: The arrays would not fit into memory.
-        ValueError, KeyError: An array is missing or not what its header says. NumPy and zipfile raise more kinds.
+    Only ``large`` ones may have more than :data:`MOST_NUMBERS` numbers; ``what`` is the file's name in messages. Raises
+    BadInput if the arrays would not fit into memory, ValueError or KeyError if one is missing or not what its header
+    says. NumPy and zipfile raise more kinds.
     """
     with zipfile.ZipFile(file) as archive:
         there = {info.filename: info for info in archive.infolist()}

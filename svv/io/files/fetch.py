@@ -22,7 +22,7 @@ import urllib.request
 from http.client import HTTPMessage
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO
 
 from svv.errors import BadInput, Progress, silent
 from svv.io.files.atomic import cannot_write, check_writable
@@ -68,21 +68,10 @@ def megabytes(count: int) -> str:
 
 
 def download(url: str, folder: Path, sha256: str, size: int, progress: Progress = silent) -> Path:
-    """Fetch a file over HTTPS, under a temporary name until its hash was checked.
+    """Fetch a file of a known SHA-256 and size in bytes over HTTPS, under a temporary name until it is checked.
 
-    Args:
-        url: Address of the file.
-        folder: Target folder; the file name is the last part of the address.
-        sha256: SHA-256 of the file, hexadecimal.
-        size: Length of the file in bytes.
-        progress: Called for every megabyte.
-
-    Returns:
-        The file's path.
-
-    Raises:
-        BadInput: The address is not encrypted or cannot be reached, the download is interrupted, the disk is full, or
-            the file has another hash. The incomplete file is removed.
+    Its name is the last part of the address. Raises BadInput if the address is not encrypted or cannot be reached, the
+    download is interrupted, the disk is full, or the file has another hash. The incomplete file is removed.
     """
     final = folder / url.rsplit("/", 1)[1]
     check_writable(final)
@@ -93,10 +82,14 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
         with opened as reply, path.open("wb") as file:
             done = 0
             while done < size and (block := reply.read(min(BLOCK, size - done))):
-                _write(file, block, path)
+                try:
+                    file.write(block)
+                except OSError as error:  # of the disk, not of the network
+                    raise cannot_write(path, error) from error
                 done += len(block)
                 progress(done / size, f"{done / 1e6:.0f} of {megabytes(size)}")
-        if done < size and _is_announced(reply, size):
+        # A server that announces another size sends a different file, not too little.
+        if done < size and int(reply.headers.get("Content-Length") or size) == size:
             raise BadInput(f"The download from {url} stopped after {done / 1e6:.0f} of {megabytes(size)}: try again.")
         _check(path, sha256, f"The file from {url}")
         os.replace(path, final)
@@ -131,19 +124,6 @@ def _check_encrypted(url: str) -> None:
         raise BadInput(f"{url} is not encrypted: only https addresses are fetched; provide the file yourself.")
 
 
-def _is_announced(reply: http.client.HTTPResponse, size: int) -> bool:
-    """Return whether the server announced the expected size; otherwise it sends a different file, not too little."""
-    return int(reply.headers.get("Content-Length") or size) == size
-
-
-def _write(file: BinaryIO, block: bytes, path: Path) -> None:
-    """Write a block; errors of the disk are reported separately from those of the network."""
-    try:
-        file.write(block)
-    except OSError as error:
-        raise cannot_write(path, error) from error
-
-
 def _check(path: Path, sha256: str, what: str) -> None:
     if sha256_of(path) != sha256:
         raise BadInput(f"{what} is not the expected one (different SHA-256): try again, or provide it yourself.")
@@ -152,23 +132,11 @@ def _check(path: Path, sha256: str, what: str) -> None:
 def from_index(
     name: str, version: str, file: str, folder: Path, sha256: str, size: int, progress: Progress = silent
 ) -> Path:
-    """Fetch a package's source distribution from pip's package index without running any of its code.
+    """Fetch a package's source distribution, a ``.tar.gz``, from pip's package index without running any of its code.
 
-    Args:
-        name: Name of the package.
-        version: Version of the package.
-        file: File name of the distribution, a ``.tar.gz``.
-        folder: An empty folder to work in, with room for three times the size, because pip also unpacks the file.
-        sha256: SHA-256 of the file, hexadecimal; pip checks it before unpacking.
-        size: Length of the file in bytes.
-        progress: Called several times a second.
-
-    Returns:
-        The file's path.
-
-    Raises:
-        BadInput: pip is not available, the index cannot be reached or does not have the file, or the file has another
-            hash.
+    The ``folder`` is empty and has room for three times the size in bytes, because pip also unpacks the file, after it
+    has checked the hash. Raises BadInput if pip is not available, the index cannot be reached or does not have the
+    file, or the file has another hash.
     """
     build, space, log = folder / "build", folder / "space", folder / "pip.txt"
     wanted = folder / "wanted.txt"
@@ -266,7 +234,6 @@ def _reason(said: str) -> str:
     for pattern, reason in REASONS.items():
         if re.search(pattern, said):
             return reason
-    lines = (
-        [line for line in said.splitlines() if line.startswith("ERROR")] or said.splitlines() or ["it gave no reason"]
-    )
+    errors = [line for line in said.splitlines() if line.startswith("ERROR")]
+    lines = errors or said.splitlines() or ["it gave no reason"]
     return lines[-1].removeprefix("ERROR: ").strip().rstrip(".")[:300]

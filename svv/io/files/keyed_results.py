@@ -1,8 +1,7 @@
-"""Results that are computed once and identified by a key: a hash of everything that they depend on.
+"""Results that are computed once and identified by a key: a hash of everything that they depend on (:func:`key_of`).
 
-A key is made from content, never from sums, sizes or paths: from the bytes of arrays and files, from settings and
-other plain values, and from the version (:func:`key_of`). Results are kept as JSON records that contain the key
-(:func:`write_record`) or in folders with such a record (:func:`make_keyed_folder`); a result with another key is
+A key is made from content, settings and the version, never from sums, sizes or paths. Results are kept as JSON records
+that contain it (:func:`write_record`) or in folders with one (:func:`make_keyed_folder`); with another key, they are
 computed again.
 """
 
@@ -40,12 +39,9 @@ _files: dict[tuple[str, int, int], str] = {}
 def digest(*parts: object) -> str:
     """Return a hash of plain values, arrays and files: :data:`DIGITS` hexadecimal digits.
 
-    Args:
-        parts: Numbers, text, None, and lists, tuples and mappings of them. The hash also covers the shape, type and
-            values of arrays, the values of bytes, and, for a ``Path``, the content of its file.
-
-    Raises:
-        BadInput: A file cannot be read.
+    Plain are numbers, text, None, and lists, tuples and mappings of them. The hash also covers the shape, type and
+    values of arrays, the values of bytes, and, for a ``Path``, the content of its file. Raises BadInput if a file
+    cannot be read.
     """
     return _hex(json.dumps(json.loads(to_json(_named(parts))), sort_keys=True).encode())
 
@@ -58,8 +54,7 @@ def key_of(*parts: object) -> str:
 def digest_of_file(path: str | Path) -> str:
     """Return a hash of a file's content, remembered until the file changes; for a folder, of its files and their names.
 
-    Raises:
-        BadInput: The file or folder cannot be read.
+    Raises BadInput if it cannot be read.
     """
     if Path(path).is_dir():
         return digest({file.name: file for file in sorted(Path(path).iterdir()) if file.is_file()})
@@ -81,30 +76,24 @@ def digest_of_file(path: str | Path) -> str:
 
 def read_record(path: Path, key: str) -> dict[str, Any] | None:
     """Return the record that :func:`write_record` wrote with this key; None if it is missing or damaged."""
-    try:
-        record = parsed(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None  # unusable: it is computed again
-    return record if isinstance(record, dict) and record.get("key") == key else None
+    record = _record_in(path)
+    return record if record.get("key") == key else None
 
 
 def write_record(path: Path, key: str, record: Mapping[str, object]) -> None:
-    """Write a JSON record with its key, whole or not at all.
-
-    Raises:
-        BadInput: The file cannot be written.
-    """
+    """Write a JSON record with its key, whole or not at all; raises BadInput if that fails."""
     write_json(path, {**record, "key": key})
 
 
 def make_keyed_folder(folder: Path, key: str) -> Path:
-    """Return a folder for results with this key; create it if it is missing, and empty it if it has another key.
+    """Return a folder for results with this key, empty if it had another.
 
-    Raises:
-        BadInput: The folder contains files that are not ours, or it cannot be created.
+    Raises BadInput if others' files are in it.
     """
     note = folder / "key.json"
-    if folder.exists() and not _is_ours(note) and any(folder.iterdir()):
+    told = _record_in(note)  # other programs have files of that name, too
+    is_ours = told.keys() == {"key"} and isinstance(told["key"], str)
+    if folder.exists() and not is_ours and any(folder.iterdir()):
         raise BadInput(f"{folder} contains other files; choose another folder with --out.")
     if note.exists() and read_record(note, key) is None:
         shutil.rmtree(folder)
@@ -114,13 +103,13 @@ def make_keyed_folder(folder: Path, key: str) -> Path:
     return folder
 
 
-def _is_ours(note: Path) -> bool:
-    """Return whether a file is the record of a folder of results; other programs have files of that name, too."""
+def _record_in(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file; an empty one if there is none, or it cannot be used."""
     try:
-        record = parsed(note.read_text(encoding="utf-8"))
+        record = parsed(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return False
-    return isinstance(record, dict) and record.keys() == {"key"} and isinstance(record["key"], str)
+        return {}
+    return record if isinstance(record, dict) else {}
 
 
 def _named(value: object) -> object:

@@ -1,11 +1,8 @@
 """Locks on files, which the system releases when a process ends, however it ends.
 
-Where there are no such locks (Windows, some network folders), nothing is locked: files are still written whole or not
-at all, and two commands with one output overwrite each other's results.
-
-The package filelock locks where a process waits for another and the file may stay (:mod:`svv.bricks.pyramid`). It has
-no locks on folders, on files that are renamed, or that can only be asked about, and it leaves its file behind, which
-nobody wants beside a result.
+Where there are no such locks (Windows, some network folders), nothing is locked, and two commands with one output
+overwrite each other's results. The package filelock locks where the file may stay (:mod:`svv.bricks.pyramid`); it has
+no locks on folders, on files that are renamed, or that can only be asked about.
 """
 
 from __future__ import annotations
@@ -43,10 +40,7 @@ def alone(path: Path) -> Iterator[None]:
 
     The lock is a hidden file beside the result. One that a killed process leaves there locks nothing, and the next
     command removes it. Without a folder, or if it cannot be written to, there is no lock: whatever writes there reports
-    it.
-
-    Raises:
-        BadInput: Another command holds it.
+    it. Raises BadInput if another command holds it.
     """
     place = Path(os.path.realpath(path))
     lock = place.with_name(hidden(place.name, "", ".lock"))
@@ -77,11 +71,8 @@ def alone(path: Path) -> Iterator[None]:
 def create_held(path: Path) -> int | None:
     """Create an empty file and hold it until its descriptor is closed; a file that a killed process left is replaced.
 
-    Returns:
-        The descriptor, or None if another process or thread holds the file, or if that cannot be told.
-
-    Raises:
-        OSError: The file cannot be created.
+    Returns the descriptor, or None if another process or thread holds the file, or if that cannot be told. Raises
+    OSError if the file cannot be created.
     """
     _remove_left_behind(path)
     try:
@@ -98,9 +89,8 @@ def create_held(path: Path) -> int | None:
 def is_held(path: Path) -> bool:
     """Return whether a process holds a file or folder; where there are no locks, none does.
 
-    Example:
-        >>> is_held(Path("nowhere"))
-        False
+    >>> is_held(Path("nowhere"))
+    False
     """
     try:
         file = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))

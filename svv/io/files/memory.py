@@ -21,10 +21,7 @@ def memory_there(root: Path = Path("/")) -> int:
     """Return the bytes of memory that this process may use: the computer's, or less if a limit says so.
 
     Limits are those of the address space (``ulimit -v``) and of the control groups in which containers and schedulers
-    put a process, of both versions.
-
-    Args:
-        root: Folder with ``proc`` and ``sys``.
+    put a process, of both versions; ``proc`` and ``sys`` lie in ``root``.
     """
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 8 << 30
     return min([there, *address_space(), *_of_groups(root)])

@@ -29,9 +29,8 @@ NAME = re.compile(f"({WORK}|{VIEW}|{PREFIX})[a-z0-9_]{{8}}")
 def work_folder() -> Iterator[Path]:
     """Yield a new folder that is held during the work, and removed after it.
 
-    Example:
-        >>> with work_folder() as folder:
-        ...     _ = (folder / "a.txt").write_text("work in progress")
+    >>> with work_folder() as folder:
+    ...     _ = (folder / "a.txt").write_text("work in progress")
     """
     folder = Path(tempfile.mkdtemp(prefix=WORK))
     with removed_after(folder, hold_folder(folder)):

@@ -47,12 +47,8 @@ PR_SET_PDEATHSIG = 1
 class Worker:
     """The process, as the one that started it sees it; ``stop`` ends it, and so does the end of this process.
 
-    Args:
-        command: Its program and arguments; the folder is added at the end.
-        polite: Whether it has a low priority.
-
-    Raises:
-        BadInput: It cannot be started.
+    Its folder is added at the end of the command. A ``polite`` one has a low priority. Raises BadInput if it cannot be
+    started.
     """
 
     def __init__(self, command: Sequence[str | Path], polite: bool = True) -> None:

@@ -19,14 +19,10 @@ NARROW = (8, 10, 12)
 
 
 def deep_tiff(path: Path) -> Image.Image | None:
-    """Return the first picture of a TIFF file of more than 8 bits per sample.
+    """Return the first picture of a TIFF file of more than 8 bits per sample; None for files that Pillow reads as well.
 
-    Returns:
-        Greys as an image of mode F from 0 to 1, colours as RGB or RGBA; None for files that Pillow reads as well: of
-        other formats, depths, colour spaces or compressions.
-
-    Raises:
-        ValueError: The file is damaged; or any other error of tifffile.
+    Those are of other formats, depths, colour spaces or compressions. Greys are an image of mode F from 0 to 1, colours
+    are RGB or RGBA. Raises ValueError, or any other error of tifffile, if the file is damaged.
     """
     with path.open("rb") as opened:
         if opened.read(4) not in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):

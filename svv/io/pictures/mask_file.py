@@ -41,10 +41,9 @@ class Selection:
     """Whether the mask was refined from another one (a region, a drawing), so the points alone do not determine it."""
 
     def with_points(self, positive: Sequence[Point], negative: Sequence[Point]) -> Selection:
-        """Return this selection with more points; points that it already has are not repeated.
+        """Return this selection with more points, each once.
 
-        Raises:
-            BadInput: A point is outside the picture, or is both positive and negative.
+        Raises BadInput if one is outside, or positive and negative.
         """
         width, height = self.size
         for x, y in [*positive, *negative]:
@@ -86,11 +85,7 @@ def write_selection(mask: Path, selection: Selection) -> None:
 
 
 def read_selection(mask: Path) -> Selection | None:
-    """Return the points stored next to a mask, or None if there are none.
-
-    Raises:
-        BadInput: The file contains something else.
-    """
+    """Return the points stored next to a mask, if any; raises BadInput if the file contains something else."""
     path = points_file(mask)
     if not path.is_file():
         return None
@@ -114,17 +109,10 @@ def write_mask(path: str | Path, mask: Mask) -> None:
 
 
 def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
-    """Read a mask from any picture; its light, opaque pixels are inside.
+    """Read a mask from any picture: true inside, where it is light and opaque, for at least one pixel. (h, w)
 
-    Args:
-        path: The file, with the proportions of the style picture.
-        shape: Shape of the style picture (height, width, ...), to whose size the mask is scaled; None keeps its size.
-
-    Returns:
-        True inside the mask, for at least one pixel. (h, w)
-
-    Raises:
-        BadInput: The file is missing, is not a picture, has other proportions, or the mask is empty.
+    It has the proportions of the style picture, to whose ``shape`` (height, width, ...) it is scaled; None keeps its
+    size. Raises BadInput if the file is missing, is not a picture, has other proportions, or the mask is empty.
     """
     path = Path(path)
     if not path.is_file():
@@ -156,11 +144,7 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """Return the width and height in pixels of a picture as displayed, with a camera's rotation undone.
-
-    Raises:
-        BadInput: The file is not a picture that can be read.
-    """
+    """Return width and height in pixels of a picture as displayed, upright; raises BadInput if it cannot be read."""
     try:
         with Path(path).open("rb") as file, Image.open(file) as image:
             if image.format == "TIFF":  # new versions of Pillow turn it while loading, and some its size before

@@ -21,16 +21,7 @@ PAINTS = ((0.90, 0.16, 0.22), (0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (1.0, 0.60
 
 
 def mask_overlay(picture: ArrayLike, mask: Mask, selection: Selection | None = None) -> NDArray[np.uint8]:
-    """Return the picture with everything outside the mask dark grey, the outline of the mask, and the points: + and -.
-
-    Args:
-        picture: sRGB in [0, 1]. (h, w, 3)
-        mask: True inside. (h, w)
-        selection: Selection whose points are shown.
-
-    Returns:
-        8-bit levels. (h, w, 3)
-    """
+    """Return a picture (h, w, 3), sRGB in [0, 1], as levels: dark outside the mask, with its outline and its points."""
     values = np.asarray(picture, np.float32)
     grey = values.mean(-1, keepdims=True) * 0.28 + 0.06
     shown = np.where(mask[..., None], values, grey)
@@ -59,14 +50,9 @@ def regions_overlay(picture: ArrayLike, labels: NDArray[np.integer]) -> NDArray[
 
 
 def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = None) -> NDArray[np.uint8]:
-    """Return a picture of a scene's regions in flat colours, numbered.
+    """Return a scene's regions (h, w) in flat colours with numbers, as 8-bit levels; clear where they are -1. (h, w, 4)
 
-    Args:
-        region: Number of the region, -1 where empty. (h, w)
-        colours: Colours in [0, 1]; by default clearly distinguishable ones. (regions, 3)
-
-    Returns:
-        8-bit levels, transparent where empty. (h, w, 4)
+    ``colours`` (regions, 3) are in [0, 1], by default clearly distinguishable ones.
     """
     paints = np.asarray(PAINTS if colours is None else colours, np.float32)
     shown = paints[np.maximum(region, 0) % len(paints)]
@@ -75,15 +61,7 @@ def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = 
 
 
 def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return a picture with ticks and numbers along its upper and left edges, from which positions can be read.
-
-    Args:
-        picture: 8-bit levels. (h, w, 3)
-        size: Width and height of the file in pixels, to which the numbers refer.
-
-    Returns:
-        8-bit levels. (h, w, 3)
-    """
+    """Return levels (h, w, 3) with rulers along upper and left edges, in pixels of a file of this ``size``."""
     height, width = picture.shape[:2]
     text = max(12, max(height, width) // 36)
     dark = np.arange(height)[:, None] < 1.9 * text, np.arange(width)[None] < 2.9 * text

@@ -1,8 +1,6 @@
-"""Rendered pictures on disk: PNG, VTK image data (.vti) and movies (.mp4).
+"""Rendered pictures on disk: PNG, movies (.mp4), and VTK image data (.vti) without VTK, which svv does not need.
 
-The .vti writer does not need VTK: the base installation has none, and ``svv render`` and ``svv export`` write files for
-ParaView there, too. h and w are height and width
-in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at the bottom.
+h and w are height and width in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at the bottom.
 """
 
 from __future__ import annotations
@@ -96,17 +94,11 @@ def is_frame(path: Path) -> bool:
 def remove_other_frames(folder: Path, count: int, made: Mapping[int, str]) -> None:
     """Remove numbered PNGs (``0000.png`` and so on) of other runs from a folder, so that it never mixes two runs.
 
-    Only PNGs that say what they were made from (:func:`made_of`) are removed, because only svv writes such files.
-
-    Args:
-        folder: The folder.
-        count: Number of frames that it is to have; all later ones are removed.
-        made: What each frame is made from, by its number; a frame that was made from something else is removed. Frames
-            below ``count`` that are not listed belong to another process of the same run, and are left alone.
-
-    Raises:
-        BadInput: The folder has numbered PNGs that svv did not write, and that are not to be replaced by frames of a
-            folder in which svv wrote others; nothing is removed.
+    Only PNGs that say what they were made from (:func:`made_of`) are removed, because only svv writes such files: those
+    from the number ``count`` on, and those that were made from something else than ``made`` says of their number.
+    Frames below ``count`` that it does not list belong to another process of the same run, and are left alone. Raises
+    BadInput, and removes nothing, if the folder has numbered PNGs that svv did not write, and that are not to be
+    replaced by frames of a folder in which svv wrote others.
     """
     try:
         found = {int(path.stem): path for path in folder.iterdir() if is_frame(path)}
@@ -134,15 +126,9 @@ def _text(made: str) -> PngInfo:
 
 
 def write_small_png(path: str | Path, levels: NDArray[np.uint8], bright: bool = False) -> None:
-    """Write a picture as PNG with 256 colours, for viewing only: it has a third of the size.
+    """Write 8-bit levels (h, w, 3) as PNG with 256 colours, for viewing only: it has a third of the size.
 
-    Args:
-        path: The file.
-        levels: The picture, 8-bit levels. (h, w, 3)
-        bright: Whether to preserve small spots of strong colour rather than fine shades.
-
-    Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    ``bright`` preserves small spots of strong colour rather than fine shades. Raises BadInput as :func:`write_png`.
     """
     method = Image.Quantize.MAXCOVERAGE if bright else Image.Quantize.MEDIANCUT
     few = Image.fromarray(levels).quantize(256, method, dither=Image.Dither.NONE)
@@ -154,10 +140,8 @@ def write_depth_png(path: str | Path, depth: ArrayLike, made: str = "") -> tuple
     """Write depth (h, w) in world units, NaN where empty, as 16-bit greyscale PNG.
 
     Level 0 means empty; levels 1 ... 65535 are linear from the nearest to the farthest depth, which are stored in the
-    text of the file under ``svv:near`` and ``svv:far``; for ``made``, see :func:`write_png`.
-
-    Returns:
-        The nearest and the farthest depth; NaN, NaN if the picture is empty.
+    text of the file under ``svv:near`` and ``svv:far``, and returned, NaN if the picture is empty. For ``made``, see
+    :func:`write_png`.
     """
     values = np.asarray(depth, dtype=np.float64)
     seen = np.isfinite(values)
@@ -173,13 +157,9 @@ def write_depth_png(path: str | Path, depth: ArrayLike, made: str = "") -> tuple
 
 
 def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike, made: str = "") -> None:
-    """Write a region map as indexed PNG whose indices are the regions.
+    """Write a map of regions (h, w), -1 ... 254, -1 where empty, as indexed PNG whose indices are the regions.
 
-    Args:
-        path: The file.
-        region: Integers in -1 ... 254, -1 where empty. (h, w)
-        colours: Colour in which each region is shown, in [0, 1]. (regions, 3)
-        made: See :func:`write_png`.
+    ``colours`` (regions, 3) in [0, 1] show them; for ``made``, see :func:`write_png`.
     """
     indices = np.asarray(region, dtype=np.int64)
     table = np.full((256, 3), 255, np.uint8)
@@ -210,15 +190,8 @@ def write_vti(path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: Array
     """Write one view as VTK image data: one slice of point scalars ``RGBA``, with ``Depth`` and ``Region``.
 
     It uses VTK's XML format with appended, zlib-compressed arrays. Row 0 is at the bottom; the spacing is one pixel.
-
-    Args:
-        path: The file, by convention ``NAME.vti``.
-        rgba: Colour in [0, 1] with straight alpha; stored as uint8. (h, w, 4)
-        depth: Depth in world units, NaN where empty; stored as float32. (h, w)
-        region: Number of the region, -1 where empty; stored as int16. (h, w)
-
-    Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    Colour (h, w, 4) in [0, 1] with straight alpha is stored as uint8, depth (h, w) in world units, NaN where empty, as
+    float32, and the number of the region (h, w), -1 where empty, as int16. Raises BadInput as :func:`write_png`.
     """
     arrays: dict[str, NDArray[np.generic]] = {
         "RGBA": to_bytes(rgba),
@@ -236,18 +209,11 @@ def write_volume(
     fields: Mapping[str, NDArray[np.float64]] | None = None,
     progress: Progress = silent,
 ) -> None:
-    """Write a regular grid of points as VTK image data.
+    """Write a regular grid of points as VTK image data, by convention ``NAME.vti``.
 
-    Args:
-        path: The file, by convention ``NAME.vti``.
-        arrays: Arrays of points by name; the first one becomes the scalars. (nz, ny, nx) or (nz, ny, nx, channels)
-        origin: Position of the first point (x, y, z), world units.
-        spacing: Distance between points along each axis, world units.
-        fields: Field data by name. (n, channels)
-        progress: Called while arrays are compressed.
-
-    Raises:
-        BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
+    ``arrays`` of points by name, the first of which become the scalars, are (nz, ny, nx) or (nz, ny, nx, channels);
+    ``origin`` and ``spacing`` (x, y, z) are the first point and the distances between points in world units; ``fields``
+    are field data by name (n, channels). Raises BadInput as :func:`write_png`.
     """
     depth, height, width = next(iter(arrays.values())).shape[:3]
     entries, blocks, offset = [], [], 0
@@ -306,22 +272,22 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
     """Write frames (h, w, 3) uint8, all of the same size, as an H.264 movie that browsers and players can show.
 
     Its colours are those of the frames, which are sRGB, to 3 levels where they are flat, in browsers as well. An odd
-    width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
-
-    Args:
-        path: The file.
-        frames: The frames.
-        fps: Frames per second.
-        crf: Constant rate factor of H.264: 18 looks like the frames, 30 takes a quarter of the bytes.
-
-    Raises:
-        BadInput: There is no frame, or the file cannot be written.
+    width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes. ``fps``
+    are frames per second; ``crf`` is the constant rate factor: 18 looks like the frames, 30 takes a quarter of the
+    bytes. Raises BadInput if there is no frame, or the file cannot be written.
     """
     rest = iter(frames)
     first = next(rest, None)
     if first is None:
         raise BadInput("A movie needs at least one frame.")
-    encoder = _encoder()
+    try:
+        import imageio_ffmpeg as encoder
+    except ImportError as error:
+        raise BadInput(
+            "Movies need the package imageio-ffmpeg, which is missing here: install it with "
+            "`pip install imageio-ffmpeg`, or write the frames as pictures."
+        ) from error
+    more = [(0, size % 2) for size in first.shape[:2]]
     height, width = (size + size % 2 for size in first.shape[:2])
     with atomic_path(path) as temporary:
         writer = encoder.write_frames(
@@ -338,7 +304,7 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
         try:
             writer.send(None)
             for frame in chain([first], rest):
-                writer.send(_even(frame))
+                writer.send(np.ascontiguousarray(np.pad(frame, (*more, (0, 0)), mode="edge")))
                 count += 1
         except OSError as error:
             if error.errno is not None:
@@ -351,30 +317,9 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             raise BadInput(f"Cannot write {path}: the movie encoder stopped at its end; is the disk full?")
 
 
-def _encoder() -> ModuleType:
-    """Return the package that encodes movies, which nothing else needs.
-
-    Raises:
-        BadInput: It is missing.
-    """
-    try:
-        import imageio_ffmpeg
-    except ImportError as error:
-        raise BadInput(
-            "Movies need the package imageio-ffmpeg, which is missing here: install it with "
-            "`pip install imageio-ffmpeg`, or write the frames as pictures."
-        ) from error
-    return imageio_ffmpeg
-
-
 def _is_whole(encoder: ModuleType, movie: Path, frames: int) -> bool:
     """Return whether a movie can be read to its end and has this number of frames; they are not decoded."""
     read = [encoder.get_ffmpeg_exe(), "-nostdin", "-v", "error", "-i", str(movie)]
     done = subprocess.run([*read, "-c", "copy", "-f", "framecrc", "-"], capture_output=True)
     found = sum(not line.startswith(b"#") for line in done.stdout.splitlines())
     return done.returncode == 0 and not done.stderr and found == frames
-
-
-def _even(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    height, width = frame.shape[:2]
-    return np.ascontiguousarray(np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge"))

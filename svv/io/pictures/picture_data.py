@@ -30,12 +30,9 @@ URI = re.compile(r"data:image/(jpeg|png);base64,([A-Za-z0-9+/=\s]*)")
 
 
 def as_data(picture: NDArray[np.floating], long_side: int = LONG_SIDE, sharp: bool = False) -> str:
-    """Return a picture (h, w, 3), sRGB in [0, 1], as a data URI of a JPEG.
+    """Return a picture (h, w, 3), sRGB in [0, 1], as a data URI of a JPEG of at most ``long_side`` pixels a side.
 
-    Args:
-        picture: The picture; a large one is shrunk.
-        long_side: Largest side of the result in pixels.
-        sharp: Whether edges of colours must stay sharp, as in a cartoon; the result is larger.
+    A ``sharp`` one keeps edges of colours, as in a cartoon, and is larger.
     """
     image = Image.fromarray(np.rint(255.0 * np.clip(np.asarray(picture, np.float32), 0.0, 1.0)).astype(np.uint8))
     image.thumbnail((long_side, long_side), Image.Resampling.LANCZOS)
@@ -57,12 +54,7 @@ def mask_as_data(mask: NDArray[np.bool_], long_side: int = LONG_SIDE) -> str:
 def picture_in(text: object, name: str) -> NDArray[np.float32]:
     """Return the picture of a data URI, float32 sRGB in [0, 1]. (h, w, 3)
 
-    Args:
-        text: What a file holds.
-        name: Name of the picture in messages, such as "The picture of the style 'oil'".
-
-    Raises:
-        BadInput: It is no such URI, but for example a path, or the picture is broken, too small or too large.
+    Raises BadInput, with its name, if it is something else, for example a path, broken, too small or too large.
 
     >>> picture_in(as_data(np.ones((16, 20, 3))), "It").shape
     (16, 20, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -49,10 +50,7 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     path = Path(path)
     if not path.is_file():
         raise BadInput(f"There is no style picture at {path}; check the path.")
-    limit, Image.MAX_IMAGE_PIXELS = (
-        Image.MAX_IMAGE_PIXELS,
-        None,
-    )  # our own limit, checked below, gives a clear message
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # our own, checked below, gives a clear message
     try:
         # From a path, Pillow 12 and 13 garble turned TIFF files of some modes, which they map into memory.
         with path.open("rb") as file, Image.open(file) as image:
@@ -143,14 +141,9 @@ def _srgb(image: Image.Image) -> Image.Image:
     if image.mode in ("P", "PA"):
         image = image.convert("RGB")  # profiles are of the palette's colours
     if profile and image.mode in ("RGB", "CMYK", "L"):
-        try:
+        with suppress(ImageCms.PyCMSError, OSError):  # viewers ignore damaged profiles, too
             source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
             converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
             assert converted is not None  # only an in-place conversion returns None
             return converted
-        except (
-            ImageCms.PyCMSError,
-            OSError,
-        ):  # a damaged profile is no reason to reject the picture: viewers ignore it too
-            pass
     return image.convert("RGB")

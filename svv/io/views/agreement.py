@@ -1,10 +1,8 @@
-"""Whether pictures contradict their cameras, and which mistake explains it.
+"""Whether pictures contradict their cameras, which train to a blur without an error, and which mistake explains it.
 
-Cameras that are wrong by a convention train without an error, to a blur. Silhouettes tell
-(:mod:`svv.core.view_checks.agreement`), and undoing the usual mistakes one by one tells which it was
-(:mod:`svv.core.view_checks.camera_mistakes`). Right cameras must never be refused, however noisy, transparent or sparse
-the pictures are: a set is refused only if other cameras agree several times better, or if its own agree no better than
-the same cameras in any order.
+Silhouettes tell (:mod:`svv.core.view_checks.agreement`), and undoing the usual mistakes one by one tells which it was.
+Right cameras must never be refused, however noisy, transparent or sparse the pictures are: a set is refused only if
+other cameras agree several times better, or if its own agree no better than the same cameras in any order.
 """
 
 from __future__ import annotations
@@ -114,23 +112,16 @@ def check_agreement(
     where: object = None,
     also: Sequence[Mistake] = (),
 ) -> Agreement:
-    """Check that pictures agree with their cameras.
+    """Check that pictures (n, height, width, 4) with straight alpha agree with their cameras; BadInput otherwise.
 
-    Args:
-        cameras: One camera a picture.
-        images: Pictures with straight alpha. (n, height, width, 4)
-        names: Names of the pictures.
-        where: Where they come from, for messages.
-        also: Mistakes to be tried before the usual ones.
-
-    Raises:
-        BadInput: The pictures contradict their cameras.
+    ``where`` they come from is for messages; the mistakes ``also`` are tried before the usual ones.
     """
     fixed = fixed_in(cameras, images)
     if fixed is not None:  # a colour bar must not be blamed on the cameras
         images = without(images, fixed)
     tracing = Tracing(images)
-    outlines, which = tracing.outlines(some_of(len(cameras))), _pictures(where)
+    outlines = tracing.outlines(some_of(len(cameras)))
+    which = "The pictures" if where is None else f"The pictures of {where}"
     found, doubt = _check(cameras, outlines, names, which, also)
     if found is None and doubt is None and outlines.cut > MOSTLY_CUT:
         doubt = f"{which} {HARDLY_TELL}"
@@ -194,10 +185,6 @@ def _surrounded(images: NDArray[np.uint8]) -> str | None:
     )
 
 
-def _pictures(where: object) -> str:
-    return "The pictures" if where is None else f"The pictures of {where}"
-
-
 def _check(
     cameras: Sequence[Camera], outlines: Outlines, names: Sequence[str], which: str, also: Sequence[Mistake]
 ) -> tuple[str | None, str | None]:
@@ -216,9 +203,11 @@ def _check(
         return _agree(found), None
     cause = _cause(whole, outlines, found, [*also, *mistakes(whole.matrices, names)], cameras[0])
     if cause is not None:
+        finite = found[np.isfinite(found)]
+        most = f"{finite.max():.3g} pixels" if len(finite) else "more than can be compared"
         raise BadInput(
-            f"{which} contradict their cameras: silhouettes differ by {_most(found)}, but only by "
-            f"{cause.differ:.2g} if {cause.said}; {cause.mend}."
+            f"{which} contradict their cameras: silhouettes differ by {most}, but only by {cause.differ:.2g} if "
+            f"{cause.said}; {cause.mend}."
         )
     if not faced:
         raise BadInput(
@@ -337,8 +326,3 @@ def _score(found: Array) -> float:
 def _agree(found: Array) -> str | None:
     finite = found[np.isfinite(found)]
     return f"The silhouettes agree with the cameras to {finite.min():.2f} pixels." if len(finite) else None
-
-
-def _most(found: Array) -> str:
-    finite = found[np.isfinite(found)]
-    return f"{finite.max():.3g} pixels" if len(finite) else "more than can be compared"

@@ -18,28 +18,20 @@ RECORD = "drawing.json"
 
 
 class DrawnViews:
-    """The views in a folder that is removed when all of them are written where they belong.
+    """The views in a folder that is created with the first, and removed when all of them are written where they belong.
 
-    Args:
-        folder: The folder; it is created with the first view.
-        key: Hash of everything on which the views depend (:func:`svv.io.files.keyed_results.key_of`). Views with
-            another key are removed.
-        sharing: The processes that draw.
+    ``key`` is a hash of all on which they depend (:func:`svv.io.files.keyed_results.key_of`); views with another one
+    are removed.
     """
 
     def __init__(self, folder: Path, key: str, sharing: Sharing = ALONE) -> None:
         self.folder, self.key, self.sharing = folder, key, sharing
 
     def step(self, measure: Callable[[], float]) -> float:
-        """Return the sample distance in voxels: the one with which the drawing began, or a new one.
+        """Return the sample distance in voxels: the one with which the drawing began, or what ``measure`` finds.
 
-        All processes call this before they draw.
-
-        Args:
-            measure: Finds a suitable distance; called only in the first process.
-
-        Raises:
-            BadInput: The folder cannot be written.
+        All processes call this before they draw; the first one measures. Raises BadInput if the folder cannot be
+        written.
         """
 
         def known() -> float:
@@ -64,11 +56,7 @@ class DrawnViews:
         return view if isinstance(view, np.ndarray) and (view.shape, view.dtype) == (shape, np.uint8) else None
 
     def put(self, number: int, view: NDArray[np.uint8]) -> None:
-        """Keep a view that has been drawn.
-
-        Raises:
-            BadInput: The disk is full, or the folder cannot be written.
-        """
+        """Keep a view that has been drawn; raises BadInput if the folder cannot be written."""
         with atomic_path(self._file(number)) as temporary, temporary.open("wb") as file:
             np.save(file, view)
 

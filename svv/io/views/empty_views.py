@@ -21,11 +21,7 @@ def empty_views(views: ViewSet) -> str | None:
 
 
 def check_shown(views: ViewSet) -> str | None:
-    """Return what :func:`empty_views` says.
-
-    Raises:
-        BadInput: No view shows anything.
-    """
+    """Return what :func:`empty_views` says; raises BadInput if no view shows anything."""
     said = empty_views(views)
     if said is not None and not any(_showing(views)):
         raise BadInput(said)

@@ -32,8 +32,7 @@ EDGE_POINTS = 2048
 class Lens:
     """Intrinsics in pixels, with the distortion models of OpenCV that COLMAP and nerfstudio write.
 
-    Raises:
-        BadInput: A number is not finite, or a focal length is not positive.
+    Raises BadInput if a number is not finite, or a focal length is not positive.
     """
 
     width: int
@@ -55,22 +54,16 @@ class Lens:
             raise BadInput(f"Focal lengths must be positive and all intrinsics finite numbers, not {numbers}.")
 
     @property
-    def is_distorted(self) -> bool:
-        """Whether straight lines are curved in the image."""
-        return self.fisheye or any(self.radial) or any(self.tangential)
-
-    @property
     def is_pinhole(self) -> bool:
         """Whether the image is that of a pinhole camera with square pixels."""
         stretch = abs(1.0 - self.focal[1] / self.focal[0]) * max(self.centre[1], self.height - self.centre[1])
-        return not self.is_distorted and stretch < SQUARE
+        return not (self.fisheye or any(self.radial) or any(self.tangential)) and stretch < SQUARE
 
     @property
     def rectified(self) -> float:
         """Focal length of the resampled image: as short as possible without showing anything outside this one.
 
-        Raises:
-            BadInput: The distortion is so strong that no such length was found.
+        BadInput is raised if the distortion is so strong that no such length was found.
         """
         columns, rows = (0.5 + np.linspace(0.0, n - 1, min(n, EDGE_POINTS)) for n in (self.width, self.height))
         edge = [(columns, np.full_like(columns, y)) for y in (rows[0], rows[-1])]
@@ -101,25 +94,14 @@ class Lens:
             low, high = (low, middle) if fits(middle) else (middle, high)
         return high * least
 
+    @np.errstate(all="ignore")  # whatever is not finite there is outside of this image
     def seen_at(self, column: Array, row: Array, focal: float) -> tuple[Array, Array]:
-        """Return where this image shows what a pinhole camera of the same principal point shows at a pixel.
+        """Return columns and rows (...,) at which this image shows what a pinhole camera shows at its own (...,).
 
-        Radial and tangential terms are those of Brown (1971), as in OpenCV:
-        x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2); the fisheye model scales (x, y) by
-        (a + k1 a^3 + k2 a^5 + k3 a^7 + k4 a^9) / r with a = atan r.
-
-        Args:
-            column: Columns in the pinhole camera's image. (...,)
-            row: Rows in it. (...,)
-            focal: Its focal length in pixels.
-
-        Returns:
-            Columns and rows in this image. (...,)
+        That camera has the same principal point, and a focal length in pixels. Radial and tangential terms are those of
+        Brown (1971), as in OpenCV: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2); the fisheye
+        model scales (x, y) by (a + k1 a^3 + k2 a^5 + k3 a^7 + k4 a^9) / r with a = atan r.
         """
-        with np.errstate(all="ignore"):  # whatever is not finite there is outside of this image
-            return self._seen_at(column, row, focal)
-
-    def _seen_at(self, column: Array, row: Array, focal: float) -> tuple[Array, Array]:
         x, y = (column - self.centre[0]) / focal, (row - self.centre[1]) / focal
         k, (p1, p2), square = self.radial, self.tangential, x * x + y * y
         if self.fisheye:
@@ -136,15 +118,7 @@ class Lens:
 
 
 def rectify(image: Images, lens: Lens) -> Images:
-    """Resample an image to a pinhole camera of focal length ``lens.rectified`` and the same principal point.
-
-    Args:
-        image: Straight alpha. (height, width, 4)
-        lens: Its intrinsics.
-
-    Returns:
-        An image of the same size; colours are interpolated with their alpha as weight.
-    """
+    """Resample an image (height, width, 4), straight alpha, to a pinhole camera of focal length ``lens.rectified``."""
     where = _map(lens)
     alpha = map_coordinates(image[..., 3].astype(np.float32), where, order=1, mode="nearest")
     result = np.empty_like(image)

@@ -26,15 +26,7 @@ MOST_LEFT_OUT = 0.5
 
 
 def fixed_in(cameras: Sequence[Camera], images: Images) -> Mask | None:
-    """Return the pixels that stand still on the screen, with a rim; None if there are none.
-
-    Args:
-        cameras: One camera a picture.
-        images: RGBA. (n, height, width, 4)
-
-    Returns:
-        (height, width), or None.
-    """
+    """Return the pixels (height, width) that stand still in images (n, height, width, 4), with a rim, if any do."""
     chosen, step = some_of(len(images)).tolist(), step_of(images)
     thin = [images[k, step // 2 :: step, step // 2 :: step] for k in chosen]
     found = fixed_pixels(thin, Views.of([cameras[k] for k in chosen]), step)
@@ -66,10 +58,8 @@ def without(images: Images, fixed: Mask) -> Images:
 def ignoring_fixed(views: ViewSet) -> tuple[ViewSet, str]:
     """Return views without what stands still on the screen, and what was done, as a sentence.
 
-    Views in which the scene reaches it are left out, because what it covers there is unknown.
-
-    Raises:
-        BadInput: The scene reaches it in too many views.
+    Views in which the scene reaches it are left out, because what it covers there is unknown; BadInput if these are too
+    many.
     """
     fixed = fixed_in(views.cameras, views.images)
     if fixed is None:

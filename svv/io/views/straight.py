@@ -42,14 +42,10 @@ def straightened(
 ) -> tuple[list[Images], str | None]:
     """Return images whose colours are divided by alpha if they are multiplied by it, and what was assumed.
 
-    Those that can be written to are changed in place.
-
-    Args:
-        images: RGBA, sRGB. (n) x (height, width, 4)
-        given: What is known about them; None lets all translucent pixels decide.
-        how: How to say what they are, with a place for ``{alpha}``.
-        stored: Level in the file of each level of sRGB: alpha was multiplied there. (256,)
-        encoded: Level of sRGB of each level in the file. (256,)
+    The images (n) x (height, width, 4) are RGBA, sRGB; those that can be written to are changed in place. If nothing is
+    ``given`` about them, all translucent pixels decide; ``how`` says how to say what they are, with a place for
+    ``{alpha}``. ``stored`` (256,) is the file's level of each level of sRGB, for alpha was multiplied there, and
+    ``encoded`` (256,) the other way round.
     """
     said = None
     if given is None and (behind := _background(images)) is not None:

@@ -90,11 +90,7 @@ def split_of(file: Path) -> str:
 
 
 def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, object], list[dict[str, object]]]:
-    """Return the file of a split, its content, and the frames of the split.
-
-    Raises:
-        BadInput: There is no such file, it cannot be read, or it has no frames for the split.
-    """
+    """Return a split's file, its content, and the split's frames; raises BadInput if the file or these are missing."""
     place = Path(folder)
     beside = place.parent if place.is_file() else place
     path = transforms_file(place, split) or beside / f"transforms_{split}.json"
@@ -136,8 +132,7 @@ def _of_split(path: Path, scene: Frame, frames: list[dict[str, object]], split: 
 def present(path: Path, frames: Sequence[dict[str, object]]) -> tuple[list[dict[str, object]], str | None]:
     """Return the frames whose pictures are there, and a sentence on the others, if any.
 
-    Raises:
-        BadInput: Most pictures are missing, a frame names none or one outside the folder, or two name the same.
+    Raises BadInput if most pictures are missing, a frame names none or one outside the folder, or two name the same.
     """
     found, missing, first = [], [], None
     seen: dict[Path, str] = {}
@@ -197,10 +192,9 @@ def leaves(name: str) -> bool:
 
 
 def mask_files(path: Path, frames: Sequence[Frame]) -> list[Path] | None:
-    """Return the masks that the frames name under ``mask_path``; None if none does.
+    """Return the masks that frames name by ``mask_path``, if any do.
 
-    Raises:
-        BadInput: Only some frames have a mask, or a file is missing.
+    Raises BadInput if others do not, or one is missing.
     """
     if not any("mask_path" in frame for frame in frames):
         return None
@@ -220,15 +214,8 @@ def names_of(frames: Sequence[Frame]) -> tuple[str, ...]:
 def camera_in(path: Path, scene: Frame, frame: Frame, width: int, height: int) -> tuple[Camera, Lens | None]:
     """Return the camera of a frame, and the lens of its image if that is not the camera's own and must be rectified.
 
-    Args:
-        path: The file, for messages.
-        scene: Its content.
-        frame: One of its frames.
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
-
-    Raises:
-        BadInput: Something is missing or out of range, or the camera model is not supported.
+    The image has a size in pixels; ``scene`` is the whole content of the file. Raises BadInput if something is missing
+    or out of range, or the camera model is not supported.
     """
     where = f"{path}, frame {frame.get('file_path')}"
     try:
@@ -291,13 +278,6 @@ def _angle(width: int, focal: float) -> float:
     return 2.0 * math.atan(0.5 * width / focal)
 
 
-def _turned(numbers: Mapping[str, float], width: int, height: int) -> str:
-    """Say that the picture is turned if that would explain its size."""
-    if (numbers.get("w"), numbers.get("h")) != (height, width):
-        return ""
-    return ": it is stored turned by 90 degrees, perhaps with an EXIF orientation; turn its pixels"
-
-
 def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) -> Lens:
     """Return the intrinsics of an image of the given size, which may be smaller than the file says."""
     for key in ("w", "h"):
@@ -313,10 +293,12 @@ def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) 
             raise BadInput(f"{key} must lie between 0 and pi radians, not {value:g}{meant}.")
     across, down = width / numbers.get("w", width), height / numbers.get("h", height)
     if abs(across / down - 1.0) > 0.02 and any(key in numbers for key in ("fl_x", "cx", "cy")):
+        turned = (numbers.get("w"), numbers.get("h")) == (height, width)
         raise BadInput(
             f"the image has {width} x {height} pixels, but w and h say {numbers.get('w', width):g} x "
-            f"{numbers.get('h', height):g}" + _turned(numbers, width, height) + "."
-        )
+            f"{numbers.get('h', height):g}"
+            + ": it is stored turned by 90 degrees, perhaps with an EXIF orientation; turn its pixels" * turned + "."
+        )  # fmt: skip
     if "fl_x" in numbers:
         focal = across * numbers["fl_x"]
     elif "camera_angle_x" in numbers:
@@ -330,13 +312,7 @@ def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) 
         other = down * numbers["fl_y"]
     elif "camera_angle_y" in numbers and "fl_x" not in numbers:
         other = 0.5 * height / math.tan(0.5 * numbers["camera_angle_y"])
-    centre = across * numbers["cx"] if "cx" in numbers else 0.5 * width
-    return Lens(
-        width,
-        height,
-        (focal, other),
-        (centre, down * numbers["cy"] if "cy" in numbers else 0.5 * height),
-        tuple(numbers.get(key, 0.0) for key in ("k1", "k2", "k3", "k4")),  # type: ignore[arg-type]
-        (numbers.get("p1", 0.0), numbers.get("p2", 0.0)),
-        fisheye,
-    )
+    column = across * numbers["cx"] if "cx" in numbers else 0.5 * width
+    row = down * numbers["cy"] if "cy" in numbers else 0.5 * height
+    k1, k2, k3, k4, p1, p2 = (numbers.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
+    return Lens(width, height, (focal, other), (column, row), (k1, k2, k3, k4), (p1, p2), fisheye)

@@ -39,21 +39,11 @@ RESIZED = "The images differ in size, so all were reduced to {width} x {height} 
 def read_views(
     path: Path, scene: Frame, frames: Sequence[dict[str, object]], progress: Progress, label: str
 ) -> tuple[Images, tuple[Camera, ...], str | None]:
-    """Read the images and cameras of frames.
+    """Read the images and cameras of frames of a file ``transforms.json`` with the content ``scene``.
 
-    Args:
-        path: The file ``transforms.json``.
-        scene: Its content.
-        frames: The frames to read.
-        progress: Called after each image.
-        label: Label of the progress.
-
-    Returns:
-        Images with straight alpha (n, height, width, 4), their cameras, and what was assumed or changed, in sentences.
-
-    Raises:
-        BadInput: A file is missing or damaged, images have neither alpha nor a mask nor a uniform background or differ
-            in shape, or a camera is invalid or not supported.
+    Returns images with straight alpha (n, height, width, 4), their cameras, and what was assumed or changed, in
+    sentences. Raises BadInput if a file is missing or damaged, images have neither alpha nor a mask nor a uniform
+    background or differ in shape, or a camera is invalid or not supported.
     """
     files, masks = [file_in(path, frame) for frame in frames], mask_files(path, frames)
     of: Sequence[Path | None] = masks or [None] * len(files)
@@ -144,10 +134,9 @@ def _rectified(job: tuple[Images, Lens | None]) -> Images:
 def _of_one_size(
     images: Sequence[Images], cameras: Sequence[Camera], files: Sequence[Path], stated: bool
 ) -> tuple[list[Images], list[Camera]]:
-    """Reduce images to the size of the smallest.
+    """Reduce images to the smallest's size.
 
-    Raises:
-        BadInput: They differ in shape, too, or the frames do not state each one's size, so one may be a mistake.
+    Raises BadInput if shapes differ, or frames do not state each one's size.
     """
     height, width = min(image.shape[:2] for image in images)
     for file, image in zip(files, images, strict=True):
@@ -172,10 +161,7 @@ def decode(file: Path) -> Images:
 
 
 def decode_as_srgb(file: Path) -> tuple[Images, float | None]:
-    """Return levels as :func:`decode`, in sRGB, and the power of light that was stored if it was another.
-
-    See :mod:`svv.io.pictures.gamma`.
-    """
+    """Return levels as :func:`decode`, in sRGB, and the other power of light, if any, that was stored."""
     return _decoded(file, True)
 
 

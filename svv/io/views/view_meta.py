@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,15 +56,7 @@ class VolumeGrid:
 
     @classmethod
     def from_json(cls, content: object, name: str = "grid") -> VolumeGrid:
-        """Invert :meth:`to_json`.
-
-        Args:
-            content: Content of a file.
-            name: Name of the object in messages.
-
-        Raises:
-            BadInput: A value is missing or invalid.
-        """
+        """Invert :meth:`to_json`; raises BadInput, with the object's name, if a value is missing or invalid."""
         values = object_in(content, name)
         size, spacing, origin, direction, kind, range_ = (
             (needed(values, key, name), f"{name}.{key}")
@@ -134,58 +126,23 @@ class ViewMeta:
 
     @classmethod
     def from_json(cls, content: object, name: str = "svv") -> ViewMeta:
-        """Invert :meth:`to_json`; ``null`` under a known key is ignored.
+        """Invert :meth:`to_json`; None is no metadata, and ``null`` under a known key is ignored.
 
-        Args:
-            content: Content of a file under ``svv``; None if it does not have the key.
-            name: Name of the object in messages.
-
-        Raises:
-            BadInput: ``content`` is not an object, or the value of a known key is invalid; the message names the key.
+        Raises BadInput, with the object's name and the key, if ``content`` is not an object, or the value of a known
+        key is invalid.
         """
         values = object_in({} if content is None else content, name)
-
-        def read(key: str, reader: Callable[[object, str], Value]) -> Value | None:
-            value = values.get(key)
-            return None if value is None else reader(value, f"{name}.{key}")
-
-        meta = cls(
-            volume=read("volume", text_in),
-            grid=read("grid", VolumeGrid.from_json),
-            bounds=read("bounds", _bounds),
-            rig=read("rig", CameraRig.from_json),
-            tf=read("tf", object_in),
-            tf_rescaled=read("tf_rescaled", switch_in),
-            shading=read("shading", Shading.from_json),
-            sample_distance=read("sample_distance", number_in),
-            mapper=read("mapper", text_in),
-            vtk=read("vtk", text_in),
-            seconds=read("seconds", number_in),
-            file=read("file", object_in),
-            nearest=read("nearest", switch_in),
-            assumed=read("assumed", text_in),
-        )
+        there = [key for key in READERS if values.get(key) is not None]
+        meta = cls(**{key: READERS[key](values[key], f"{name}.{key}") for key in there})
         return replace(meta, other=_left(values, meta.to_json()))
 
     def to_json(self) -> dict[str, object]:
         """Return the known values and ``other`` as plain values under the names of the fields."""
-        own = {
-            "volume": self.volume,
-            "grid": self.grid and self.grid.to_json(),
-            "bounds": self.bounds and [list(corner) for corner in self.bounds],
-            "rig": self.rig and self.rig.to_json(),
-            "tf": self.tf,
-            "tf_rescaled": self.tf_rescaled,
-            "shading": self.shading and self.shading.to_json(),
-            "sample_distance": self.sample_distance,
-            "mapper": self.mapper,
-            "vtk": self.vtk,
-            "seconds": self.seconds,
-            "file": self.file,
-            "nearest": self.nearest,
-            "assumed": self.assumed,
-        }
-        return _joined({key: value for key, value in own.items() if value is not None}, self.other)
+        own = {key: value for key in READERS if (value := getattr(self, key)) is not None}
+        own |= {key: own[key].to_json() for key in ("grid", "rig", "shading") if key in own}
+        if self.bounds is not None:
+            own["bounds"] = [list(corner) for corner in self.bounds]
+        return _joined(own, self.other)
 
 
 def known(value: Value | None, key: str) -> Value:
@@ -200,6 +157,14 @@ def known(value: Value | None, key: str) -> Value:
 def _bounds(value: object, name: str) -> tuple[Vector, Vector]:
     low, high = (vector_in(corner, name) for corner in list_in(value, 2, name))
     return low, high
+
+
+READERS: dict[str, Callable[[object, str], Any]] = {
+    "volume": text_in, "grid": VolumeGrid.from_json, "bounds": _bounds, "rig": CameraRig.from_json, "tf": object_in,
+    "tf_rescaled": switch_in, "shading": Shading.from_json, "sample_distance": number_in, "mapper": text_in,
+    "vtk": text_in, "seconds": number_in, "file": object_in, "nearest": switch_in, "assumed": text_in,
+}  # fmt: skip
+"""Key of a file -> what checks and reads its value, for the field of the same name; in the order of files."""
 
 
 def _left(content: Json, own: Json) -> dict[str, object]:

@@ -1,10 +1,9 @@
 """View sets: images with straight alpha and the cameras that took them, in the NeRF-synthetic layout.
 
-On disk: ``transforms_<split>.json`` and a folder ``<split>`` of PNG files. The JSON file holds
-``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``),
-and, in the sets that we write, metadata under the key ``svv``. Sets of other programs may say more, see
-:mod:`svv.io.views.transforms`. If the volume is known, ``classified.npz`` in the same
-folder contains the volume classified by its transfer function; the key ``svv_classified`` names it, and it is optional.
+On disk: ``transforms_<split>.json`` and a folder ``<split>`` of PNG files. The JSON file holds ``camera_angle_x``
+(radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``), and, in the sets that we
+write, metadata under ``svv`` and, if the volume is known, the name of its ``classified.npz`` under ``svv_classified``.
+Sets of other programs may say more, see :mod:`svv.io.views.transforms`.
 """
 
 from __future__ import annotations
@@ -198,8 +197,7 @@ class ViewSet:
 def write_splits(folder: str | Path, train: ViewSet, test: ViewSet | None, progress: Progress = silent) -> None:
     """Write training views, and test views if there are any; test views that svv wrote there before are removed.
 
-    Raises:
-        BadInput: As :meth:`ViewSet.write`.
+    Raises BadInput as :meth:`ViewSet.write`.
     """
     target = Path(folder)
     check_splits(target)
@@ -237,21 +235,13 @@ def _check_own(path: Path) -> None:
 
 
 def read_meta(folder: str | Path) -> ViewMeta:
-    """Return the metadata of the training views in a folder.
-
-    Raises:
-        BadInput: There are no training views, or the metadata is invalid.
-    """
+    """Return the metadata of the training views in a folder; raises BadInput if there are none, or they are invalid."""
     path, scene, _ = read_transforms(folder, "train")
     return ViewMeta.from_json(scene.get("svv"), f"{path}: svv")
 
 
 def read_classified(folder: str | Path) -> ClassifiedVolume | None:
-    """Return the classified volume that the training views in a folder name, or None if there is none.
-
-    Raises:
-        BadInput: The file is damaged.
-    """
+    """Return the classified volume that a folder's training views name, if any; raises BadInput if it is damaged."""
     folder = Path(folder).parent if Path(folder).is_file() else Path(folder)
     file, views = folder / CLASSIFIED, folder / "transforms_train.json"
     if not (file.exists() and views.exists()):
@@ -324,11 +314,7 @@ def _own_files(path: Path) -> set[Path]:
 
 
 def files_of(folder: Path, split: str) -> list[Path]:
-    """Return the files from which the views of a split are read: first the JSON file, then the images.
-
-    Raises:
-        BadInput: The JSON file or an image is missing, or the JSON file is invalid.
-    """
+    """Return the files of a split, first the JSON file, then images; raises BadInput if one is missing or invalid."""
     path, _, listed = read_transforms(folder, split)
     frames, _ = present(path, listed)
     return [path, *(file_in(path, frame) for frame in frames), *(mask_files(path, frames) or [])]

@@ -36,23 +36,14 @@ def applied(
     checkpoint: Path | None = None,
     **paint: object,
 ) -> Applied:
-    """Return a scene with a look.
+    """Return a scene with a look; its device does the work.
 
-    A region that a look's region matches (:func:`.matching.matched`) gets its colour, style and edits in place of its
-    own; others stay. A look whose one picture paints all of its regions is divided anew among all regions of a scene
-    that has other ones (:meth:`.matching.Matches.divided_anew`). The painting replaces the scene's painting of the same
-    name.
-
-    Args:
-        look: The look.
-        scene: The scene; its device does the work.
-        mapping: Region of the scene -> region of the look, for those that are not to be matched by themselves.
-        progress: Called several times a second.
-        checkpoint: File to save a painting to regularly, and to resume from.
-        paint: Fields of :class:`svv.options.making.PaintOptions` to change, such as ``preset`` or ``variant``.
-
-    Raises:
-        BadInput: Nothing matches, or the scene cannot be painted so.
+    A region that a look's region matches (:func:`.matching.matched`, which also takes the ``mapping``) gets its colour,
+    style and edits in place of its own; others stay. A look whose one picture paints all of its regions is divided anew
+    among all regions of a scene that has other ones (:meth:`.matching.Matches.divided_anew`). The painting replaces the
+    scene's painting of the same name; it is saved to the ``checkpoint`` regularly, and resumes from it. ``paint`` are
+    fields of :class:`svv.options.making.PaintOptions` to change, such as ``preset`` or ``variant``. Raises BadInput if
+    nothing matches, or the scene cannot be painted so.
     """
     matches = matched(look, scene, mapping)
     source = {match.region: look.regions[match.source] for match in matches.pairs}

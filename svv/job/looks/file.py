@@ -26,8 +26,8 @@ from svv.core.json_values import (
 from svv.errors import BadInput
 from svv.fields.scene.scene_validation import values_of
 from svv.io.files.atomic import write_json
-from svv.io.pictures.picture_data import as_data, mask_as_data, mask_in, picture_in
-from svv.job.looks.look_content import Laid, LookContent, LookRegion, style_with
+from svv.io.pictures.picture_data import as_data, mask_as_data
+from svv.job.looks.look_content import Laid, LookContent, LookRegion, style_in
 from svv.job.looks.look_validation import validate_region_edits
 from svv.job.looks.offered import offered
 from svv.options.described import Described, described
@@ -56,9 +56,8 @@ def write(look: LookContent, path: str | Path) -> None:
 def read(path: str | Path) -> LookContent:
     """Read a look from a JSON file, or take one that ships, ``gallery:NAME``.
 
-    Raises:
-        BadInput: There is no such look, it is of a newer version, a value in it is out of range or unknown, or one of
-            its pictures is broken or a path.
+    Raises BadInput if there is no such look, it is of a newer version, a value in it is out of range or unknown, or one
+    of its pictures is broken or a path.
     """
     if (ships := offered(str(path))) is not None:
         return from_json(ships, str(path))
@@ -113,15 +112,7 @@ def _style_to_json(style: StyleInput) -> dict[str, str]:
 
 
 def from_json(content: object, name: str) -> LookContent:
-    """Return the look that plain values hold.
-
-    Args:
-        content: The result of :func:`to_json`.
-        name: Name of the file in messages.
-
-    Raises:
-        BadInput: As for :func:`read`.
-    """
+    """Return the look that :func:`to_json` made plain values of; raises BadInput, with a file's name, as `read`."""
     if not isinstance(content, Mapping) or KEY not in content:
         raise BadInput(f"{name} is not a look; make one with svv look save.")
     version = content[KEY]
@@ -170,13 +161,8 @@ def _region_in(told: object, styles: Mapping[str, StyleInput], name: str) -> Loo
     if colour is not None and not all(0.0 <= c <= 1.0 for c in colour):
         raise BadInput(f"{name}: the colour must have red, green and blue between 0 and 1.")
     values = None if content.get("values") is None else pair_in(content["values"], f"{name}, values")
-    return LookRegion(
-        validate_region_edits(content.get("edits", {}), name),
-        colour,
-        values,
-        style,
-        _laid_in(content.get("laid", {}), name),
-    )
+    edits, laid = validate_region_edits(content.get("edits", {}), name), _laid_in(content.get("laid", {}), name)
+    return LookRegion(edits, colour, values, style, laid)
 
 
 def _laid_in(told: object, name: str) -> Laid:
@@ -202,13 +188,7 @@ def _style_in(content: Json, key: str, name: str) -> StyleInput:
         from svv.styles.gallery import gallery_picture
 
         return StyleInput(gallery_picture(text_in(content["gallery"], f"{name}: the style '{key}'")), key)
-    picture = picture_in(content.get("picture"), f"{name}: the picture of the style '{key}'")
-    masks = {
-        kind: mask_in(content[kind], picture.shape, f"{name}: the {kind} of the style '{key}'")
-        for kind in ("mask", "part")
-        if content.get(kind) is not None
-    }
-    return style_with(picture, key, masks.get("mask"), masks.get("part"))
+    return style_in(content, key, f"{name}: the", key)
 
 
 def _lamp_in(content: Json, name: str) -> Lamp | None:
@@ -240,6 +220,12 @@ def figure_in(told: object, name: str) -> dict[str, Any]:
     return {key: _setting_in(fields[key], value, f"{name}, {key}") for key, value in content.items()}
 
 
+READERS: dict[object, Callable[[object, str], object]] = {
+    bool: switch_in, int: whole_in, float: number_in, str: text_in
+}  # fmt: skip
+"""Type of a setting -> what checks and reads it."""
+
+
 def _setting_in(field: Described, value: object, name: str) -> object:
     if value is None and field.optional:
         return None
@@ -251,10 +237,4 @@ def _setting_in(field: Described, value: object, name: str) -> object:
         if get_args(field.kind)[0] is float:
             return vector_in(value, name)
         return tuple(text_in(one, name) for one in list_in(value, len(value) if isinstance(value, list) else 0, name))
-    kinds: dict[object, Callable[[object, str], object]] = {
-        bool: switch_in,
-        int: whole_in,
-        float: number_in,
-        str: text_in,
-    }
-    return kinds[field.kind](value, name)
+    return READERS[field.kind](value, name)

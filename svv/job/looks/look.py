@@ -15,10 +15,9 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.history import edits_of
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.style_pictures import KEPT
-from svv.io.pictures.picture_data import mask_in, picture_in
 from svv.job.looks.applying import Applied, applied
 from svv.job.looks.file import read, write
-from svv.job.looks.look_content import Laid, LookContent, LookRegion, moved, style_with
+from svv.job.looks.look_content import Laid, LookContent, LookRegion, moved, style_in
 from svv.job.looks.matching import Matches, matched
 from svv.options.described import chosen
 from svv.options.figures import FigureOptions
@@ -123,10 +122,4 @@ def _style_of(
             f"The scene does not hold the picture of its style '{name}': give it with --style FILE (in Python, "
             "styles), or paint the scene again."
         )
-    picture = picture_in(kept[key]["picture"], f"The picture of the style '{name}'")
-    masks = {
-        kind: mask_in(kept[key][kind], picture.shape, f"The {kind} of the style '{name}'")
-        for kind in ("mask", "part")
-        if kind in kept[key]
-    }
-    return style_with(picture, key, masks.get("mask"), masks.get("part"))
+    return style_in(kept[key], key, "The", name)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
 from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
+from svv.io.pictures.picture_data import mask_in, picture_in
 from svv.train.paint.ink import StyleInput
 
 Colour = tuple[float, float, float]
@@ -90,11 +90,17 @@ def moved(camera: Camera, scene: Scene, to_box: bool) -> Camera:
     )
 
 
-def style_with(
-    picture: NDArray[np.floating], name: str, mask: NDArray[np.bool_] | None, part: NDArray[np.bool_] | None
-) -> StyleInput:
-    """Return the style that a mask of a picture makes, or a part of a divided picture within that mask, if any."""
-    return StyleInput(picture, name, mask) if part is None else StyleInput(picture, name, part, mask, divided=True)
+def style_in(told: Mapping[str, object], key: str, before: str, name: str) -> StyleInput:
+    """Return the style of a picture, its mask, and a part of it within that mask, which are data URIs if there.
+
+    Messages of BadInput begin with ``before`` and call the style ``name``.
+    """
+    picture = picture_in(told.get("picture"), f"{before} picture of the style '{name}'")
+    mask, part = (
+        None if told.get(kind) is None else mask_in(told[kind], picture.shape, f"{before} {kind} of the style '{name}'")
+        for kind in ("mask", "part")
+    )
+    return StyleInput(picture, key, mask) if part is None else StyleInput(picture, key, part, mask, divided=True)
 
 
 def whole_of(style: StyleInput) -> StyleInput:

@@ -26,15 +26,7 @@ RANGES = {
 
 
 def validate_region_edits(edits: object, name: str) -> dict[str, object]:
-    """Return edits of a region from plain values.
-
-    Args:
-        edits: Values by field of :class:`svv.fields.scene.region.Region`.
-        name: Name of the region in messages.
-
-    Raises:
-        BadInput: A field is unknown or no edit, or a value is of another type or out of range.
-    """
+    """Return a region's edits from plain values; raises BadInput if one is unknown, of another type or out of range."""
     try:
         given = values_of(Region, object_in(edits, f"{name}, edits"))
         region = with_edits(Region((0.5, 0.5, 0.5), 1.0), given)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,14 +78,8 @@ def matched(look: LookContent, scene: Scene, mapping: Mapping[int, int] | None =
     Regions of the same name belong together; of the others, first those whose ranges of values overlap most, then those
     whose palette colours are nearest. Regions of a look that came from no scene are handed out in turn, the largest
     region of the scene first. A part that was split off looks like its whole unless its name is in the look.
-
-    Args:
-        look: The look.
-        scene: The scene.
-        mapping: Region of the scene -> region of the look, for those that are not to be matched by themselves.
-
-    Raises:
-        BadInput: The scene has no regions, a region does not exist, or nothing matches.
+    ``mapping`` gives the look's region for those of the scene that are not to be matched by themselves. Raises BadInput
+    if the scene has no regions, a region does not exist, or nothing matches.
     """
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
@@ -93,22 +87,18 @@ def matched(look: LookContent, scene: Scene, mapping: Mapping[int, int] | None =
     found = {k: Match(k, v, ASKED) for k, v in _validate_mapping(mapping or {}, len(regions), len(sources)).items()}
     used = {match.source for match in found.values()}
 
-    def pair(costs: Callable[[Sequence[int], Sequence[int]], NDArray[np.float64]], most: float, why: str) -> None:
+    for costs, most, why in (
+        (_by_name, 0.0, NAME), (_by_values, 1.0 - LEAST_OVERLAP, VALUES), (_by_colour, 1e3, COLOUR),
+        (_in_turn, 1e3, TURN),
+    ):  # fmt: skip
         free = [k for k in range(len(regions)) if k not in found and (why == NAME or regions[k].part_of is None)]
         rest = [k for k in range(len(sources)) if k not in used]
-        if not free or not rest:
-            return
-        cost = costs(free, rest)
-        for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e6)), strict=True):
-            if cost[row, column] <= most:
-                said = why.format(float(cost[row, column]))
-                found[free[row]] = Match(free[row], rest[column], said)
-                used.add(rest[column])
-
-    pair(lambda a, b: _by_name([regions[k] for k in a], [sources[k] for k in b]), 0.0, NAME)
-    pair(lambda a, b: _by_values([regions[k] for k in a], [sources[k] for k in b]), 1.0 - LEAST_OVERLAP, VALUES)
-    pair(lambda a, b: _by_colour([regions[k] for k in a], [sources[k] for k in b]), 1e3, COLOUR)
-    pair(lambda a, b: _in_turn([regions[k] for k in a], [sources[k] for k in b]), 1e3, TURN)
+        if free and rest:
+            cost = costs([regions[k] for k in free], [sources[k] for k in rest])
+            for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e6)), strict=True):
+                if cost[row, column] <= most:
+                    found[free[row]] = Match(free[row], rest[column], why.format(float(cost[row, column])))
+                    used.add(rest[column])
     for number, region in enumerate(regions):
         if number not in found and region.part_of in found:
             found[number] = Match(number, found[region.part_of].source, f"as {label_of(regions, region.part_of)}")

@@ -49,11 +49,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 
 def offered(source: str) -> dict[str, Any] | None:
-    """Return the look that ``gallery:NAME`` means, as plain values; None if the text names no look of the gallery.
-
-    Raises:
-        BadInput: There is no such look.
-    """
+    """Return the look ``gallery:NAME`` as plain values; None for other text. Raises BadInput if there is none."""
     if not source.startswith(PREFIX):
         return None
     name = source.removeprefix(PREFIX).strip().lower().replace("_", "-").replace(" ", "-")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 
@@ -14,30 +14,20 @@ from svv.core.colour.colour_vision import from_oklab, oklab
 Colour = tuple[float, float, float]
 
 
-def _moved(towards_white: float, chroma: float, darker: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a change of a colour in Oklab: towards white, more or less colourful, and darker."""
-
-    def change(lab: np.ndarray) -> np.ndarray:
-        light = lab[0] * darker
-        return np.array([light + towards_white * (1.0 - light), chroma * lab[1], chroma * lab[2]])
-
-    return change
-
-
-MODIFIERS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "pale": _moved(0.5, 0.55),
-    "light": _moved(0.35, 0.8),
-    "lighter": _moved(0.25, 0.9),
-    "brighter": _moved(0.2, 1.1),
-    "bright": _moved(0.1, 1.35),
-    "vivid": _moved(0.0, 1.5),
-    "deep": _moved(0.0, 1.1, 0.75),
-    "dark": _moved(0.0, 0.95, 0.6),
-    "darker": _moved(0.0, 1.0, 0.75),
-    "dull": _moved(0.0, 0.4),
-    "muted": _moved(0.0, 0.5),
+MODIFIERS = {
+    "pale": (0.5, 0.55, 1.0),
+    "light": (0.35, 0.8, 1.0),
+    "lighter": (0.25, 0.9, 1.0),
+    "brighter": (0.2, 1.1, 1.0),
+    "bright": (0.1, 1.35, 1.0),
+    "vivid": (0.0, 1.5, 1.0),
+    "deep": (0.0, 1.1, 0.75),
+    "dark": (0.0, 0.95, 0.6),
+    "darker": (0.0, 1.0, 0.75),
+    "dull": (0.0, 0.4, 1.0),
+    "muted": (0.0, 0.5, 1.0),
 }
-"""Word before the name of a colour -> what it changes."""
+"""Word before the name of a colour -> how far towards white, and factors on its chroma and lightness, in Oklab."""
 
 
 @cache
@@ -62,8 +52,9 @@ def changed(colour: Sequence[float], modifier: str) -> Colour:
     >>> [round(c, 2) for c in changed((0.0, 0.0, 0.0), "dark")]
     [0.0, 0.0, 0.0]
     """
-    lab = MODIFIERS[modifier](oklab(np.asarray(colour, np.float64)))
-    r, g, b = (float(c) for c in np.clip(from_oklab(lab), 0.0, 1.0))
+    towards_white, chroma, darker = MODIFIERS[modifier]
+    light, *hue = oklab(np.asarray(colour, np.float64)) * (darker, chroma, chroma)
+    r, g, b = (float(c) for c in np.clip(from_oklab(np.array([light + towards_white * (1.0 - light), *hue])), 0.0, 1.0))
     return r, g, b
 
 

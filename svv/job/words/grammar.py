@@ -74,14 +74,10 @@ class Clause:
 
 
 def understood(text: str, regions: Sequence[Region]) -> list[Clause]:
-    """Return what a sentence asks for, clause by clause, each with its regions.
+    """Return what an English sentence asks for, clause by clause, each with its regions.
 
-    Args:
-        text: The sentence, English.
-        regions: The scene's regions, whose names it may use; without one, "region 0".
-
-    Raises:
-        BadInput: A word is unknown, no region is named, a clause wants two things at once, or there is nothing to do.
+    It may use the names of the scene's regions; without one, "region 0". Raises BadInput if a word is unknown, no
+    region is named, a clause wants two things at once, or there is nothing to do.
     """
     if len(text) > LONGEST:
         raise BadInput(f"A sentence has at most {LONGEST} characters, not {len(text)}: say less at once.")

@@ -1,8 +1,7 @@
 """A scene baked into a volume of bytes that VTK's volume mappers draw (:mod:`svv.render.baking.baked_volume`).
 
-What edits do not change (:class:`svv.render.baking.voxels.Matter`) can be kept for the next bake.
-
-Letters: S points in occupied cells, (Z, Y, X) points of the grid.
+What edits do not change (:class:`Matter`) is kept for the next bake. Letters: S points in occupied cells, (Z, Y, X)
+points of the grid.
 """
 
 from __future__ import annotations
@@ -57,17 +56,7 @@ class Baker:
 
     @torch.no_grad()
     def bake(self, scene: Scene, options: BakeOptions, progress: Progress = silent) -> BakedVolume:
-        """Bake a scene with its edits.
-
-        Args:
-            scene: A scene with a palette network.
-            options: Resolution, light, and what is shown.
-            progress: Called for every chunk of points; the work stops when it raises.
-
-        Raises:
-            BadInput: The scene lacks the network or one of the regions, its colours have no palette, or the options
-                allow too little memory.
-        """
+        """Bake a scene with its edits; BadInput if it lacks network, palette or regions, or memory does not suffice."""
         network = network_of(scene, options)
         if options.regions is not None:
             scene = scene.isolated(*options.regions)
@@ -104,16 +93,8 @@ class Baker:
         shown = [k for k, member in enumerate(every) if any(r.seen_opacity for r in member.regions)] or [0]
         for done, number in enumerate(shown):
             member, own = every[number], network_in(every[number], network_of(scene, options))
-            key = (
-                member.base,
-                member.palette_network,
-                member.styled,
-                member.regions,
-                member.parts,
-                member.lamp,
-                member.cuts,
-                options,
-            )
+            of_scene = member.base, member.palette_network, member.styled, member.regions, member.parts
+            key = *of_scene, member.lamp, member.cuts, options
             baker, known, volume = self._layers.get(number, (Baker(), None, None))
             if volume is None or known != key:
                 share = part(progress, done / len(shown), (done + 1) / len(shown))
@@ -123,11 +104,7 @@ class Baker:
 
 
 def grid_for(scene: Scene, options: BakeOptions) -> Grid:
-    """Return the grid of a scene's baked volume.
-
-    Raises:
-        BadInput: See :meth:`Baker.bake`.
-    """
+    """Return the grid of a scene's baked volume; raises BadInput as :meth:`Baker.bake`."""
     network = network_of(scene, options)
     grids = [grid_of(member, options, network_in(member, network)) for member in members(scene)]
     return grids[0] if len(grids) == 1 else grid_around(grids, options.memory)
@@ -149,11 +126,7 @@ def bake(scene: Scene, options: BakeOptions = BakeOptions(), progress: Progress 
 
 
 def network_of(scene: Scene, options: BakeOptions) -> NetworkName:
-    """Return the name of the network that gives the colours.
-
-    Raises:
-        BadInput: The scene lacks it, or it is ``base``.
-    """
+    """Return the name of the network that gives the colours; BadInput if the scene lacks it, or it is ``base``."""
     network = options.network or cast(NetworkName, scene.networks[-1])
     if network not in scene.networks:
         raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")

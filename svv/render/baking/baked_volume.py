@@ -1,10 +1,8 @@
-"""Volumes of bytes that VTK's volume mappers draw: a colour and a code of the extinction a point.
+"""Volumes of bytes that VTK's volume mappers draw: a colour and a code of the extinction a point. (Z, Y, X)
 
-Such a volume is drawn with its colours as they are (``MapScalars`` off, no independent components) and with the opacity
+They are drawn with their colours as they are (``MapScalars`` off, no independent components) and with the opacity
 function of :mod:`svv.core.volumes.opacity_code` over the volume's unit distance. Points around the visible ones are
 empty but have their neighbours' colour, because mappers interpolate colours and codes apart.
-
-(Z, Y, X): points of the grid.
 """
 
 from __future__ import annotations
@@ -61,15 +59,11 @@ class BakedVolume:
 
 
 def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:
-    """Return a volume on a grid of half its resolution.
+    """Return a volume on a grid of half its resolution, between whose points those of the volume lie.
 
     Points of a coarse grid miss what is thinner than its voxels, so points around each are averaged: the square root of
     their extinction, which gives better images than its logarithm, opacity, or extinction itself
     (docs/measurements/large.md#baked-volumes).
-
-    Args:
-        volume: The finer volume.
-        grid: Points of the coarser one, on which those of the finer one lie between them.
     """
     fine = volume.grid
     first = 2 * np.array(grid.first[::-1]) - np.array(fine.first[::-1])
@@ -78,20 +72,15 @@ def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:
     halve(volume.rgba, np.sqrt(depths(volume.most)), first, rgba, root)
     with np.errstate(divide="ignore"):
         logs = (2.0 * np.log(root) + np.log(grid.unit_distance / fine.unit_distance)).astype(np.float32)
-    most = most_of(logs)
-    rgba[..., 3] = codes_of(logs, most)
-    extend_colours(rgba, np.flatnonzero(rgba[..., 3] == 0))
-    span_all_bytes(rgba.reshape(-1, 4))
+    most = _encode(rgba, logs)
     ends = np.array([*volume.ranges[0][:3], [0.0, rgba[..., 3].max()]])
     return replace(volume, rgba=rgba, grid=grid, most=most, ranges=(ends, volume.ranges[1]))
 
 
 def summed(volumes: Sequence[BakedVolume], grid: Grid) -> BakedVolume:
-    """Return volumes in one, on a grid of its own: extinctions add, and colours mix by their extinctions.
+    """Return one or more volumes in one, on a grid of its own: extinctions add, and colours mix by extinctions.
 
-    Args:
-        volumes: At least one volume.
-        grid: Points of the sum. Between those of a volume, codes and colours are interpolated as mappers do it.
+    Between the points of a volume, codes and colours are interpolated as mappers do it.
     """
     rgba = np.zeros((*grid.shape[::-1], 4), np.uint8)
     total = np.zeros(grid.shape[::-1], np.float32)
@@ -104,12 +93,18 @@ def summed(volumes: Sequence[BakedVolume], grid: Grid) -> BakedVolume:
     )  # fmt: skip
     with np.errstate(divide="ignore"):
         logs = np.log(total, out=total) + np.float32(np.log(grid.unit_distance))
+    most = _encode(rgba, logs)
+    ends = np.array([*volumes[0].ranges[0][:3], [0.0, rgba[..., 3].max()]])
+    return BakedVolume(rgba, grid, most, (ends, (0.0, longest(rgba))))
+
+
+def _encode(rgba: NDArray[np.uint8], logs: NDArray[np.float32]) -> float:
+    """Set the codes of logarithms of extinctions, and the colours where nothing is; return what the codes refer to."""
     most = most_of(logs)
     rgba[..., 3] = codes_of(logs, most)
     extend_colours(rgba, np.flatnonzero(rgba[..., 3] == 0))
     span_all_bytes(rgba.reshape(-1, 4))
-    ends = np.array([*volumes[0].ranges[0][:3], [0.0, rgba[..., 3].max()]])
-    return BakedVolume(rgba, grid, most, (ends, (0.0, longest(rgba))))
+    return most
 
 
 def span_all_bytes(flat: NDArray[np.uint8]) -> None:
@@ -125,20 +120,10 @@ def span_all_bytes(flat: NDArray[np.uint8]) -> None:
 
 
 def write_baked(path: Path, volume: BakedVolume, progress: Progress = silent) -> Path:
-    """Write a volume as VTK image data, and beside it its opacity function as a ParaView preset.
+    """Write a volume as VTK image data, ``NAME.vti``, and beside it its opacity function as a ParaView preset.
 
     The file's field data hold the function and its unit distance as well (:data:`OPACITY`, :data:`UNIT_DISTANCE`).
-
-    Args:
-        path: The file, by convention ``NAME.vti``.
-        volume: The volume.
-        progress: Called while it is compressed.
-
-    Returns:
-        The preset's file, ``NAME.json``.
-
-    Raises:
-        BadInput: Nothing is visible, or a file cannot be written.
+    Returns the preset's file, ``NAME.json``. Raises BadInput if nothing is visible, or a file cannot be written.
     """
     if volume.empty:
         raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")

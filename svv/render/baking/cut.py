@@ -28,13 +28,9 @@ CHUNK = 1 << 19
 
 
 def cut(volume: BakedVolume, side: Side) -> BakedVolume:
-    """Return a volume without what lies on one side of a surface.
+    """Return a volume without what lies where ``side`` is positive; it is 0 at a surface, and smooth there.
 
     Extinction is halved at the surface, drops to 1/20 over each voxel beyond it, and ends after two.
-
-    Args:
-        volume: The volume; it is left as it is.
-        side: Positive on the side to cut off, 0 at the surface, and smooth there.
     """
     grid, codes = volume.grid, volume.rgba[..., 3].ravel().copy()
     places = np.flatnonzero(codes)

@@ -1,12 +1,9 @@
 """Writes a baked volume as OpenVDB, for Blender, Houdini and other programs that draw smoke and clouds.
 
-The file holds two grids in world units: ``density`` is the extinction, in 1 / world unit, and ``Cd`` the colour, both
-named as these programs expect. They draw with linear light, so colours are sRGB's, decoded. OpenVDB itself is not a
-dependency: a Python that has its module writes the file (:mod:`svv.io.openvdb_script`).
-
-OpenVDB refuses transforms of tiny voxels (10.0.1 below 1.4e-5: it takes the determinant for 0), and programs hold
-transforms in single precision. Volumes with very small or large voxels are therefore written in another unit, a power
-of 1000 world units, which the file's metadata tells as ``world_units``.
+The grids are ``density``, the extinction in 1 / world unit, and ``Cd``, linear colours, as these programs expect. A
+Python that has OpenVDB's module writes the file (:mod:`svv.io.openvdb_script`). OpenVDB refuses transforms of tiny
+voxels (10.0.1 below 1.4e-5: it takes the determinant for 0), and programs hold transforms in single precision, so very
+small or large voxels are written in another unit, a power of 1000 world units, the metadata's ``world_units``.
 """
 
 from __future__ import annotations
@@ -49,11 +46,7 @@ MISSING = (
 
 
 def python_with_openvdb() -> str:
-    """Return the path of a Python that can write OpenVDB files.
-
-    Raises:
-        BadInput: There is none.
-    """
+    """Return the path of a Python that can write OpenVDB files; raises BadInput if there is none."""
     named = os.environ.get(PYTHON)
     candidates = [named] if named else list(dict.fromkeys([sys.executable, SYSTEM]))
     find = "import importlib.util as u, sys; sys.exit(not any(map(u.find_spec, ('openvdb', 'pyopenvdb'))))"
@@ -79,13 +72,7 @@ def unit_for(spacing: float) -> float:
 def write_vdb(path: Path, volume: BakedVolume, progress: Progress = silent) -> list[str]:
     """Write a volume as an OpenVDB file with the grids ``density`` and ``Cd``; return sentences on its unit and place.
 
-    Args:
-        path: The file, by convention ``NAME.vdb``.
-        volume: The volume.
-        progress: Called while the file is written; writing stops when it raises.
-
-    Raises:
-        BadInput: Nothing is visible, no Python here has OpenVDB's module, or the file cannot be written.
+    Raises BadInput if nothing is visible, no Python here has OpenVDB's module, or the file cannot be written.
     """
     if volume.empty:
         raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from torch import Tensor
 
 from svv.core.colour import palette_shading
@@ -65,10 +66,8 @@ class Grid:
 def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
     """Return the finest grid that the scene needs and the options allow.
 
-    Its resolution divides the cells of the scene's occupancy or is a multiple of them.
-
-    Raises:
-        BadInput: Not even the coarsest grid fits into the memory allowed, or the scene holds nothing.
+    Its resolution divides the cells of the scene's occupancy or is a multiple of them. Raises BadInput if not even the
+    coarsest grid fits into the memory allowed, or the scene holds nothing.
     """
     cells = scene.occupancy.cells
     filled = np.argwhere(scene.occupancy.occupied > 0)
@@ -86,12 +85,7 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
 
 
 def grid_around(grids: Sequence[Grid], memory: float) -> Grid:
-    """Return a grid that contains others, as fine as the finest of them and aligned with it if memory allows.
-
-    Args:
-        grids: At least one grid.
-        memory: Gigabytes that a volume may take, 4 bytes for each point.
-    """
+    """Return a grid that contains others, as fine as the finest and aligned with it if ``memory`` (GB) allows."""
     finest = min(grids, key=lambda grid: grid.spacing)
     spacing, origin = finest.spacing, np.array(finest.origin)
     low = np.min([grid.origin for grid in grids], axis=0)
@@ -102,9 +96,8 @@ def grid_around(grids: Sequence[Grid], memory: float) -> Grid:
         size = 4.0 * x * y * z / (memory * 1e9)
         if size <= 1.0:
             place = float(first[0]), float(first[1]), float(first[2])
-            return Grid(
-                max(1, round(finest.resolution * finest.spacing / spacing)), (x, y, z), (0, 0, 0), place, spacing
-            )
+            resolution = max(1, round(finest.resolution * finest.spacing / spacing))
+            return Grid(resolution, (x, y, z), (0, 0, 0), place, spacing)
         spacing *= 1.01 * float(np.cbrt(size))
 
 
@@ -171,13 +164,7 @@ class Matter:
 
 @torch.no_grad()
 def matter_of(scene: Scene, grid: Grid, progress: Progress = silent) -> Matter:
-    """Look up extinction and material of a scene at the points of a grid.
-
-    Args:
-        scene: A scene with a palette network; its edits do not count.
-        grid: Points to look at.
-        progress: Called for every chunk of points.
-    """
+    """Look up extinction and material of a scene with a palette network, without its edits, at the points of a grid."""
     assert scene.palette_network is not None
     progress(0.0, "finding points")
     position, place = _points(scene.occupancy, grid)
@@ -196,7 +183,10 @@ def matter_of(scene: Scene, grid: Grid, progress: Progress = silent) -> Matter:
     chosen = torch.cat(kept)
     place = place[chosen.numpy()]
     rest = (torch.cat(parts) for parts in zip(*found, strict=True))
-    return Matter(grid, position[chosen].to(device), place, _beside(place, grid), torch.cat(logs), *rest)
+    there = np.zeros(grid.shape[::-1], bool)
+    there.ravel()[place] = True
+    near = np.flatnonzero(maximum_filter(there, 3))
+    return Matter(grid, position[chosen].to(device), place, near, torch.cat(logs), *rest)
 
 
 def _material(palette: PaletteField, position: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -235,20 +225,6 @@ def _points(occupancy: Occupancy, grid: Grid) -> tuple[Tensor, NDArray[np.int64]
     places = lattice.places_of_level(0, *where)[rows][order]
     end = np.asarray(occupancy.box.extent, np.float32)
     return torch.from_numpy(np.minimum(places, end)), place[order]
-
-
-def _beside(place: NDArray[np.int64], grid: Grid) -> NDArray[np.int64]:
-    """Return the flat indices of points and their 26 neighbours, ascending."""
-    there = np.zeros(grid.shape[::-1], bool)
-    there.ravel()[place] = True
-    for axis in range(3):
-        wide = there.copy()
-        before, behind = [slice(None)] * 3, [slice(None)] * 3
-        before[axis], behind[axis] = slice(None, -1), slice(1, None)
-        wide[tuple(before)] |= there[tuple(behind)]
-        wide[tuple(behind)] |= there[tuple(before)]
-        there = wide
-    return np.flatnonzero(there)
 
 
 def paint_at(network: UnrestrictedField, matter: Matter) -> Tensor:

@@ -62,15 +62,7 @@ def bar_size(lettering: Lettering, text: str, length: float) -> tuple[float, flo
 
 
 def draw_bar(axes: Axes, place: tuple[float, float], lettering: Lettering, text: str, length: float) -> None:
-    """Draw a scale bar with its text above it, in axes of mm from the lower left corner.
-
-    Args:
-        axes: Matplotlib's axes over the panel.
-        lettering: Its text.
-        text: Its length in words.
-        length: Its length.
-        place: Lower left corner of its box (:func:`bar_size`).
-    """
+    """Draw a scale bar with its text above it; its box (:func:`bar_size`) begins at a place in axes of mm."""
     width, _ = bar_size(lettering, text, length)
     x, y = place[0] + 0.5 * (width - length), place[1] + INSET
     _line(axes, (x, x + length), (y + 0.5 * BAR_WIDTH,) * 2, lettering, BAR_WIDTH)
@@ -109,12 +101,8 @@ def draw_axes(
 ) -> None:
     """Draw how the world's axes lie before a camera: arrows, or a dot or a cross for one along the line of sight.
 
-    Args:
-        axes: Matplotlib's axes over the panel, in mm from the lower left corner.
-        place: Lower left corner of the box (:func:`axes_size`).
-        lettering: Its text.
-        names: Names of the axes.
-        camera: Camera of the panel.
+    The lower left corner of their box (:func:`axes_size`) is at a place in axes of mm from the panel's lower left
+    corner.
     """
     tips, at = _axes(lettering, camera)
     towards = camera.camera_to_world[:3, 2]

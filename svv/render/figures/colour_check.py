@@ -70,13 +70,9 @@ def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str
 
 
 def seen_in_picture(path: Path) -> list[list[Seen]]:
-    """Return the colours of the regions of each panel of a figure, or the main colours of any other picture.
+    """Return the colours of the regions of each panel of a figure, or the main colours of another PNG or TIFF.
 
-    Args:
-        path: A PNG or TIFF; figures of ``svv figure`` tell their regions.
-
-    Raises:
-        BadInput: It is no picture, or what it tells is damaged.
+    Figures of ``svv figure`` tell their regions. Raises BadInput if it is no picture, or what it tells is damaged.
     """
     from svv.render.figures.files import read_region_metadata
 

@@ -29,15 +29,7 @@ from svv.options.figures import FigureOptions
 from svv.render.emptiness import SHOW, why_empty
 from svv.render.figures.colour_check import describe_lookalikes, merging, regions_to_json, report_on
 from svv.render.figures.files import check_kind, write_figure
-from svv.render.figures.framing import (
-    camera_through,
-    free_corner,
-    parallel,
-    preview_camera,
-    together,
-    windows_of,
-)
-from svv.render.figures.layout import Line
+from svv.render.figures.framing import camera_through, free_corner, parallel, preview_camera, together, windows_of
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
 from svv.render.supersampled import supersampled
@@ -48,7 +40,7 @@ if TYPE_CHECKING:
 
     from svv.fields.scene.scene import Scene
     from svv.render.figures.framing import Window
-    from svv.render.figures.layout import Box, Layout
+    from svv.render.figures.layout import Box, Layout, Line
     from svv.render.figures.lettering import Lettering
 
 SWATCH_VIEW = 400

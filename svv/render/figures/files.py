@@ -44,16 +44,11 @@ def check_kind(path: str | Path) -> Path:
 
 
 def write_figure(figure: Figure, path: str | Path, told: str = "") -> None:
-    """Write a figure of :func:`svv.render.figures.figure.figure`, whole or not at all.
+    """Write a :func:`svv.render.figures.figure.figure` as .pdf, .svg, .png, .tif or .tiff, whole or not at all.
 
-    Args:
-        figure: The figure; its own resolution is kept. Its label is the title of an SVG, the subject of a PDF, and the
-            description of a PNG: by default what it shows, in words.
-        path: A .pdf, .svg, .png, .tif or .tiff.
-        told: What a PNG or TIFF tells of the colours of its regions, for :func:`read_region_metadata`.
-
-    Raises:
-        BadInput: The extension is not known, or the file cannot be written.
+    Its resolution is kept. Its label is the title of an SVG, the subject of a PDF, and the description of a PNG: by
+    default what it shows, in words. ``told`` is what a PNG or TIFF tells of the colours of its regions, for
+    :func:`read_region_metadata`. Raises BadInput if the extension is not known, or the file cannot be written.
     """
     from svv.render.figures.lettering import as_text
 

@@ -52,12 +52,7 @@ def preview_camera(camera: Camera) -> Camera:
 
 
 def together(seen: Sequence[NDArray[np.float32]], cameras: Sequence[Camera]) -> list[NDArray[np.float32]]:
-    """Return what is visible to each camera in any of the previews that it has, so that all of them are trimmed alike.
-
-    Args:
-        seen: Alpha of each panel's preview. (h, w) each
-        cameras: The camera of each.
-    """
+    """Return what each camera sees in any of its previews of alpha (h, w), so that all of them are trimmed alike."""
     whole: dict[object, NDArray[np.float32]] = {}
     names = [(c.camera_to_world.tobytes(), c.fov_x, c.width, c.height, c.span_x, *c.principal_point) for c in cameras]
     for name, alpha in zip(names, seen, strict=True):
@@ -66,12 +61,7 @@ def together(seen: Sequence[NDArray[np.float32]], cameras: Sequence[Camera]) -> 
 
 
 def windows_of(seen: Sequence[NDArray[np.floating]], content: bool) -> list[Window]:
-    """Return the window of each panel; all have one size, so that all are shown at one scale.
-
-    Args:
-        seen: Alpha of each panel's preview. (h, w) each
-        content: Whether to show only what is visible, otherwise the whole frames.
-    """
+    """Return the window of each preview's alpha (h, w), of one size: the whole frame, or only visible ``content``."""
     boxes = [_box(alpha) if content else (0.0, 0.0, float(alpha.shape[1]), float(alpha.shape[0])) for alpha in seen]
     width, height = max(box[2] for box in boxes), max(box[3] for box in boxes)
     more = 2.0 * MARGIN * max(width, height) if content else 0.0
@@ -114,20 +104,11 @@ def distance_to(camera: Camera, middle: NDArray[np.floating]) -> float:
 
 
 def free_corner(
-    alpha: NDArray[np.floating],
-    window: Window,
-    size: tuple[float, float],
-    taken: Sequence[str],
-    strip: float = 0.0,
+    alpha: NDArray[np.floating], window: Window, size: tuple[float, float], taken: Sequence[str], strip: float = 0.0
 ) -> str | None:
-    """Return a corner of the window where nothing is visible, or None.
+    """Return a corner of a preview's window, not ``taken``, where its alpha (h, w) shows nothing, or None.
 
-    Args:
-        alpha: Alpha of the preview. (h, w)
-        window: What the panel shows of it.
-        size: Width and height of the corner as fractions of the window's width.
-        taken: Corners with something else in them.
-        strip: Height of the empty strip below the window, as a fraction of its width.
+    ``size`` of the corner and ``strip``, the height of what is empty below, are fractions of the window's width.
     """
     height, width = alpha.shape
     across, down, more = (part * window.width for part in (*size, strip))

@@ -75,19 +75,11 @@ def laid_out(
     count: int,
     remarks: Sequence[str] = (),
 ) -> Layout:
-    """Lay out a figure.
+    """Lay out a figure of ``count`` panels of one aspect, height over width.
 
-    Args:
-        options: Width, panels beside each other, and where the legend goes.
-        lettering: Text of the legend.
-        aspect: Height over width of the panels.
-        legends: One legend for all panels, or one for each; empty for none.
-        head: Whether there is a line of text above each panel.
-        count: Number of panels.
-        remarks: A remark below each legend, '' for none; by default none anywhere.
-
-    Raises:
-        BadInput: The legend does not fit, or the figure is too small for its panels or too high.
+    There is one legend for all panels, or one for each, empty for none, with a remark below it, '' for none; with
+    ``head``, there is a line of text above each panel. Raises BadInput if the legend does not fit, or the figure is too
+    small for its panels or too high.
     """
     across = columns_for(count, options.across)
     single = len(legends) == 1 and len(legends[0]) > 0

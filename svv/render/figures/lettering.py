@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
@@ -46,10 +46,10 @@ class Lettering:
         """Distance of lines in mm."""
         return LINE * self.points * MM_A_POINT
 
-    def properties(self, bold: bool = False, size: float = 1.0) -> dict[str, Any]:
+    def properties(self, bold: bool = False) -> dict[str, Any]:
         """Return keyword arguments of matplotlib's texts; a ``$`` is a dollar sign."""
         weight = "bold" if bold else "normal"
-        font = FontProperties(family=list(self.families), weight=weight, size=size * self.points)
+        font = FontProperties(family=list(self.families), weight=weight, size=self.points)
         return {"fontproperties": font, "color": self.ink, "parse_math": False}
 
     def width(self, text: str, bold: bool = False) -> float:
@@ -76,17 +76,18 @@ class Lettering:
 
 
 def families_for(texts: Iterable[str], font: str | None) -> tuple[str, ...]:
-    """Return fonts that have all characters of some texts: the chosen one first, others only for what it lacks.
+    """Return fonts for all characters, the chosen one first.
 
-    Raises:
-        BadInput: The chosen font is not installed, or no installed font has a character.
+    Raises BadInput if it, or one for a character, is missing.
     """
     families = [OWN_FONT] if font is None else [_installed(font), OWN_FONT]
+    installed = dict.fromkeys(entry.name for entry in font_manager.fontManager.ttflist)
+    others = [name for name in installed if not name.startswith(NOT_FONTS)]
     for text in texts:
         for character in text:
             if unicodedata.category(character) == "Cf" or any(ord(character) in _characters(f) for f in families):
                 continue
-            other = next((f for f in _others() if ord(character) in _characters(f)), None)
+            other = next((f for f in others if ord(character) in _characters(f)), None)
             if other is None:
                 raise BadInput(
                     f"No installed font has the character '{character}' (U+{ord(character):04X}) of '{text}': install "
@@ -126,11 +127,6 @@ def _characters(family: str) -> frozenset[int]:
         return frozenset(FT2Font(str(font_file(family))).get_charmap())
     except (ValueError, RuntimeError, OSError):  # not installed, or a kind of font that cannot be embedded
         return frozenset()
-
-
-def _others() -> Sequence[str]:
-    names = dict.fromkeys(entry.name for entry in font_manager.fontManager.ttflist)
-    return [name for name in names if not name.startswith(NOT_FONTS)]
 
 
 def as_text() -> AbstractContextManager[None]:

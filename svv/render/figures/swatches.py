@@ -1,8 +1,7 @@
 """Swatches of a legend: a small sphere in the paint and light of each region, as opaque as the region looks.
 
-The paint is cut from a picture of the region alone, without its light, where most of it is in one piece, and wrapped
-around the sphere. The light is the scene's own where it can be moved; a light that a network learned is measured: how
-bright the region is at its darkest and at its brightest.
+The paint is cut from a picture of the region alone, without its light, where most of it is in one piece. The light is
+the scene's own where it can be moved; of a learned one is measured how dark and how bright it makes the region.
 """
 
 from __future__ import annotations
@@ -70,15 +69,9 @@ def format_ranges(ranges: tuple[tuple[float, float], ...], unit: str | None) -> 
 def entries_of(
     scene: Scene, camera: Camera, network: str, size: int, diameter: float, unit: str | None = None
 ) -> list[Entry]:
-    """Return the lines of the legend of a scene: its visible regions, in their order.
+    """Return the lines of the legend of a scene with a palette network: its visible regions, in their order.
 
-    Args:
-        scene: A scene with a palette network.
-        camera: Camera of the panel; a smaller picture than the panel's is enough.
-        network: ``pcn`` or ``styled``.
-        size: Side of a swatch in pixels.
-        diameter: Its diameter in pixels of the camera's picture.
-        unit: Unit of the values.
+    A picture of the camera may be smaller than the panel's. For ``size`` and ``diameter``, see :func:`swatch`.
     """
     found = []
     for number, region in enumerate(scene.regions):
@@ -94,13 +87,7 @@ def entries_of(
 def swatch(scene: Scene, number: int, camera: Camera, network: str, size: int, diameter: float) -> Picture | None:
     """Return the swatch of one region, straight RGBA (size, size, 4); None if no pixel of the camera shows it.
 
-    Args:
-        scene: A scene with a palette network.
-        number: Number of the region.
-        camera: Camera of a picture of the scene.
-        network: ``pcn`` or ``styled``.
-        size: Side of the swatch in pixels.
-        diameter: Its diameter in pixels of the camera's picture.
+    The network is ``pcn`` or ``styled``; ``diameter`` is the swatch's in pixels of the camera's picture.
     """
     flat = _alone(scene, number, camera, network, light=False)
     seen = flat.rgba[..., 3] > max(LEAST_ALPHA, 0.1 * float(flat.rgba[..., 3].max()))
@@ -172,12 +159,7 @@ def _wrapped(
 
 
 def _lit(
-    scene: Scene,
-    number: int,
-    camera: Camera,
-    network: str,
-    paint: Picture,
-    sphere: tuple[Picture, Picture, Picture],
+    scene: Scene, number: int, camera: Camera, network: str, paint: Picture, sphere: tuple[Picture, Picture, Picture]
 ) -> Picture:
     """Return the paint on a sphere under the light of its region. (size, size, 3)"""
     coefficients = scene.coefficients()

@@ -1,10 +1,7 @@
 """A scene's fields on grids, for a viewer that interpolates them instead of running networks.
 
-A page has to be small enough to be sent, so the values are stored with as few levels as their effect on pictures needs:
-a byte's worth where a surface shows them, hardly any where a haze does. What that costs in dB is measured in
-docs/measurements/large.md#pages-for-browsers.
-
-Letters: V vertices of a grid, C channels, P regions, N levels.
+Values are stored with as few levels as their effect on pictures needs, so that a page can be sent; what that costs in
+dB is in docs/measurements/large.md#pages-for-browsers. Letters: V vertices of a grid, C channels, P regions, N levels.
 """
 
 from __future__ import annotations
@@ -138,10 +135,7 @@ class Baker:
         self._seen: dict[int, NDArray[np.float32]] = {}
 
     def grid(self, encoding: Encoding | None) -> Grid:
-        """Return the grid on which an encoding's values are stored: that of its finest level.
-
-        A hash grid has no vertices of its own: its values are stored at the corners of the occupied cells.
-        """
+        """Return the grid for an encoding's values: of its finest level, or for a hash grid of the occupied cells."""
         finest = encoding.resolutions[-1] if isinstance(encoding, SparseLattice) else self.scene.occupancy.cells
         resolution = int(finest)
         if resolution not in self.grids:
@@ -221,16 +215,15 @@ class Baker:
             network = self.scene.with_variant(variant.name).paint_shown
             assert network is not None
             grid = self.grid(network.encoding)
-            colours = torch.cat(
-                [self._darkened(network(places).clamp(0.0, 1.0), places) for places in grid.pieces()]
-            ).numpy()
-            self.found.append(Field.of(f"paint{number}", grid.resolution, self.stored(grid, colours, PAINT), unit=True))
-
-    def _darkened(self, paint: Tensor, places: Tensor) -> Tensor:
-        """Return paint (V, 3) at places (V, 3) with the ambient occlusion of their regions."""
-        if is_occluded(self.scene):
-            occlude(self.scene, paint, places, self.scene.region_of(places, self.palette.material(places)[1]))
-        return paint
+            pieces = []
+            for places in grid.pieces():
+                pieces.append(network(places).clamp(0.0, 1.0))
+                if is_occluded(self.scene):
+                    occlude(
+                        self.scene, pieces[-1], places, self.scene.region_of(places, self.palette.material(places)[1])
+                    )
+            stored = self.stored(grid, torch.cat(pieces).numpy(), PAINT)
+            self.found.append(Field.of(f"paint{number}", grid.resolution, stored, unit=True))
 
     def light(self, progress: Progress) -> dict[str, object]:
         """Add the light, if the scene has one, and return how a viewer reads that of a network."""
@@ -252,21 +245,15 @@ class Baker:
 
 @torch.no_grad()
 def fields_of(scene: Scene, progress: Progress = silent) -> tuple[list[Field], dict[str, object]]:
-    """Return what a viewer needs to draw a scene with its palette.
+    """Return what a viewer needs to draw a scene with a palette network, on the CPU, and how to read a network's light.
 
     ``extinction`` is its logarithm (1 channel). ``weights`` holds palette weights (P), ``material`` the intensity and
     the palette's colours with their offsets (1 + 3 P). ``light`` holds vectors v of the normals under an explicit light
     (3) and otherwise amounts of light; it is missing where the scene has no light. ``paint0``, ``paint1`` and so on are
     the colours of its paintings (3 each).
 
-    Args:
-        scene: A scene with a palette network, on the CPU.
-        progress: Called while the fields are computed.
-
-    Returns:
-        The fields, and how to read the amounts of a network's light, empty for any other light: shade and specular
-        light are dot products of ``harmonics`` harmonics of a ray's direction with each half of ``mean`` + amounts @
-        ``axes``.
+    Of a network's light, shade and specular light are dot products of ``harmonics`` harmonics of a ray's direction with
+    each half of ``mean`` + amounts @ ``axes``; nothing is told of any other light.
     """
     baker = Baker(scene)
     progress(0.0, "extinction")

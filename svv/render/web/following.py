@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-from svv.core.colour.colour import WHITE
 from svv.errors import BadInput
 from svv.fields.scene.scene import Scene
 from svv.io.scene_file import sketch_of
@@ -29,17 +28,12 @@ SKETCH, FINISHED = "A sketch of {file}, which is being learned.", "{file}"
 class Follower:
     """Serves the page of the newest scene of a file; ``look`` makes it, and ``close`` ends the server.
 
-    Args:
-        file: The scene's file, which need not exist yet. Before it does, sketches beside it are shown.
-        port: Port of the server; 0 for any that is free.
-        background: RGB in [0, 1] behind the scene.
-
-    Raises:
-        BadInput: The port is in use.
+    The file need not exist yet; before it does, sketches beside it are shown. The port is 0 for any that is free.
+    Raises BadInput if it is in use.
     """
 
-    def __init__(self, file: Path, port: int = 0, background: Sequence[float] = WHITE) -> None:
-        self.file, self._background = file, background
+    def __init__(self, file: Path, port: int = 0) -> None:
+        self.file = file
         self._seen: int | None = None
         self._page = b""
         self._number, self._said = 0, WAITING.format(file=file.name)
@@ -65,7 +59,7 @@ class Follower:
             return False
         self._seen, (file, said) = seen, there[seen]
         try:
-            page = html_of(Scene.load(file), self.file.stem, self.file.stem, self._background)
+            page = html_of(Scene.load(file), self.file.stem, self.file.stem)
         except BadInput as error:  # a sketch may just have given way to the scene
             self._said = str(error)
             return False

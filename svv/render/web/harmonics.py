@@ -1,11 +1,8 @@
 """A light that a network learned, as spherical harmonics at each point: what a viewer evaluates without the network.
 
-The lighting MLP gives a sample's shade m and specular c_s as functions of the direction of its ray. At each vertex of a
-grid, both are fitted by least squares in the directions from the cameras of a sphere of views. Directions from which
-the vertex can be seen count most: nobody sees a surface from behind, where a fit would lose accuracy for nothing. Of
-the others, there are only as many as the harmonics need.
-
-Letters: V vertices, D directions, K harmonics, S pairs of a vertex and a direction.
+At each vertex of a grid, shade m and specular c_s are fitted by least squares in the directions from the cameras of a
+sphere of views; those from which the vertex can be seen count most. Letters: V vertices, D directions, K harmonics, S
+pairs of a vertex and a direction.
 """
 
 from __future__ import annotations
@@ -53,16 +50,10 @@ VERTICES_AT_A_TIME = 1 << 13
 
 @torch.no_grad()
 def fitted_light(scene: Scene, places: Tensor, progress: Progress = silent) -> Tensor:
-    """Return coefficients of the shade and of the specular light at places.
+    """Return K coefficients of the shade and K of the specular light that a scene's network gives places. (V, 2 K)
 
-    Args:
-        scene: A scene whose light a network provides.
-        places: Box coordinates in occupied cells. (V, 3)
-        progress: Called before each piece of the work.
-
-    Returns:
-        K coefficients of the shade and K of the specular light, which a dot product with
-        :func:`svv.core.rays.encodings.spherical_harmonics` of a ray's direction turns into the light. (V, 2 K)
+    Places are box coordinates in occupied cells (V, 3). A dot product with
+    :func:`svv.core.rays.encodings.spherical_harmonics` of a ray's direction turns coefficients into light.
     """
     cameras = scene.rig.sphere(VIEWS, VIEW_SIZE)
     sight, every = _sight(scene, cameras), [*cameras, *scene.rig.sphere(AROUND, VIEW_SIZE)]
@@ -80,14 +71,10 @@ def fitted_light(scene: Scene, places: Tensor, progress: Progress = silent) -> T
 def principal(
     light: NDArray[np.float32], seen: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Describe coefficients by few numbers each: their mean, and amounts of a few common directions (PCA).
+    """Describe coefficients (V, 2 K) by few numbers each: their mean, and amounts of a few common directions (PCA).
 
-    Args:
-        light: Coefficients. (V, 2 K)
-        seen: Weight of each vertex. (V,)
-
-    Returns:
-        The mean (2 K,), at most :data:`MOST_AXES` axes (A, 2 K), orthonormal, and amounts (V, A).
+    ``seen`` is the weight of each vertex (V,). Returns the mean (2 K,), at most :data:`MOST_AXES` axes (A, 2 K),
+    orthonormal, and amounts (V, A).
     """
     weights = seen + np.float32(1e-3)
     mean = np.average(light, axis=0, weights=weights)
@@ -124,11 +111,7 @@ def _directions(scene: Scene, cameras: list[Camera], places: Tensor, camera: Ten
 
 
 def _fit(scene: Scene, places: Tensor, cameras: list[Camera], weight: Tensor) -> Tensor:
-    """Fit the light at places (V, 3) in the directions of cameras, each of which counts as much as ``weight`` (V, D).
-
-    Returns:
-        Coefficients of the shade and the specular light. (V, 2 K)
-    """
+    """Fit shade and specular light at places (V, 3) in the directions of cameras, by weights (V, D). (V, 2 K)"""
     palette, (vertex, camera) = scene.palette_network, weight.nonzero(as_tuple=True)
     assert palette is not None
     directions = _directions(scene, cameras, places[vertex], camera)

@@ -1,8 +1,7 @@
 """Writes a scene as one HTML file, which a browser draws without a server, a network or further files.
 
-The page consists of the files in ``viewer``, the scene's settings as JSON, its fields (:mod:`svv.render.web.fields`) as
-compressed text, and a picture from the front and a small movie for browsers that cannot draw it. A scene that was
-joined from several has as many layers, each with fields of its own; any other is its only layer.
+It has the files in ``viewer``, the scene's settings as JSON, its fields (:mod:`svv.render.web.fields`) as compressed
+text, and a picture and a small movie for browsers that cannot draw it. Each function of a joined scene is a layer.
 """
 
 from __future__ import annotations
@@ -39,6 +38,7 @@ from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
+from svv.io.pictures.picture_data import as_text
 from svv.render.web.fields import Field, fields_of
 from svv.render.web.html import filled, viewer_file
 
@@ -98,8 +98,7 @@ def html_of(
 ) -> bytes:
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
-    Raises:
-        BadInput: The scene has no palette network, or occlusion beside what hides it from a page.
+    Raises BadInput if the scene has no palette network, or occlusion beside what hides it from a page.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
@@ -114,7 +113,8 @@ def html_of(
     layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
     header = _header(scene, rig) | {"layers": layers, "file": name, "background": list(background)}
-    page = _page(header, _compressed(packed), stills, title, in_words(scene))
+    arrays = zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)
+    page = _page(header, base64.b64encode(arrays).decode(), stills, title, in_words(scene))
     progress(1.0, "")
     return page
 
@@ -176,7 +176,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
     """Return everything but the layers, as plain values."""
     bounds = np.array([member.occupancy.box.bounds for member in members(scene)])
     room = rig.radius - 0.5 * float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
-    names = paintings_of(scene)
+    names, matcaps = paintings_of(scene), [None, *_names_of_matcaps(scene)]
     shown = names[:1] if scene.layers else [name for name in names if name == scene.variant]
     return {
         "camera": {
@@ -193,7 +193,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
         "matcaps": _matcaps(scene),
         "visions": MATRICES,
         "regions": [
-            {**told, "number": number, "matcap": _number_of_matcap(scene, number)}
+            {**told, "number": number, "matcap": matcaps.index(scene.regions[number].matcap)}  # from 1, 0 for none
             for told, number in zip(
                 (told for member in members(scene) for told in _regions(member)), numbers_of(scene), strict=True
             )
@@ -273,12 +273,6 @@ def _names_of_matcaps(scene: Scene) -> list[str]:
     return list(dict.fromkeys(region.matcap for region in scene.regions if region.matcap is not None))
 
 
-def _number_of_matcap(scene: Scene, region: int) -> int:
-    """Return the number of a region's MatCap from 1, 0 for none."""
-    matcap = scene.regions[region].matcap
-    return 0 if matcap is None else _names_of_matcaps(scene).index(matcap) + 1
-
-
 def numbers_of(scene: Scene) -> list[int]:
     """Return the numbers of a scene's regions in the order of a page, which lists those of one function together."""
     return sorted(range(len(scene.regions)), key=lambda number: scene.regions[number].layer)
@@ -312,10 +306,6 @@ def _strokes(scene: Scene) -> list[list[float]]:
     return rows
 
 
-def _compressed(arrays: Sequence[NDArray[np.uint8]]) -> str:
-    return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), COMPRESSION)).decode()
-
-
 def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> dict[str, str]:
     """Return a picture from the ``front`` and a ``movie`` of the orbit, as data URIs.
 
@@ -338,8 +328,4 @@ def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress:
         path = folder / "orbit.mp4"
         write_mp4(path, frames(), MOVIE_FPS, MOVIE_CRF)
         movie = path.read_bytes()
-    return {"front": _data("image/jpeg", buffer.getvalue()), "movie": _data("video/mp4", movie)}
-
-
-def _data(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+    return {"front": as_text(buffer.getvalue()), "movie": f"data:video/mp4;base64,{base64.b64encode(movie).decode()}"}

@@ -41,11 +41,7 @@ def pictures() -> Cache:
 
 
 def gallery_name(text: str) -> str:
-    """Normalize a gallery picture's name, written in any case and with spaces or underscores.
-
-    Raises:
-        BadInput: The gallery has no such picture.
-    """
+    """Normalize a gallery picture's name, in any case, with spaces or underscores; raises BadInput if unknown."""
     name = text.strip().lower().replace("_", "-").replace(" ", "-")
     if name not in GALLERY:
         raise BadInput(f"There is no '{text}' in the gallery; choose one of {', '.join(GALLERY)}.")
@@ -55,17 +51,9 @@ def gallery_name(text: str) -> str:
 def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progress = silent) -> NDArray[np.float32]:
     """Return a style picture of the gallery, from the user's cache or painted (1 to 10 s at 512 pixels) and cached.
 
-    Args:
-        name: One of :data:`GALLERY`; spaces and underscores count as hyphens.
-        size: Side in pixels, 16 to 1024; strokes scale with it.
-        seed: Seed of the random generator; each gives another picture in the same manner.
-        progress: Called before the picture is painted.
-
-    Returns:
-        The picture, float32 sRGB in [0, 1] in 8-bit levels, the same whether it was cached or not. (size, size, 3)
-
-    Raises:
-        BadInput: The name is unknown, the size is out of range, or the seed is negative.
+    ``name`` is one of :data:`GALLERY`, ``size`` the side in pixels, 16 to 1024, with which strokes scale; each ``seed``
+    gives another picture in the same manner. The picture (size, size, 3) is float32 sRGB in [0, 1] in 8-bit levels,
+    also if not cached. Raises BadInput if the name is unknown, the size is out of range, or the seed is negative.
     """
     name = gallery_name(name)
     if not SMALLEST <= size <= LARGEST:
@@ -101,12 +89,7 @@ def _painted(name: str, size: int, seed: int) -> NDArray[np.float32]:
 
 
 def open_style(source: str | Path, progress: Progress = silent) -> tuple[str, NDArray[np.float32]]:
-    """Return the name and content of a style picture: ``gallery:NAME`` or a file.
-
-    Raises:
-        BadInput: See :func:`gallery_picture` and :func:`svv.io.pictures.style_picture.read_style`; or it is an ink,
-            which has no picture.
-    """
+    """Return name and content of a style picture, ``gallery:NAME`` or a file; BadInput if unreadable, or an ink."""
     text = str(source)
     if text.startswith(DRAWN):
         raise BadInput(f"{text} is drawn without a picture, but a picture is needed here: name a file or {PREFIX}NAME.")

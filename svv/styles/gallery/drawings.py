@@ -18,15 +18,9 @@ def paper_grain(rng: Generator, n: int, size: float) -> Floats:
 
 
 def streamed(noise: Floats, angle: Floats, length: float) -> Floats:
-    """Smear noise along a direction field (line integral convolution, Cabral and Leedom 1993).
+    """Smear noise along a direction field, in radians (line integral convolution, Cabral and Leedom 1993). (n, n) each
 
-    Args:
-        noise: The noise to smear. (n, n)
-        angle: Direction in radians. (n, n)
-        length: Length of the smear to either side, in pixels.
-
-    Returns:
-        The smeared noise, spread evenly over [0, 1]. (n, n)
+    ``length`` is that of the smear to either side, in pixels; the result is spread evenly over [0, 1].
     """
     # Long smears advance by about the width of the noise's features: 24 steps are as good as one per pixel.
     stride, last = max(1.0, length / 24), len(noise) - 1

@@ -26,20 +26,14 @@ class Painter:
 
 GALLERY: dict[str, tuple[Painter, str]] = {
     "stipple": (Painter("drawings", "stipple"), "dots of a pen, ultramarine on white"),
-    "cross-hatching": (
-        Painter("drawings", "cross_hatching"),
-        "pen lines in sepia on tan paper, heightened with white",
-    ),
+    "cross-hatching": (Painter("drawings", "cross_hatching"), "pen lines in sepia on tan paper, heightened with white"),
     "woodcut": (Painter("prints", "woodcut"), "black block, vermilion and indigo on cream"),
     "watercolour": (Painter("paintings", "watercolour"), "glazes of blue, green and rose on white paper"),
     "impasto": (Painter("paintings", "impasto"), "thick oil paint, sunflower yellow on turquoise and green"),
     "pastel": (Painter("drawings", "pastel"), "soft chalks on dark rough paper, lilac, rose and teal"),
     "mosaic": (Painter("prints", "mosaic"), "small stones, gold, lapis and terracotta"),
     "ink-wash": (Painter("drawings", "ink_wash"), "sumi-e, greys of one ink on rice paper, a red seal"),
-    "screen-print": (
-        Painter("prints", "screen_print"),
-        "flat inks and halftone dots, pink, cyan, yellow and black",
-    ),
+    "screen-print": (Painter("prints", "screen_print"), "flat inks and halftone dots, pink, cyan, yellow and black"),
     "charcoal": (Painter("drawings", "charcoal"), "black chalk on rough grey paper, rubbed and drawn over"),
     "oil": (Painter("textures", "brush_strokes"), "brush strokes in eddies, night blue, ochre and vermilion"),
     "pointillism": (Painter("textures", "stippling"), "dots of unmixed colour on warm paper"),

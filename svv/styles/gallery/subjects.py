@@ -1,9 +1,7 @@
-"""Subjects of the gallery's pictures: hills, the sea, a still life, flowers; each as tones, parts and directions.
+"""Subjects of the gallery's pictures: lightness, part of the motif and direction of strokes of each pixel.
 
-A subject is independent of the medium. It gives the lightness of each pixel, the part of the motif it belongs to, and
-the direction of strokes; :mod:`svv.styles.gallery.drawings`, ``prints`` and ``paintings`` do the rest.
-
-Letters: n is the side of the picture in pixels, rng the random generator; y runs down, x to the right.
+:mod:`svv.styles.gallery.drawings`, ``prints`` and ``paintings`` do the rest. Letters: n is the side of the picture in
+pixels, rng the random generator; y runs down, x to the right.
 """
 
 from __future__ import annotations
@@ -72,7 +70,7 @@ def hills(rng: Generator, n: int, ridges: int = 5, steep: float = 0.1, fall: flo
     return Subject(np.clip(tone, 0, 1).astype(np.float32), part, angle.astype(np.float32))
 
 
-def sea(rng: Generator, n: int, waves: int = 7) -> Subject:
+def sea(rng: Generator, n: int) -> Subject:
     """Return waves with curling crests under a round sun. Parts: 0 sky, 1 sun, 2 clouds, 3 dark water, 4 foam."""
     y, x = _grid(n)
     tone, part = 0.75 + 0.3 * y, np.zeros((n, n), np.int64)
@@ -82,8 +80,7 @@ def sea(rng: Generator, n: int, waves: int = 7) -> Subject:
     for cy, cx, wide in ((0.1, 0.72, 0.2), (0.16, 0.86, 0.16), (0.27, 0.12, 0.16)):
         cloud = ((x - cx) / wide) ** 2 + ((y - cy) / 0.035) ** 2 < 1 + 0.35 * np.sin(22 * x)
         tone[cloud], part[cloud] = 0.97, 2
-    for k in range(waves):
-        near = k / (waves - 1)
+    for near in (k / 6 for k in range(7)):
         length, height = 0.16 + 0.3 * near, 0.02 + 0.075 * near
         phase = (x + rng.uniform(0, 1)) / length + 0.3 * height * np.sin(9 * x)
         # A trochoid: sharp crests and wide troughs, leaning forwards.

@@ -1,6 +1,4 @@
-"""Tools that paint the gallery's pictures: noise with a given spectrum, colour ramps, and dabs of paint.
-
-Bristles and the thickness of dabs are shaded at the end. Two pictures painted with dabs are here as well.
+"""Tools that paint the gallery's pictures (noise of a given spectrum, colour ramps, dabs of paint), and two of these.
 
 Letters: n is the side of a (square) picture in pixels, rng the random generator.
 """
@@ -19,11 +17,11 @@ from scipy.ndimage import gaussian_filter
 Floats = NDArray[np.float32]
 
 
-def spectrum_noise(rng: Generator, n: int, exponent: float, stretch: float = 1.0) -> Floats:
+def spectrum_noise(rng: Generator, n: int, exponent: float) -> Floats:
     """Return noise (n, n) whose amplitude falls as frequency^-exponent; mean 0, standard deviation 1; periodic."""
     f = np.fft.fftfreq(n)
     angle = rng.uniform(0, np.pi)
-    u = (f * np.cos(angle) + f[:, None] * np.sin(angle)) * stretch
+    u = f * np.cos(angle) + f[:, None] * np.sin(angle)
     v = f[:, None] * np.cos(angle) - f * np.sin(angle)
     radius = np.hypot(u, v)
     radius[0, 0] = np.inf
@@ -84,10 +82,7 @@ class Canvas:
     def dab(
         self, rng: Generator, shape: Dab, colour: NDArray[np.generic], bristles: float = 0.3, cover: float = 1.0
     ) -> None:
-        """Lay one dab of paint of this shape, streaked along its length.
-
-        ``bristles`` is the strength of the streaks, ``cover`` the opacity of the dab.
-        """
+        """Lay a dab of this shape, with streaks as strong as ``bristles`` along it, and of the opacity ``cover``."""
         y, x, angle, length, width, bend = shape
         n, m = self.thickness.shape
         reach = max(length, width) + abs(bend) * length + 1.5
@@ -124,16 +119,7 @@ class Canvas:
 
 
 def style_picture(name: str, size: int = 512, seed: int = 0) -> Floats:
-    """Paint one of this module's pictures.
-
-    Args:
-        name: ``"brush strokes"`` or ``"stippling"``.
-        size: Side in pixels; strokes scale with it.
-        seed: Seed of the random generator; each gives another painting in the same manner.
-
-    Returns:
-        The picture, float32 sRGB in [0, 1]. (size, size, 3)
-    """
+    """Paint a picture of :data:`STYLE_PICTURES`, float32 sRGB in [0, 1]; strokes scale with it. (size, size, 3)"""
     return STYLE_PICTURES[name](np.random.default_rng(seed), size)
 
 
@@ -199,7 +185,4 @@ def stippling(rng: Generator, n: int) -> Floats:
     return canvas.lit(0.25)
 
 
-STYLE_PICTURES: dict[str, Callable[[Generator, int], Floats]] = {
-    "brush strokes": brush_strokes,
-    "stippling": stippling,
-}
+STYLE_PICTURES: dict[str, Callable[[Generator, int], Floats]] = {"brush strokes": brush_strokes, "stippling": stippling}

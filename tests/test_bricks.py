@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from svv.bricks import filling, pyramid
 from svv.bricks.caster import BrickCaster, Look
 from svv.bricks.formats.source import ArraySource, Source
-from svv.bricks.pyramid import halved, with_pyramid
+from svv.bricks.halving import halved
+from svv.bricks.pyramid import with_pyramid
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, silent

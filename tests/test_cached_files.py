@@ -35,7 +35,7 @@ from svv.io.files.temporary import view_folder, work_folder
 from svv.job import compile_ahead
 from svv.pv.launch.programs import find
 from svv.pv.results.keys import name_of
-from svv.styles import weights
+from svv.styles import networks, weights
 from svv.styles.gallery import gallery_picture
 
 volume = pathlib.Path("volume.nrrd")
@@ -43,9 +43,9 @@ volume.write_bytes(b"NRRD0004\\ntype: uint8\\ndimension: 3\\nsizes: 8 8 80\\nenc
 with_pyramid(open_bricks(volume), volume, lambda fraction, label: None)
 (pyramids().folder / ".pyramid-0123456789abcdef0123-0123456789abcdef0123-1").mkdir()
 gallery_picture("stipple", 32)
-weights.weights_folder().mkdir()
+networks.weights_folder().mkdir()
 weights._keep("alexnet", {"a": torch.ones(9)}, "", "")
-(weights.weights_folder() / weights.FAILED_FILE).touch()
+(networks.weights_folder() / networks.FAILED_FILE).touch()
 compile_ahead._marker().parent.mkdir()
 compile_ahead._marker().touch()
 find("paraview")

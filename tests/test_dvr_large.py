@@ -13,8 +13,8 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
 from svv.bricks.formats.source import ArraySource, Box
+from svv.bricks.halving import halved
 from svv.bricks.opened import open_bricks
-from svv.bricks.pyramid import halved
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import CameraRig, sphere_cameras
 from svv.dvr.draw import casters, large

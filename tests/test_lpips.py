@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter
 from svv.core.rounding import sums_apart
 from svv.errors import BadInput
 from svv.styles.gallery.textures import style_picture
+from svv.styles.networks import NETWORKS
 from svv.styles.weight_files import State, content_sha256
-from svv.styles.weights import NETWORKS
 from svv.train.lpips import Lpips, lpips
 from svv_bench.styles.statistics import (
     Statistics,

@@ -18,7 +18,7 @@ from safetensors.torch import load_file, save_file
 from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled
 from svv.io.files import fetch
-from svv.styles import weight_files, weights
+from svv.styles import networks, weight_files, weights
 from svv.styles.features import PatchFeatures, VggFeatures, load_features
 from svv.styles.weight_files import ALEXNET_LAYERS, VGG16_LAYERS, State, content_sha256, read_arrays
 
@@ -312,8 +312,8 @@ def test_a_file_that_was_brought_is_kept_or_refused(
         with pytest.raises(BadInput, match=reason):
             weights.take(path)
     assert not folder.exists() or list(folder.iterdir()) == []
-    published = weights.Network("vgg16", "VGG-16", "style features", "vgg16-conv3.safetensors", content_sha256(state))
-    monkeypatch.setitem(weights.NETWORKS, "vgg16", published)
+    published = networks.Network("vgg16", "VGG-16", "style features", "vgg16-conv3.safetensors", content_sha256(state))
+    monkeypatch.setitem(networks.NETWORKS, "vgg16", published)
     assert [w.network.name for w in weights.take(own)] == ["vgg16"]
     assert {w.network.name for w in weights.take(accepted)} == {"vgg16", "alexnet"}
 

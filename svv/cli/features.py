@@ -53,13 +53,13 @@ def features(
     """
     from svv.io.files.atomic import check_writable, write_json
     from svv.io.files.fetch import megabytes
-    from svv.styles import weights
+    from svv.styles import networks, weights
 
     if get and source is not None:
         raise BadInput("Give --get or --from FILE, not both: they provide the same weights.")
     if json is not None:
         check_writable(json)
-    names = [name for name in weights.NETWORKS if which in (Weights.all, name)]
+    names = [name for name in networks.NETWORKS if which in (Weights.all, name)]
     if source is not None:
         weights.take(source)
     if get:
@@ -67,7 +67,7 @@ def features(
             weights.get_all(names, progress, small)
     rows = []
     for name in names:
-        network, damaged = weights.NETWORKS[name], None
+        network, damaged = networks.NETWORKS[name], None
         try:
             weights.load_cached_weights(name)
             found = weights.load(name)
@@ -84,4 +84,4 @@ def features(
             where = "torch's cache" if found.path is None else f"{found.path}, {megabytes(size or 0)}"
             print(f"{name:<8} {network.use:<15} {where}, from {found.source}")
     if json is not None:
-        write_json(json, {"folder": weights.weights_folder(), "offline": weights.is_offline(), "networks": rows})
+        write_json(json, {"folder": networks.weights_folder(), "offline": weights.is_offline(), "networks": rows})

@@ -16,7 +16,7 @@ from svv.bricks.pyramid import pyramids
 from svv.io.files.cache import Cache, Entry, cache_folder, entries_of
 from svv.io.files.temporary import temporary_folders
 from svv.styles.gallery import pictures
-from svv.styles.weights import FAILED_FILE, FOLDER_VARIABLE, NETWORKS, weights_folder
+from svv.styles.networks import FAILED_FILE, FOLDER_VARIABLE, NETWORKS, weights_folder
 
 PACKAGES = ("svv", "svv_bench")
 """Packages whose kernels numba compiles."""

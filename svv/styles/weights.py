@@ -19,44 +19,16 @@ from safetensors.torch import save
 from svv.errors import BadInput, Progress, silent
 from svv.io.files import fetch
 from svv.io.files.atomic import atomic_path, check_writable, make_folder
-from svv.io.files.cache import cache_folder
 from svv.io.files.fetch import megabytes, sha256_of
 from svv.io.files.temporary import work_folder
 from svv.styles import weight_files as files
+from svv.styles.networks import FAILED_FILE, NETWORKS, Network, weights_folder
 from svv.styles.weight_files import State, content_sha256
 
-FOLDER_VARIABLE = "SVV_WEIGHTS"
 OFFLINE_VARIABLE = "SVV_OFFLINE"
 WAIT_SECONDS = 24 * 3600.0
 """Seconds to wait after a failed download before another one that the user has not asked for."""
-FAILED_FILE = "not-fetched"
 GET = "svv features --get"
-
-
-@dataclass(frozen=True)
-class Network:
-    """A network with published weights."""
-
-    name: str
-    title: str
-    use: str
-    """Purpose of the weights."""
-    file: str
-    """Name of the weights' file in our folder."""
-    content: str
-    """:func:`svv.styles.weight_files.content_sha256` of the published values."""
-
-
-NETWORKS = {
-    network.name: network
-    for network in (
-        Network("vgg16", "VGG-16", "preset paper", "vgg16-conv3.safetensors",
-                "09bc150e30079193455c830341737203d86a2643c389becc2dd588a3be1102b6"),
-        Network("alexnet", "AlexNet", "LPIPS", "alexnet-lpips.safetensors",
-                "90b047f27c97743647374881886d16f25704113535a4d6f6d464fe2040fc9a64"),
-    )
-}  # fmt: skip
-"""Networks by name. The heads of ``alexnet`` are bit for bit those of the package lpips 0.1.4."""
 
 
 @dataclass(frozen=True)
@@ -72,12 +44,6 @@ class Weights:
     """SHA-256 of that file."""
     path: Path | None
     """File in which they are kept; None if our folder cannot be written to."""
-
-
-def weights_folder() -> Path:
-    """Return the folder of the weights: ``SVV_WEIGHTS``, or ``weights`` in the program's folder of the user's cache."""
-    named = os.environ.get(FOLDER_VARIABLE)
-    return Path(named).expanduser() if named else cache_folder() / "weights"
 
 
 def is_offline() -> bool:

@@ -62,7 +62,7 @@ def am(folder: Path, word: str, order: str = "BINARY-LITTLE-ENDIAN", packing: st
     content = values.tobytes()
     if order == "ASCII":
         content = "\n".join(f"{value:g}" for value in values.ravel()).encode()
-    content = {"": bytes, "HxZip": zlib.compress, "HxByteRLE": runs}[packing](content)
+    content = zlib.compress(content) if packing == "HxZip" else runs(content) if packing == "HxByteRLE" else content
     told = f"({packing},{len(content)})" if packing else ""
     file = folder / "l.am"
     file.write_bytes(HEAD.format(order=order, word=word, packing=told, box=BOX, more=more).encode() + content + b"\n")

@@ -74,10 +74,11 @@ def test_zarr_in_a_zip_file(tmp_path: Path, version: int, in_folder: bool, endin
         folder = store(tmp_path / f"a{as_image}{ending}", version, as_image)
         root, base = (tmp_path, folder.name) if in_folder else (folder, ".")
         file = Path(shutil.make_archive(str(folder), "zip", root, base))
-        assert_shown(file, *where, says=says)
+        step, first = where
+        assert_shown(file, step, first, says=says)
         assert open_bricks(file) is not None
         if as_image:
-            assert_shown(file, *where, array="0")
+            assert_shown(file, step, first, array="0")
 
 
 def test_damaged_zip_files_are_one_sentence(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import nibabel
 import numpy as np
 import pytest
+from nibabel import parrec
 
 from svv.bricks.opened import open_bricks
 from svv.dvr.read.grids import index_to_world, to_array
@@ -169,7 +170,7 @@ def test_scans_of_philips_are_as_nibabel_reads_them(tmp_path: Path) -> None:
     for name in ("phantom_EPI_asc_CLEAR_2_1", "phantom_varscale"):
         with (folder / f"{name}.PAR").open() as head, (folder / f"{name}.REC").open("rb") as stored:
             parts = {"header": nibabel.FileHolder(fileobj=head), "image": nibabel.FileHolder(fileobj=stored)}
-            image = nibabel.parrec.PARRECImage.from_file_map(parts)
+            image = parrec.PARRECImage.from_file_map(parts)
             values = np.asarray(image.dataobj)
         for ending in (".PAR", ".REC"):
             shown = read_here(folder / f"{name}{ending}", time=2)

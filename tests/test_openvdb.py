@@ -15,10 +15,11 @@ from typer.testing import CliRunner
 from svv.cli.app import app
 from svv.core.volumes.opacity_code import depths
 from svv.errors import BadInput, Cancelled
+from svv.io.openvdb_python import PYTHON, python_with_openvdb
 from svv.options.baking import BakeOptions
 from svv.render.baking.baked import bake
 from svv.render.baking.baked_volume import BakedVolume
-from svv.render.baking.openvdb import PYTHON, python_with_openvdb, write_vdb
+from svv.render.baking.openvdb import write_vdb
 from tests.cube import cube_scene
 from tests.solid_ball import solid_ball
 

@@ -133,8 +133,9 @@ def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions
 
 
 def _openvdb(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+    from svv.io.openvdb_python import python_with_openvdb
     from svv.render.baking.baked import bake
-    from svv.render.baking.openvdb import python_with_openvdb, write_vdb
+    from svv.render.baking.openvdb import write_vdb
 
     python_with_openvdb()  # before minutes of work
     volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.7))

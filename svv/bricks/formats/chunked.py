@@ -193,8 +193,8 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
     names = names if len(names) == opened.ndim else [""] * opened.ndim
     place = base / (array or "").strip("/")
     try:
-        # The nearest first: inner groups inherit coordinates.
-        groups = [_opened(zarr, above) for above in takewhile(is_zarr, place.parents)]
+        above_it: Sequence[Path | ArchivePath] = place.parents  # the nearest first: inner groups inherit coordinates
+        groups = [_opened(zarr, above) for above in takewhile(is_zarr, above_it)]
         axes = sized([_axis(groups, *one) for one in zip(names, opened.shape)], attributes, opened.shape)
     except Exception as error:  # as above
         raise BadInput(f"Cannot read {folder}: {_describe_error(error)}.") from error

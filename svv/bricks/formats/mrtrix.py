@@ -78,4 +78,5 @@ def _kind(text: str, file: Path) -> np.dtype[np.generic]:
             f"{file.name} contains values of the type {text}; a volume needs one real number per voxel, such as those "
             "of mrconvert -datatype float32."
         )
-    return np.dtype(f"{found[1]}{found[2]}").newbyteorder({"be": ">", "le": "<"}.get(found[3] or "", "="))
+    kind = np.dtype(f"{found[1]}{found[2]}")
+    return kind.newbyteorder(">") if found[3] == "be" else kind.newbyteorder("<") if found[3] == "le" else kind

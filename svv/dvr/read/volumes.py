@@ -18,6 +18,7 @@ from svv.bricks.formats.source import Source
 from svv.bricks.opened import HDF5, HDF5_INSIDE, header_reader, open_bricks
 from svv.dvr.read.grids import Triple, as_volume, assumed_of, from_array, put_assumed, rectilinear, set_geometry
 from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
+from svv.dvr.read.openvdb_files import read_vdb
 from svv.dvr.read.other_formats import reader_of
 from svv.dvr.read.reader_process import apart, can_start
 from svv.dvr.read.slc import read_slc
@@ -26,7 +27,7 @@ from svv.errors import BadInput
 
 SUPPORTED = (
     ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .HEAD .mif .mnc .mgz .mrc .fits .am .bov .vgi .dat .cube .slc .npy "
-    ".npz .raw .h5 .nc .zarr .n5 .tif .xdmf, or a folder of .tif or DICOM slices"
+    ".npz .raw .h5 .nc .zarr .n5 .tif .xdmf .vdb, or a folder of .tif or DICOM slices"
 )
 """Formats that are read without PyVista."""
 
@@ -129,6 +130,8 @@ def _read(
             return image_of(source, file), None
     if file.name.lower().endswith(".slc"):
         return read_slc(file), array
+    if file.name.lower().endswith(".vdb"):
+        return read_vdb(file, choice, array), None
     read = next((read for suffix, read in _READERS.items() if file.name.lower().endswith(suffix)), None)
     if file.name.lower().endswith((*HDF5, *HDF5_INSIDE)) and file.is_file() and is_hdf5(file):
         read = vtkHDFReader  # the rest was read above

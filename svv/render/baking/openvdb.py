@@ -8,9 +8,7 @@ small or large voxels are written in another unit, a power of 1000 world units, 
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -25,38 +23,14 @@ from svv.errors import BadInput, Progress, silent
 from svv.io import openvdb_script
 from svv.io.files.atomic import atomic_path, write_json
 from svv.io.files.temporary import work_folder
+from svv.io.openvdb_python import python_with_openvdb
 from svv.render.baking.baked_volume import BakedVolume
-
-PYTHON = "SVV_OPENVDB_PYTHON"
-"""Environment variable that names a Python with OpenVDB's module."""
-
-SYSTEM = "/usr/bin/python3"
-"""The Python for which Linux distributions package the module."""
 
 SPACINGS = (1e-4, 1e4)
 """Distances between points, in world units, between which a file is in world units."""
 
 FAR = 1e6
 """Distance from the origin in voxels above which single precision moves points by a tenth of a voxel."""
-
-MISSING = (
-    "Writing .vdb needs OpenVDB's Python module, which {} not have: install it (Debian, Ubuntu: sudo apt-get install "
-    f"python3-openvdb), or let {PYTHON} name a Python that has it."
-)
-
-
-def python_with_openvdb() -> str:
-    """Return the path of a Python that can write OpenVDB files; raises BadInput if there is none."""
-    named = os.environ.get(PYTHON)
-    candidates = [named] if named else list(dict.fromkeys([sys.executable, SYSTEM]))
-    find = "import importlib.util as u, sys; sys.exit(not any(map(u.find_spec, ('openvdb', 'pyopenvdb'))))"
-    for python in candidates:
-        try:
-            if subprocess.run([python, "-c", find], capture_output=True).returncode == 0:
-                return python
-        except OSError:
-            continue  # there is no such program
-    raise BadInput(MISSING.format(f"{' and '.join(candidates)} do{'es' * (len(candidates) == 1)}"))
 
 
 def unit_for(spacing: float) -> float:
@@ -87,7 +61,7 @@ def write_vdb(path: Path, volume: BakedVolume, progress: Progress = silent) -> l
             "metadata": {"creator": f"svv {__version__}", "world_units": unit},
         })  # fmt: skip
         del density, colour
-        _run([python, openvdb_script.__file__, str(folder), str(temporary)], path, progress)
+        _run([python, openvdb_script.__file__, "write", str(folder), str(temporary)], path, progress)
     progress(1.0, "writing")
     notes = []
     if unit != 1.0:

@@ -53,6 +53,7 @@ def by_nibabel(file: Path, time_point: int) -> Reference:
 
     image = nibabel.load(str(file))
     values = np.asarray(image.dataobj)
+    affine: NDArray[np.float64] | None
     if type(image).__name__.startswith("Minc"):  # values by z, y, x, and the matrix for that order
         values, affine = values.T, np.asarray(image.affine)[:, [2, 1, 0, 3]]
     else:

@@ -121,7 +121,7 @@ def test_tables_of_imagej_are_colours_with_a_ramp(tmp_path: Path, kind: str) -> 
     ],
 )  # fmt: skip
 def test_damage_is_one_sentence(tmp_path: Path, name: str, there: str, other: str) -> None:
-    file = {"itf": inviwo, "tfi": voreen}[name](tmp_path)
+    file = inviwo(tmp_path) if name == "itf" else voreen(tmp_path)
     assert there in file.read_text()
     file.write_text(file.read_text().replace(there, other))
     with pytest.raises(BadInput) as caught:

@@ -85,4 +85,4 @@ def _read(file: str, folder: Path, most: int, name: str) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    {"write": write, "read": read}[sys.argv[1]](*sys.argv[2:])
+    (read if sys.argv[1] == "read" else write)(*sys.argv[2:])

@@ -311,7 +311,7 @@ def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.
         sides.append(max(made.picture.shape[1:]))
         return made
 
-    monkeypatch.setattr("svv.train.paint.pieces.piece_style", watched)
+    monkeypatch.setattr("svv.train.paint.laying.piece_style", watched)
     for stroke_size in (0.5, 2.0):
         style(scene, [picture], mapping={0: 0}, stroke_size=stroke_size)
     assert sides == [48, 192]

@@ -77,8 +77,8 @@ def write(scene: Scene, values: Values, out: Path, progress: Progress) -> str:
 def run_outside(words: Sequence[str], progress: Progress, folders: Sequence[Path] = ()) -> str:
     """Run a program that draws a figure in the Python that started ParaView; return what it says, as one line.
 
-    ``words`` are Python's arguments, ``folders`` hold further packages, and progress is called every 0.1 seconds.
-    Raises BadInput with its last line if it failed, and Cancelled if the user pressed Abort, which ends it.
+    ``words`` are Python's arguments, ``folders`` hold further packages. Raises BadInput with its last line if it
+    failed, and Cancelled if the user pressed Abort, which ends it.
     """
     python = os.environ.get(PYTHON) or (sys.executable if "python" in Path(sys.executable or "").name.lower() else "")
     if not python:

@@ -1,7 +1,4 @@
-"""Common functions of the scripts in ``paraview_scripts``, such as using a volume that ParaView shows to draw views.
-
-They work in pvpython and pvbatch, where the data is in the same process.
-"""
+"""Common functions of the scripts in ``paraview_scripts``, for pvpython and pvbatch, which have the data."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from svv.styles.hand import Hand, measure_hand
 from svv.train.paint import tracing_kernels as numba_tracing
 from svv.train.paint.brushwork import NARROWEST, WIDEST, Painter
 from svv.train.paint.ink import Ink, StyleInput
-from svv.train.paint.painting import _owners_at, owners_of
+from svv.train.paint.painting import owners_at, owners_of
 from svv.train.paint.picture_map import PictureMap
 from svv.train.paint.stroke_painting import stroke_width
 from svv.train.paint.toning import retoned
@@ -375,10 +375,10 @@ def test_twice_the_stroke_size_is_twice_the_width(balls: Scene, oil: tuple[Scene
 def test_owners_of_vertices_are_those_with_the_largest_palette_weight(balls: Scene) -> None:
     occupied, cells = balls.occupancy.occupied, balls.occupancy.cells
     found = owners_of(balls, 2 * cells, [0, 1])
-    exact = _owners_at(balls, places_of(occupied, cells, 2 * cells), [0, 1])
+    exact = owners_at(balls, places_of(occupied, cells, 2 * cells), [0, 1])
     assert set(np.unique(exact)) == {0, 1}
     assert (found != exact).mean() < 1e-3
-    assert (owners_of(balls, cells, [0, 1]) == _owners_at(balls, places_of(occupied, cells, cells), [0, 1])).all()
+    assert (owners_of(balls, cells, [0, 1]) == owners_at(balls, places_of(occupied, cells, cells), [0, 1])).all()
     assert (owners_of(balls, 2 * cells, [1]) == 1).all()
 
 

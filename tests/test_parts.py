@@ -20,6 +20,7 @@ from svv.fields.radiance.rendering import Marching, Rays, march
 from svv.fields.scene.parts import Parts, table_of
 from svv.fields.scene.scene import Rendering, Scene
 from svv.train.paint.ink import PAPER, Ink
+from svv.train.paint.painting import owners_at
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
 from tests.cube import clear_place, cube_camera, cube_paint, lit_cube_scene
@@ -372,3 +373,9 @@ def test_a_scene_of_the_papers_hash_grid_is_split(cube: Scene) -> None:
     np.testing.assert_allclose(parts.render(cube_camera()).rgba, scene.render(cube_camera()).rgba, atol=1e-6)
     hidden = parts.hidden(3).render(cube_camera()).rgba
     assert np.abs(hidden - scene.render(cube_camera()).rgba).max() > 0.01
+
+
+def test_pieces_of_a_part_get_the_contrast_of_its_own_picture(two: Scene, split: Scene) -> None:
+    place = np.array([split.occupancy.box.to_box(in_world(at)) for at in (LEFT, RIGHT)], np.float32)
+    assert owners_at(two, place, range(1)).tolist() == [0, 0]
+    assert owners_at(split, place, range(2)).tolist() == [1, 0]

@@ -21,6 +21,7 @@ from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.kernels.dispatch import kernels_of
 from svv.train.base.resolutions import paint_pixel
+from svv.train.paint.painting import owners_at
 from svv.train.paint.pieces import PieceStyle
 from svv.train.paint.styled_views import StyledView, visible_from
 from svv.train.run.config import StylizeSettings
@@ -92,7 +93,7 @@ def match_contrast(
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
     place = lattice.places_of_level(0, scene.occupancy.occupied, scene.occupancy.cells)
-    owner = _owners(scene, place)
+    owner = owners_at(scene, place, range(len(scene.regions)))
     paints = {}
     for k, target in targets.items():
         own, style = np.flatnonzero(owner == k), target.picture
@@ -178,13 +179,3 @@ def _seen(colours: Tensor, view: StyledView, region: int) -> tuple[Tensor, Tenso
     enough = float(there.median()) if len(there) else 1.0
     counts = (mask >= min(0.9, enough)).to(mask)
     return image / mask.clamp_min(1e-3), counts
-
-
-def _owners(scene: Scene, place: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the region with the largest weight at each vertex, -1 for none. (V,)"""
-    assert scene.palette_network is not None
-    found = []
-    for piece in torch.from_numpy(place).split(1 << 17):
-        best, which = scene.palette_network.material(piece.to(scene.device))[1].max(dim=1)
-        found.append(torch.where(best > 0.0, which, -1).cpu().numpy())
-    return np.concatenate(found)

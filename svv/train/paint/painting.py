@@ -252,10 +252,10 @@ def owners_of(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.ui
         return np.full(len(vertices), painted[0], np.uint8)
     finer = cells // coarse
     if finer == 1 or (scene.parts is not None and scene.parts.active):
-        return _owners_at(scene, places_of(occupied, coarse, cells, vertices), painted)
+        return owners_at(scene, places_of(occupied, coarse, cells, vertices), painted)
     corners = np.full([n + 1 for n in occupied.shape], NOBODY, np.uint8)
     own = vertices_of(occupied, coarse, coarse)
-    corners[tuple(own.T)] = _owners_at(scene, places_of(occupied, coarse, coarse, own), painted)
+    corners[tuple(own.T)] = owners_at(scene, places_of(occupied, coarse, coarse, own), painted)
     _, height, depth = corners.shape
     ends = [((v // finer).astype(np.int32), (-(-v // finer)).astype(np.int32)) for v in vertices.T]
     found = corners.ravel()
@@ -265,11 +265,11 @@ def owners_of(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.ui
         owner = owner if len(owner) else there
         alike &= owner == there
     mixed = np.flatnonzero(~alike)
-    owner[mixed] = _owners_at(scene, places_of(occupied, coarse, cells, vertices[mixed]), painted)
+    owner[mixed] = owners_at(scene, places_of(occupied, coarse, cells, vertices[mixed]), painted)
     return owner
 
 
-def _owners_at(scene: Scene, place: NDArray[np.float32], painted: Sequence[int]) -> NDArray[np.uint8]:
+def owners_at(scene: Scene, place: NDArray[np.float32], painted: Sequence[int]) -> NDArray[np.uint8]:
     """Return the painted region with the largest weight at box coordinates (V, 3), NOBODY for none. (V,)"""
     assert scene.palette_network is not None
     own = torch.tensor([k in painted for k in range(len(scene.regions))], device=scene.device)

@@ -200,13 +200,15 @@ def compare(file: Path, kind: str, image: Any, time_point: int) -> tuple[str, st
 
 def train(file: Path, image: Any, views: int, side: int) -> tuple[float, float]:
     """Return the PSNR of unseen views and the seconds of training, preset draft."""
-    import svv
+    from svv.dvr.draw.views import make_views
+    from svv.options.making import ViewOptions
     from svv.train.evaluate import evaluate_scene
+    from svv.train.pipeline import train_scene
 
-    options = svv.ViewOptions(n=views, test=8, size=side, mapper="cpu")
-    known, unseen = svv.make_views(image, None, options)
+    options = ViewOptions(n=views, test=8, size=side, mapper="cpu")
+    known, unseen = make_views(image, None, options)
     began = time.monotonic()
-    scene, _ = svv.train_scene(known, "draft")
+    scene, _ = train_scene(known, "draft")
     took = time.monotonic() - began
     assert unseen is not None
     return evaluate_scene(scene, unseen).psnr, took

@@ -128,14 +128,7 @@ def _opened(
 ) -> Source | None:
     name = file.name.lower()
     if file.is_dir():
-        if is_zarr(file):
-            return open_zarr(file, choice, array)
-        if is_n5(file):
-            return open_n5(file, choice, array)
-        tiff = any(f.suffix.lower() in TIFF for f in file.iterdir())
-        if not tiff and whole and is_dicom(file):
-            return open_dicom(file, choice, array)
-        return open_tiff(file, choice, array, whole) if tiff else None
+        return _opened_folder(file, array, choice, whole)
     if file.stat().st_size == 0:
         raise BadInput(f"{file} is empty.")
     if name.endswith(HDF5) or (name.endswith((*NETCDF, *HDF5_INSIDE)) and is_hdf5(file)):
@@ -185,6 +178,17 @@ def _opened(
         source.assumed = no_size(file.name)
         return source
     return None
+
+
+def _opened_folder(folder: Path, array: str | None, choice: Choice, whole: bool) -> Source | None:
+    if is_zarr(folder):
+        return open_zarr(folder, choice, array)
+    if is_n5(folder):
+        return open_n5(folder, choice, array)
+    tiff = any(f.suffix.lower() in TIFF for f in folder.iterdir())
+    if not tiff and whole and is_dicom(folder):
+        return open_dicom(folder, choice, array)
+    return open_tiff(folder, choice, array, whole) if tiff else None
 
 
 def header_reader(file: Path) -> Callable[[Path], Stored] | None:

@@ -304,7 +304,9 @@ class StyleRFStylizedView(DividedInput, ImageOutput, DrawnBeside, SceneOutput):
         self.get_or_make("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         return said
 
-    def result(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
+    def result(  # long: one step after the other
+        self, inputs: list[Data], outputs: list[Data], out_info: OutInfo
+    ) -> str:
         from svv.pv.work import engine
         from svv.pv.work.requests import learning
         from svv.pv.work.style_files import files_of, lost_file, style_key

@@ -192,14 +192,22 @@ def painted_start(
         else:
             laid = _quilt(targets[k], form, points, pixel, seed + k, part(told, 0.0, 0.6))
         own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
-        for first in range(0, len(own), AT_A_TIME):
-            part(told, 0.6, 1.0)(first / len(own), "painting")
-            piece = own[first : first + AT_A_TIME]
-            colours[piece] = laid(place[piece]).clip(0.0, 1.0)
+        _fill(colours, own, place, laid, part(told, 0.6, 1.0))
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
     progress(1.0, "painting")
     return paint
+
+
+def _fill(
+    colours: NDArray[np.float32], own: NDArray[np.int64], place: NDArray[np.float32],
+    paint: Callable[[NDArray[np.float32]], NDArray[np.float32]], progress: Progress,
+) -> None:  # fmt: skip
+    """Write paint at the places ``own`` into the colours of all places (V, 3)."""
+    for first in range(0, len(own), AT_A_TIME):
+        progress(first / len(own), "painting")
+        piece = own[first : first + AT_A_TIME]
+        colours[piece] = paint(place[piece]).clip(0.0, 1.0)
 
 
 def _paint_by_strokes(

@@ -132,14 +132,9 @@ class Painting:
 
 @torch.no_grad()
 def painted_start(
-    scene: Scene,
-    start: Start,
-    pixel: float,
-    seed: int,
-    progress: Progress,
-    show: Callable[[UnrestrictedField], None],
+    scene: Scene, start: Start, pixel: float, seed: int, progress: Progress, show: Callable[[UnrestrictedField], None],
     remarks: Remarks,
-) -> UnrestrictedField:
+) -> UnrestrictedField:  # fmt: skip
     """Paint the regions; returns a direct colour field, or raises BadInput if none of them is visible.
 
     ``pixel`` is a style's on the surface, in box units; ``show`` is called with flat colours, and after each region.

@@ -27,6 +27,7 @@ from svv.bricks.formats.n5 import is_n5, open_n5
 from svv.bricks.formats.netcdf import open_netcdf
 from svv.bricks.formats.nifti import nifti_header
 from svv.bricks.formats.nrrd import nrrd_header
+from svv.bricks.formats.opendx import dx_header
 from svv.bricks.formats.philips import open_par, par_of
 from svv.bricks.formats.places import no_size
 from svv.bricks.formats.source import Level, Source, level_of
@@ -65,6 +66,7 @@ HEADERS: dict[str, Callable[[Path], Stored]] = {
     **dict.fromkeys((".cube", ".cub"), cube_header),
     **dict.fromkeys((".mgz", ".mgh", ".mgh.gz"), mgh_header),
     ".am": am_header,
+    ".dx": dx_header,
     ".bov": bov_header,
     ".vgi": vgi_header,
     **dict.fromkeys((".head", ".brik", ".brik.gz"), afni_header),

@@ -28,9 +28,7 @@ def dx_header(file: Path) -> Stored:
     """
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)
-    follows = re.search(
-        rb"class\s+array\s+type\s+\"?(\w+)\"?\s+rank\s+0\s+items\s+(\d+)\s+data\s+follows[^\n]*\n", head
-    )
+    follows = re.search(VALUES, head)
     counts = re.search(rb"class\s+gridpositions\s+counts\s+(\d+)\s+(\d+)\s+(\d+)", head)
     if follows is None or counts is None:
         raise BadInput(f"{file} holds no regular grid of numbers in OpenDX's text format.")

@@ -128,10 +128,6 @@ layout = CreateLayout("film")
 AssignViewToLayout(view, layout)
 Show(Wavelet(WholeExtent=[-1, 1] * 3), view)
 Render(view)
-image = StyleRFRender(Input=OpenDataFile(folder + "/cube.svv"))
-image.UpdatePipeline()
-image.FollowCamera = 1
-(target,) = [v for v in GetRenderViews() if v.SMProxy is not view.SMProxy]
 animation, track = GetAnimationScene(), GetCameraTrack(view=view)
 animation.PlayMode, animation.NumberOfFrames = "Sequence", 3
 animation.StartTime, animation.EndTime, track.Mode = 0.0, 1.0, "Interpolate Camera"
@@ -139,6 +135,15 @@ track.KeyFrames = [
     CameraKeyFrame(KeyTime=time, Position=place, FocalPoint=[0, 0, 0], ViewUp=[0, 1, 0], ViewAngle=30)
     for time, place in ((0.0, [0, 0, 4]), (1.0, [4, 0, 0]))
 ]
+own = []
+tag = view.SMProxy.AddObserver("EndEvent", lambda *_: own.append(tuple(view.GetActiveCamera().GetPosition())))
+SaveAnimation(f"{folder}/own.png", viewOrLayout=layout, ImageResolution=[80, 40])
+view.SMProxy.RemoveObserver(tag)
+said["moves"] = len(set(own)) > 1
+image = StyleRFRender(Input=OpenDataFile(folder + "/cube.svv"))
+image.UpdatePipeline()
+image.FollowCamera = 1
+(target,) = [v for v in GetRenderViews() if v.SMProxy is not view.SMProxy]
 for name, saved in (("layout", layout), ("target", target)):
     places = []
     def drawn(*_):
@@ -149,6 +154,8 @@ for name, saved in (("layout", layout), ("target", target)):
     said[name] = places
 """
     )
+    if not said["moves"]:
+        pytest.skip("this ParaView saves animations without moving the camera, as Debian's 5.13.2 does")
     for name in ("layout", "target"):
         assert [place for place in ([0, 0, 4], [2, 0, 2], [4, 0, 0]) if place not in said[name]] == [], name
         frames = [np.asarray(Image.open(tmp_path / f"{name}.{number:04d}.png")) for number in range(3)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 import svv
 from svv.bricks.formats.source import Level
 from svv.dvr.functions.transfer_functions import TransferFunction
+from svv.dvr.read.grids import from_array
 from svv.errors import BadInput
+from svv.job.opacities import unit_for
 
 ITF = """<?xml version="1.0" encoding="UTF-8" ?>
 <InviwoWorkspace version="3">
@@ -93,6 +96,15 @@ def test_opacities_are_those_of_a_part_of_the_volumes_side(tmp_path: Path, write
     known = float(function.fitted(0.0, 1.0).opacity_at([0.75])[0])
     deepest = views.images[..., 3].max() / 255.0
     assert deepest > 1.0 - (1.0 - known) ** (0.9 * 19.0 / (20.0 / slabs)) - 0.02
+
+
+def test_other_opacities_of_a_scene_count_by_its_volume(tmp_path: Path) -> None:
+    function = TransferFunction.read(voreen(tmp_path, (100.0, 300.0)))
+    image = from_array(np.zeros((20, 20, 20), np.float32))
+    assert unit_for(function, 3.0, image) == pytest.approx(20.0 / 200)
+    assert unit_for(replace(function, slabs=None), 3.0, image) == 3.0
+    with pytest.raises(BadInput, match="name the volume, too"):
+        unit_for(function, 3.0, None)
 
 
 @pytest.mark.parametrize("kind", ["bytes", "header", "text", "numbered"])

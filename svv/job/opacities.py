@@ -54,7 +54,7 @@ def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageDat
     before = TransferFunction.from_dict(told)
     if before.unit_distance is None:
         raise BadInput("The scene does not record the unit distance of its opacities: train it again.")
-    function = replace(function, unit_distance=function.unit_distance or before.unit_distance)
+    function = replace(function, unit_distance=unit_for(function, before.unit_distance, volume))
     low, high = before.range
     _check_colours(before, function, np.linspace(low, high, KNOWN))
     if _is_same(before, function):
@@ -65,6 +65,20 @@ def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageDat
         result = _with_opacities(scene, before, function)
     made = {**result.made, "source": {**scene.made["source"], "tf": function.to_dict()}}
     return replace(result, made=made)
+
+
+def unit_for(function: TransferFunction, before: float, volume: vtkImageData | None) -> float:
+    """Return the unit distance of a function's opacities, world units: its own, or the one before.
+
+    Raises BadInput if it counts by the size of a volume that is not given.
+    """
+    if function.unit_distance is None and function.slabs is not None:
+        if volume is None:
+            raise BadInput(f"'{function.name}' counts opacities by the volume's size: name the volume, too.")
+        from svv.dvr.read.grids import level_of_image
+
+        return function.unit_in(level_of_image(volume))
+    return function.unit_distance or before
 
 
 def _is_same(before: TransferFunction, function: TransferFunction) -> bool:

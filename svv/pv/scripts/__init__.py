@@ -191,6 +191,10 @@ def _show_with(display: Display, tf: Path) -> None:
     arrays = source.CellData if kind == "CELLS" else source.PointData
     low, high = arrays[name].GetRange()  # of all ranks
     function = TransferFunction.read(tf).fitted(low, high)
+    if function.slabs is not None:
+        raise BadInput(
+            f"{tf} counts opacities by the volume's size, as displays of ParaView do not: give it to svv views."
+        )
     table = display.LookupTable
     table.UseLogScale = table.ScalarOpacityFunction.UseLogScale = 0  # the function is on linear scales
     table.ColorSpace, table.HSVWrap = function.space, int(function.hsv_wrap)

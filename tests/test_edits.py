@@ -162,7 +162,7 @@ def test_every_field_is_an_edit_or_says_what_the_region_is() -> None:
         **reflects, paint_light=0.2, mean_light=(0.7, 0.1), outline=0.5, outline_width=3.0,
         outline_colour=(0.2, 0.0, 0.0), stroke_opacity=-0.4, stroke_relief=0.5, stroke_width=1.5,
         stroke_light=(0.0, 0.0, 1.0), stroke_palette=((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)), name="bone",
-        recolour_in="oklab", matcap="jade", occlusion=0.4,
+        recolour_in="oklab", matcap="jade", occlusion=0.4, section="hatched", section_line=2.0,
     )  # fmt: skip
     edits = edits_of(edited)
     assert set(edits) == set(vars(edited)) - set(IDENTITY)

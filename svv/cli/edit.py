@@ -26,6 +26,7 @@ from svv.options.editing import (
     PartEdit,
     RegionEdit,
     SceneEdit,
+    SectionEdit,
     VisibilityEdit,
 )
 from svv.options.making import DeviceOptions, PaletteOptions
@@ -57,6 +58,7 @@ EDIT = (
     "svv edit scene.svv --cut 'x>50%' --out half.svv",
     "svv edit scene.svv --cut '0=x>50%&y>50%&z>50%' --out open.svv",
     "svv edit open.svv --uncut --cut sphere:32,32,32:10 --out hollow.svv",
+    "svv edit half.svv --section hatched --section-line 2 --out drawn.svv",
     "svv edit scene.svv --occlusion 0.8 --out deep.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
@@ -105,7 +107,9 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     out: Out,
     region: Annotated[
         int | None,
-        typer.Option(min=0, help="Number of the region. Without it, occlusion, paint and outlines change in all."),
+        typer.Option(
+            min=0, help="Number of the region. Without it, occlusion, paint, sections and outlines change in all."
+        ),
     ] = None,
     asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),
@@ -115,6 +119,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     outline: OutlineEdit = OutlineEdit(),
     visibility: VisibilityEdit = VisibilityEdit(),
     cuts: CutEdit = CutEdit(),
+    sections: SectionEdit = SectionEdit(),
     part: PartEdit = PartEdit(),
     picture: PictureOptions = PictureOptions(),
     steps: Steps = Steps(),
@@ -131,13 +136,13 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     chosen = () if region is None else (region,)
     regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name))
     regions = _with(regions, "matcap", parse_names(asked.matcap, "--matcap 0=jade"))
-    request = SceneEdit(regions, light, occlusion, paint, outline, visibility, cuts, part, chosen, chosen)
+    request = SceneEdit(regions, light, occlusion, paint, outline, visibility, cuts, sections, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
     edits = bool(request or own or asked.distinct or asked.say)
-    _check(region, own, bool(own or occlusion or paint or outline), steps, edits)
+    _check(region, own, bool(own or occlusion or paint or outline or sections), steps, edits)
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:
@@ -166,7 +171,7 @@ def _check(region: int | None, own: RegionEdit, of_region: bool, steps: Steps, e
     if region is not None and not of_region:
         raise BadInput(
             "Nothing to change: give --colour, --opacity, --lighting, --occlusion, --strength, --paint-light, "
-            "--outline or an edit of its strokes, such as --stroke-width, for the region."
+            "--outline, --section or an edit of its strokes, such as --stroke-width, for the region."
         )
     if (steps.undo or steps.redo) and (edits or (steps.undo and steps.redo)):
         raise BadInput("Give --undo, --redo or edits, not more than one of these.")

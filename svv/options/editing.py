@@ -11,6 +11,7 @@ from svv.options.described import Setting, Switch
 Colour = tuple[float, float, float]
 RecolourName = Literal["hsb", "oklab"]
 DistinctName = Literal["colours", "lightness"]
+SectionName = Literal["learned", "flat", "hatched"]
 
 PAINT_LIGHT = 0.6
 """Fraction of the light's contrast that shows on paint, unless an edit changes it."""
@@ -19,6 +20,11 @@ OUTLINE_WIDTH = 2.0
 """Default width of outlines, in pixels of an 800 x 800 image."""
 OUTLINE_COLOUR: Colour = (0.06, 0.05, 0.05)
 """Default colour of outlines, nearly black: sRGB in [0, 1]."""
+
+LEARNED: SectionName = "learned"
+"""Default way to show the faces of cuts: as the scene learned what is there."""
+WIDEST_LINE = 16.0
+"""Largest width of the line around sections, in pixels of an 800 x 800 image."""
 
 SPLIT_LEVEL = 0.5
 """Default fraction of a region's mean opacity from which its cells are connected when it is split."""
@@ -180,6 +186,18 @@ class CutEdit(Request):
 
 
 @dataclass(frozen=True)
+class SectionEdit(Request):
+    """Faces of cuts in the region, or in all regions."""
+
+    section: Annotated[SectionName | None, Setting(unset="as it is", advanced=True)] = None
+    """Faces of cuts: learned as they are, flat in the region's unlit colour, or hatched as in a drawing."""
+    section_line: Annotated[
+        float | None, Setting(least=0, most=WIDEST_LINE, metavar="PX", advanced=True, unset=0.0)
+    ] = None
+    """Width of an ink line around the faces of cuts, in pixels of an image of 800 x 800; 0 draws none."""
+
+
+@dataclass(frozen=True)
 class SceneEdit:
     """All changes that one command or one panel requests: one step of a scene's history."""
 
@@ -191,13 +209,23 @@ class SceneEdit:
     outline: OutlineEdit = OutlineEdit()
     visibility: VisibilityEdit = VisibilityEdit()
     cuts: CutEdit = CutEdit()
+    sections: SectionEdit = SectionEdit()
     part: PartEdit = PartEdit()
     """A part to split off first; ``split_at`` in world coordinates."""
     of: tuple[int, ...] = ()
-    """Regions whose paint is changed; empty means all."""
+    """Regions whose paint, occlusion or sections are changed; empty means all."""
     outlined: tuple[int, ...] = ()
     """Regions whose outlines are changed; empty means all."""
 
     def __bool__(self) -> bool:
-        of_all = self.light, self.occlusion, self.paint, self.outline, self.visibility, self.cuts, self.part
+        of_all = (
+            self.light,
+            self.occlusion,
+            self.paint,
+            self.outline,
+            self.visibility,
+            self.cuts,
+            self.sections,
+            self.part,
+        )
         return any((*self.regions.values(), *of_all))

@@ -1,62 +1,115 @@
 """Samples of rays through a scene that is cut open.
 
-What a cut leaves of a ray is one piece or several. Each piece is marched as a ray of its own, so that its first sample
-lies right behind the cut, and nothing that was cut off ends it; the samples of all pieces are then put in order.
+Cuts divide a ray into pieces. Each piece is marched as a ray of its own, so that its first sample lies right behind the
+cut, and nothing that was cut off ends it; the samples of all pieces are then put in order. Letters: R rays, S samples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from svv.core.geometry.cuts import Cut, clip_rays
+from svv.core.geometry.cuts import Cut, divide_rays
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, Rays, march
 from svv.kernels.types import Samples
 
 
+@dataclass(frozen=True)
+class OpenCells:
+    """The cells in which some regions are cut off or hidden."""
+
+    there: Occupancy
+    """Those of them in which something may be left."""
+    kept: Tensor
+    """Cells in which nothing is cut off or hidden. (X, Y, Z) bool"""
+    everywhere: bool
+    """Whether these are all cells, as where a region is hidden; otherwise those that cuts of some regions reach."""
+
+
 @torch.no_grad()
 def march_uncut(
-    rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, cuts: Sequence[Cut]
-) -> Samples:
+    rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, cuts: Sequence[Cut],
+    opened: OpenCells | None,
+) -> Samples:  # fmt: skip
     """Sample the parts of rays that no cut of all regions takes away, as :func:`march` does.
 
-    Cuts, in world units, of some regions only are left to who knows the regions of the samples: all are there for them.
+    Cuts, in world units, of some regions only, and hidden regions, are left to who knows the regions of the samples;
+    ``opened`` are the cells that these reach. Only what is certainly shown ends a ray there.
     """
-    whole = [cut.in_box(occupancy.box) for cut in cuts if not cut.regions]
-    if not whole:
+    if not cuts and opened is None:
         return march(rays, occupancy, density, how)
-    begins, ends = clip_rays(whole, rays.origins, rays.directions)
-    depth = torch.zeros_like(begins[:, 0])
-    tail, pieces, numbers = torch.zeros_like(depth), [], []
-    for begin, end in zip(begins.unbind(1), ends.unbind(1), strict=True):
-        there = end > begin
+    if not cuts:
+        ahead = torch.zeros_like(rays.origins[:, 0])
+        return _march_part(rays, ahead, ahead + torch.inf, occupancy, density, how, opened)[0]
+    shapes = [cut.in_box(occupancy.box) for cut in cuts]
+    begins, ends, taken = divide_rays(shapes, rays.origins, rays.directions)
+    of_all = torch.tensor([not cut.regions for cut in cuts], device=begins.device)
+    gone, of_some = (taken & of_all).any(2), (taken & ~of_all).any(2)
+    of_some = (of_some | opened.everywhere) if opened is not None else torch.zeros_like(of_some)
+    depth, tail = torch.zeros_like(begins[:, 0]), torch.zeros_like(begins[:, 0])
+    pieces, numbers = [(rays.origins[:0], depth[:0], depth[:0])], [torch.zeros(0, dtype=torch.int64).to(depth.device)]
+    for k in range(begins.shape[1]):
+        there = (ends[:, k] > begins[:, k]) & ~gone[:, k]
         if density is not None and how.fade > 0.0:
             there &= how.fade * depth <= how.stop
-        which = there.nonzero()[:, 0]
-        if not len(which):
-            continue
-        start, directions = begin[which], rays.directions[which]
-        piece = march(Rays(rays.origins[which] + start[:, None] * directions, directions), occupancy, density, how)
-        own: Tensor = piece.ray.long()
-        ray = which[own]
-        along = ((piece.position - rays.origins[ray]) * rays.directions[ray]).sum(1)
-        share = ((end[ray] - along) / how.step + 0.5).clamp(max=1.0)  # of a sample's step, up to the cut
-        kept = share > 0.0
-        endless = end[which].isinf()
-        tail[which] = torch.where(endless, piece.tail, 0.0)  # behind a cut, it may be of what was cut off
-        ray, sigma, skipped = ray[kept], (piece.sigma * share)[kept], piece.skipped[kept]
-        depth.index_add_(0, ray, skipped + sigma * how.step)
-        pieces.append((piece.position[kept], sigma, skipped))
-        numbers.append(ray)
-    pieces.append((rays.origins[:0], depth[:0], depth[:0]))
+        for cells in (None,) if opened is None else (None, opened):
+            which = (there & (of_some[:, k] == (cells is not None))).nonzero()[:, 0]
+            if not len(which):
+                continue
+            part = Rays(rays.origins[which], rays.directions[which])
+            piece, share = _march_part(part, begins[which, k], ends[which, k], occupancy, density, how, cells)
+            tail[which] = torch.where(ends[which, k].isinf(), piece.tail, 0.0)  # else, it may be of what was cut off
+            own = which[piece.ray.long()]
+            sigma = piece.sigma * share
+            ends_rays = share if cells is None else share * _looked_up(cells, occupancy, piece.position)
+            depth.index_add_(0, own, (piece.skipped + piece.sigma * how.step) * ends_rays)
+            pieces.append((piece.position, sigma, piece.skipped))
+            numbers.append(own)
     position, sigma, skipped = (torch.cat(parts) for parts in zip(*pieces, strict=True))
-    ray = torch.cat([*numbers, torch.zeros(0, dtype=torch.int64, device=depth.device)])
+    ray = torch.cat(numbers)
     order = ray.argsort(stable=True)
     count = torch.bincount(ray, minlength=len(rays))
     return Samples(
         position[order], sigma[order], skipped[order], ray[order].int(), count.cumsum(0) - count, count, tail, how.step
     )
+
+
+def _march_part(
+    rays: Rays, begin: Tensor, end: Tensor, occupancy: Occupancy, density: SparseLattice | None, how: Marching,
+    opened: OpenCells | None,
+) -> tuple[Samples, Tensor]:  # fmt: skip
+    """Return the samples of parts of rays (R,), and the share of each sample's step that lies before the end. (S,)"""
+    cells, way = (occupancy, how) if opened is None else (opened.there, replace(how, fade=0.0))
+    starts = rays.origins + begin[:, None] * rays.directions
+    piece = march(Rays(starts, rays.directions), cells, density, way)
+    ray: Tensor = piece.ray.long()
+    along = ((piece.position - rays.origins[ray]) * rays.directions[ray]).sum(1)
+    share = ((end[ray] - along) / how.step + 0.5).clamp(max=1.0)
+    left = share > 0.0
+    if opened is not None and density is not None and how.fade > 0.0:
+        sure = _looked_up(opened, occupancy, piece.position) * (piece.skipped + piece.sigma * how.step)
+        total = sure.double().cumsum(0)
+        before = total - sure - torch.cat([total.new_zeros(1), total])[piece.start][ray]
+        left &= how.fade * before <= how.stop
+    if bool(left.all()):
+        return piece, share
+    rows = left.nonzero()[:, 0]
+    count = torch.bincount(ray[rows], minlength=len(begin))
+    start = count.cumsum(0) - count
+    kept = Samples(
+        piece.position[rows], piece.sigma[rows], piece.skipped[rows], piece.ray[rows], start, count, piece.tail,
+        piece.step,
+    )  # fmt: skip
+    return kept, share[rows]
+
+
+def _looked_up(opened: OpenCells, occupancy: Occupancy, position: Tensor) -> Tensor:
+    """Return 1 for samples (S, 3) in cells of which nothing is cut off or hidden, else 0. (S,)"""
+    cell = (position * occupancy.cells).long()
+    x, y, z = (v.clamp(0, n - 1) for v, n in zip(cell.unbind(1), opened.kept.shape, strict=True))
+    return opened.kept[x, y, z].float()

@@ -10,7 +10,7 @@ from svv.options.editing import SPLIT_LEVEL, SceneEdit
 def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Scene:
     """Return the scene with everything in the request applied, as one step that can be undone; BadInput as its edits.
 
-    Resets are applied first, then a split, visibility, cuts, regions, light, occlusion, paint and outlines.
+    Resets are applied first, then a split, visibility, cuts, regions, light, occlusion, paint, sections and outlines.
     """
     result, seen = scene, edit.visibility
     if seen.reset is not None:
@@ -44,6 +44,8 @@ def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Sce
         result = result.with_stroke_opacity(edit.paint.stroke_opacity, *edit.of)
     if edit.paint.of_strokes:
         result = result.with_strokes(*edit.of, **edit.paint.of_strokes)
+    if edit.sections:
+        result = result.with_section(edit.sections.section, *edit.of, line=edit.sections.section_line)
     if edit.outline:
         ink = edit.outline
         result = result.with_outline(ink.outline, *edit.outlined, width=ink.outline_width, colour=ink.outline_colour)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, validate_name, validate_space
 from svv.fields.scene.splitting import piece_at
 from svv.fields.scene.stroke_edits import describe_stroke_edits, validate_stroke_edits
-from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, RecolourName
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, WIDEST_LINE, RecolourName, SectionName
 
 
 def edited(
@@ -287,6 +287,30 @@ def cut(scene: S, *cuts: Cut | str) -> S:
 def uncut(scene: S) -> S:
     """Return the scene without its cuts, as one edit."""
     return after(scene, "uncut", scene.regions, cuts=())
+
+
+def with_section(scene: S, section: SectionName | None = None, *regions: int, line: float | None = None) -> S:
+    """Return a scene in which the faces of cuts show these regions, by default all, in another way.
+
+    Args:
+        scene: The scene, cut open before or later.
+        section: ``learned`` as it is, ``flat`` in the region's unlit colour, or ``hatched``. Unchanged by default.
+        regions: Numbers of the regions.
+        line: Width of an ink line around the faces, in pixels of an image of 800 x 800, in [0, 16]; 0 draws none.
+            Unchanged by default.
+
+    Raises:
+        BadInput: There is no such way, the width is out of range, or a region does not exist.
+    """
+    if section is not None and section not in get_args(SectionName):
+        raise BadInput(f"Sections cannot be '{section}': choose {', '.join(get_args(SectionName))}.")
+    if line is not None and not 0.0 <= line <= WIDEST_LINE:
+        raise BadInput(f"The line around sections is from 0 to {WIDEST_LINE:g} pixels wide, not {line:g}.")
+    check_regions(scene, *(chosen := regions or range(len(scene.regions))))
+    given = {"section": section, "section_line": None if line is None else float(line)}
+    told = {name: value for name, value in given.items() if value is not None}
+    said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in told.items())
+    return changed(scene, said, {k: dict(told) for k in chosen})
 
 
 def reset(scene: S, *regions: int) -> S:

@@ -21,6 +21,7 @@ from svv.fields.scene.matcaps import dress
 from svv.fields.scene.model import Model, for_colours, of_colour
 from svv.fields.scene.occlusion import occlude
 from svv.fields.scene.paint_light import lights_of
+from svv.fields.scene.sections import face_shares, show_sections
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.fields.scene.view_cache import Look, key_of_paint
 from svv.kernels.constants import numbers_on
@@ -55,9 +56,12 @@ def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -
 
 def draw(
     kernels: ImageKernels, scene: Model, look: Look, rays: Rays, network: str, beams: Callable[[], Beams],
-    images: tuple[Tensor, Tensor, Tensor],
+    images: tuple[Tensor, Tensor, Tensor], share: Tensor | None,
 ) -> None:  # fmt: skip
-    """Render rays into RGBA (R, 4), depth (R,) and region (R,), with the network ``pcn`` or ``styled``."""
+    """Render rays into RGBA (R, 4), depth (R,) and region (R,), with the network ``pcn`` or ``styled``.
+
+    ``share`` (R,) is filled with the light from faces of cuts, if it is there.
+    """
     palette, samples, light = scene.palette_network, look.samples, look.light
     assert palette is not None
     here = scene.regions_at(samples.position)
@@ -76,8 +80,11 @@ def draw(
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):
         dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams())
+    show_sections(scene, surface.colour, samples, region, network)
     opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
+    if share is not None:
+        share.copy_(face_shares(scene, samples, sigma * opacity[region], region))
 
 
 def _recoloured(kernels: ImageKernels, scene: Model, raw: Tensor, here: Tensor | None) -> Tensor:

@@ -17,6 +17,7 @@ from torch import Tensor
 from svv.core.colour.palette_shading import lit
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
+from svv.core.images.edges import VIEW
 from svv.core.images.outlines import Pen, outlined
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress, silent
@@ -41,7 +42,9 @@ from svv.fields.scene.joined import members
 from svv.fields.scene.matcaps import dress
 from svv.fields.scene.model import Model, S, for_colours, of_colour
 from svv.fields.scene.occlusion import occlude
+from svv.fields.scene.open_cells import open_cells_of
 from svv.fields.scene.paint_light import lights_of
+from svv.fields.scene.sections import face_shares, faces, has_section_lines, show_sections, with_lines
 from svv.fields.scene.stroke_opacity import fade_of, followed
 from svv.fields.scene.view_cache import View, key_of
 from svv.fields.strokes.stroke_paint import shared_width
@@ -127,8 +130,10 @@ def render(
         return render(resolving(scene, camera), camera, network, background, progress)
     outlines, shape = network != "base" and any(r.outline for r in scene.regions), (camera.height, camera.width)
     with gpu_errors(scene.device):
-        images = _draw(scene, camera, network, progress)
-        if background is not None and not outlines:
+        share = torch.zeros(shape, device=scene.device) if network != "base" and has_section_lines(scene) else None
+        images = _draw(scene, camera, network, progress, None if share is None else share.view(-1))
+        drawn_over = outlines or share is not None
+        if background is not None and not drawn_over:
             _blend(images[0], background)
         rgba, depth, region = on_cpu(images)
         rgba, depth, region = rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape)
@@ -136,14 +141,21 @@ def render(
         pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in scene.regions]
         size = scene.occupancy.box.size
         rgba, depth, region = outlined(rgba, depth, region, pens, camera.pixel_at, size)
-        if background is not None:
-            _blend(torch.from_numpy(rgba).view(-1, 4), background)
+    if share is not None:
+        rgba = with_lines(rgba, share.cpu().numpy(), region, scene.regions, VIEW)
+    if background is not None and drawn_over:
+        _blend(torch.from_numpy(rgba).view(-1, 4), background)
     progress(1.0, "rendering")
     return Rendering(rgba, depth, region)
 
 
-def _draw(scene: Model, camera: Camera, network: str, progress: Progress) -> tuple[Tensor, Tensor, Tensor]:
-    """Return straight RGBA (pixels, 4), depth and region (pixels,) of a view, on the scene's device."""
+def _draw(
+    scene: Model, camera: Camera, network: str, progress: Progress, share: Tensor | None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return straight RGBA (pixels, 4), depth and region (pixels,) of a view, on the scene's device.
+
+    The light from faces of cuts is written into ``share`` (pixels,), 0 before, if it is there.
+    """
     together = Together(scene, camera, network) if scene.layers else None
     caster = scene.caster([camera])
     alone = together is None and network != "base" and image_kernels_of(scene) is not None
@@ -157,12 +169,15 @@ def _draw(scene: Model, camera: Camera, network: str, progress: Progress) -> tup
         own = in_sight[first : first + chunk]
         piece = [image[first : first + chunk] for image in images]
         parts = piece if in_order else (new_images if alone else empty_images)(len(own), scene.device)
+        faces_seen = None if share is None else torch.zeros(len(own), device=scene.device)
         if together is not None:
-            together.draw(own, *parts)
+            together.draw(own, parts[0], parts[1], parts[2], faces_seen)
         else:
             rays = caster.rays(own)
             beams = partial(Beams.of, scene.lamp, camera, rays)
-            _render_rays(scene, rays, beams, network, (parts[0], parts[1], parts[2]), view, first)
+            _render_rays(scene, rays, beams, network, (parts[0], parts[1], parts[2]), view, first, faces_seen)
+        if share is not None and faces_seen is not None:
+            share.index_copy_(0, own, faces_seen)
         if not in_order:
             for image, part in zip(images, parts, strict=True):
                 image.index_copy_(0, own, part)
@@ -173,17 +188,17 @@ def _draw(scene: Model, camera: Camera, network: str, progress: Progress) -> tup
 @torch.no_grad()
 def _render_rays(
     scene: Model, rays: Rays, beams: Callable[[], Beams], network: str, images: tuple[Tensor, Tensor, Tensor],
-    view: View, first: int,
+    view: View, first: int, share: Tensor | None,
 ) -> None:  # fmt: skip
     """Render rays into the images; the kernels for images also empty what shows nothing, others leave it as it is.
 
-    ``first``: number of the first of these rays among those of the ``view``.
+    ``first``: number of the first of these rays among those of the ``view``; ``share`` (R,): as for :func:`draw`.
     """
     kernels = None if network == "base" else image_kernels_of(scene)
     if kernels is not None:
         look = view.look(first, lambda: look_at(kernels, scene, visible_samples(scene, rays, network), rays))
         if look is not None:
-            draw(kernels, scene, look, rays, network, beams, images)
+            draw(kernels, scene, look, rays, network, beams, images, share)
         else:
             show_nothing(images)
         return
@@ -193,6 +208,8 @@ def _render_rays(
     colour, of, sigma = shade(scene, samples, rays, network, beams())
     distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
     _show(samples, sigma, (colour, distance, of), max(len(scene.regions), 1), scene.occupancy.box.size, images)
+    if share is not None:
+        share.copy_(face_shares(scene, samples, sigma, of))
 
 
 def _show(
@@ -244,22 +261,25 @@ def _blend(rgba: Tensor, background: Sequence[float]) -> None:
 
 
 Seen = tuple[Samples, Tensor, Tensor, Tensor]
-"""S samples, their colours (S, 3), regions (S,) and a number of each: edited extinctions, or distances (S,)."""
+"""S samples, their colours (S, 3), regions (S,) and edited extinctions (S,)."""
 
 
 def marching_as_edited(scene: Model, network: str) -> Marching:
     """Return how rays are sampled; they go deeper where edits make regions more transparent."""
-    # What a cut of some regions takes away must not end a ray.
-    fade = 0.0 if any(cut.regions for cut in scene.cuts) else fade_of(scene, network)
-    return replace(scene.marching_for_images, fade=fade)
+    return replace(scene.marching_for_images, fade=fade_of(scene, network))
 
 
 @torch.no_grad()
 def visible_samples(scene: Model, rays: Rays, network: str) -> Samples:
     """Return the samples of rays for an image."""
     how = marching_as_edited(scene, network)
-    samples = march_uncut(rays, scene.occupancy, scene.base.density, how, scene.cuts)
+    # Without regions, as the base network draws, nothing is cut off for some only.
+    cuts = scene.cuts if network != "base" else [cut for cut in scene.cuts if not cut.regions]
+    opened = open_cells_of(scene) if network != "base" else None
+    samples = march_uncut(rays, scene.occupancy, scene.base.density, how, cuts, opened)
     if scene.base.density is None:
+        # What is cut off or hidden must not end a ray.
+        how = how if opened is None else replace(how, fade=0.0)
         samples, _ = not_hidden(samples, scene.base.extinction(samples), how)
         return samples
     return ended(samples)
@@ -296,6 +316,7 @@ def shade(
     colour = light(scene, parts, diffuse, region, network)
     if any(r.matcap is not None for r in scene.regions):
         dress(scene, colour, samples.position, region, samples.ray, seen)
+    show_sections(scene, colour, samples, region, network)
     return colour, region, sigma
 
 
@@ -330,11 +351,11 @@ class Together:
         found = [caster.in_sight(member.occupancy) for _, member, caster, _ in self.shown]
         return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
 
-    def samples(self, pixels: Tensor) -> Seen | None:
+    def samples(self, pixels: Tensor) -> tuple[Samples, Tensor, Tensor, Tensor, Tensor] | None:
         """Return the samples of all members along the rays of pixels (R,), in the order of their distances, if any.
 
         The samples' ``sigma`` is their edited optical depth, and their step is 1; their colours are (S, 3), regions
-        (S,), and distances from the camera in world units (S,).
+        (S,), distances from the camera in world units (S,), and how far they show faces of cuts (S,).
         """
         parts: list[tuple[Tensor, ...]] = []
         tail = torch.zeros(len(pixels), device=pixels.device)
@@ -347,26 +368,29 @@ class Together:
             samples, colour, of, sigma = found
             size = member.occupancy.box.size
             distance = size * (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
-            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of]))
+            face = faces(member, samples, of)
+            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of], face))
             tail = tail.to(samples.tail) + samples.tail
         if not parts:
             return None
-        ray, distance, skipped, thickness, colour, of = (torch.cat(each) for each in zip(*parts, strict=True))
+        ray, distance, skipped, thickness, colour, of, face = (torch.cat(each) for each in zip(*parts, strict=True))
         order = distance.argsort(stable=True)
         order = order[ray[order].argsort(stable=True)]
         count = torch.bincount(ray, minlength=len(pixels))
         found_there = Samples(
             colour[order], thickness[order], skipped[order], ray[order], count.cumsum(0) - count, count, tail, 1.0
         )
-        return found_there, colour[order], of[order], distance[order]
+        return found_there, colour[order], of[order], distance[order], face[order]
 
     @torch.no_grad()
-    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
-        """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
+    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor, share: Tensor | None) -> None:
+        """Draw pixels (R,) into RGBA (R, 4), depth, region and ``share`` (R,), all of them empty before."""
         found = self.samples(pixels)
         if found is not None:
-            samples, colour, of, distance = found
+            samples, colour, of, distance, face = found
             _show(samples, samples.sigma, (colour, distance, of), self.count, 1.0, (rgba, depth, region))
+            if share is not None:
+                share.copy_(composite(samples, samples.sigma, face[:, None])[0][:, 0])
 
     @torch.no_grad()
     def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:
@@ -374,7 +398,7 @@ class Together:
         found = self.samples(pixel)
         if found is None:
             return None
-        samples, _, of, distance = found
+        samples, _, of, distance, _ = found
         _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
         if float(1.0 - transmittance) <= LEAST_ALPHA or float(weights.max()) <= 0.0:
             return None

@@ -8,7 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 from svv.errors import BadInput
-from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT, RecolourName
+from svv.options.editing import (
+    LEARNED,
+    OUTLINE_COLOUR,
+    OUTLINE_WIDTH,
+    PAINT_LIGHT,
+    WIDEST_LINE,
+    RecolourName,
+    SectionName,
+)
 from svv.options.making import DRAWN
 
 MOST_RELIEF = 4.0
@@ -111,6 +119,11 @@ class Region:
     outline_colour: tuple[float, float, float] = OUTLINE_COLOUR
     """Colour of the outlines, RGB in [0, 1]."""
 
+    section: str = LEARNED
+    """How the faces of cuts show it (:mod:`svv.fields.scene.sections`): ``learned``, ``flat`` or ``hatched``."""
+    section_line: float = 0.0
+    """Width of the ink line around its sections, in pixels of an image of 800 x 800; 0 draws none."""
+
     def __post_init__(self) -> None:
         if not (0.0 <= self.stroke_relief <= MOST_RELIEF and STROKE_WIDTHS[0] <= self.stroke_width <= STROKE_WIDTHS[1]):
             raise ValueError("the relief or the width of strokes is out of range")
@@ -118,6 +131,10 @@ class Region:
             raise ValueError("the occlusion is out of range")
         if self.recolour_in not in get_args(RecolourName):
             raise ValueError(f"'{self.recolour_in}' is no space to recolour in")
+        if self.section not in get_args(SectionName):
+            raise ValueError(f"'{self.section}' is no way to show sections")
+        if not 0.0 <= self.section_line <= WIDEST_LINE:
+            raise ValueError("the line around sections is out of range")
 
     @property
     def seen_opacity(self) -> float:

@@ -47,6 +47,7 @@ class Scene(Model):
     with_paint_light = edits.with_paint_light
     with_stroke_opacity = edits.with_stroke_opacity
     with_occlusion = edits.with_occlusion
+    with_section = edits.with_section
     with_strokes = edits.with_strokes
     with_outline = edits.with_outline
     reset = edits.reset

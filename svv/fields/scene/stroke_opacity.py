@@ -7,6 +7,7 @@ profile, and the ground never so clear that holes show. Letters: S samples, P re
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
@@ -39,13 +40,16 @@ def followed(scene: Model, sigma: Tensor, region: Tensor, paint: Tensor | None) 
 
 
 def fade_of(scene: Model, network: str) -> float:
-    """Return the smallest factor of the edits on extinction, including that of strokes if ``network`` is ``styled``."""
+    """Return the smallest factor of the edits on extinction, including that of strokes if ``network`` is ``styled``.
+
+    Hidden regions do not count: their cells are known (:mod:`svv.fields.scene.open_cells`).
+    """
     strokes = strokes_of(scene) if network == "styled" else None
     seen = [r.seen_opacity for r in scene.regions]
     if strokes is not None:
         gain, _, _, reach = strokes.double().unbind(1)
         seen = [o * factor for o, factor in zip(seen, (gain - reach).exp().tolist(), strict=True)]
-    return min(seen, default=1.0)
+    return min((o for o, r in zip(seen, scene.regions, strict=True) if r.seen_opacity > 0.0), default=1.0)
 
 
 def paleness(colour: Tensor, amount: Tensor) -> Tensor:
@@ -87,13 +91,28 @@ def _factor(strokes: Tensor, region: Tensor, paint: Tensor) -> Tensor:
 @torch.no_grad()
 def _measured(scene: Model, network: UnrestrictedField, amounts: list[float]) -> Tensor:
     """Measure means and deviations over the visible parts of the edited scene, in views from all around."""
+    asked = scene.base.encoding.table.new_tensor(amounts)
+    sums = torch.zeros(3, len(amounts), dtype=torch.float64, device=scene.device)
+    for region, paint, seen in painted_samples(scene, network):
+        pale = paleness(paint, asked[region]).double()
+        for power in range(3):
+            sums[power].index_add_(0, region, seen.double() * pale**power)
+    first, second = sums[1:] / sums[0].clamp(min=1e-12)
+    deviation = (second - first.square()).clamp(min=0.0).sqrt()
+    striped = (deviation > LEAST_DEVIATION) & (asked != 0.0)
+    slope = LOG_FACTOR * asked / deviation.clamp(min=LEAST_DEVIATION)
+    reach = 0.5 * LOG_FACTOR * MOST_DEVIATIONS * asked.abs()
+    middle = first + 0.5 * MOST_DEVIATIONS * deviation * asked.sign()
+    return torch.stack([-reach, slope, middle, reach], dim=1).to(asked) * striped[:, None]
+
+
+@torch.no_grad()
+def painted_samples(scene: Model, network: UnrestrictedField) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """Yield the regions (S,), paint (S, 3) and weights in the image (S,) of samples of the uncut scene's views."""
     assert scene.palette_network is not None
     opacity = scene.palette_network.colours.new_tensor([r.seen_opacity for r in scene.regions])
-    asked = opacity.new_tensor(amounts)
     by_strokes = network.brushed is not None and network.brushed.complete
-    shown = replace(scene, resolved=1.0 / network.resolutions[-1] if by_strokes else 0.0)
-    sums = torch.zeros(3, len(amounts), dtype=torch.float64, device=scene.device)
-    rig = scene.camera_rig
+    shown, rig = replace(scene, resolved=1.0 / network.resolutions[-1] if by_strokes else 0.0), scene.camera_rig
     for camera in () if rig is None else rig.sphere(LIGHT_VIEWS, LIGHT_VIEW_SIZE):
         rays = scene.caster([camera]).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
@@ -102,14 +121,4 @@ def _measured(scene: Model, network: UnrestrictedField, amounts: list[float]) ->
             sigma = scene.base.extinction(samples) * opacity[region]
             paint = shown.paint(samples, "styled", region)
             assert paint is not None
-            seen = composite(samples, sigma, sigma[:, None])[2].double()
-            pale = paleness(paint, asked[region]).double()
-            for power in range(3):
-                sums[power].index_add_(0, region, seen * pale**power)
-    first, second = sums[1:] / sums[0].clamp(min=1e-12)
-    deviation = (second - first.square()).clamp(min=0.0).sqrt()
-    striped = (deviation > LEAST_DEVIATION) & (asked != 0.0)
-    slope = LOG_FACTOR * asked / deviation.clamp(min=LEAST_DEVIATION)
-    reach = 0.5 * LOG_FACTOR * MOST_DEVIATIONS * asked.abs()
-    middle = first + 0.5 * MOST_DEVIATIONS * deviation * asked.sign()
-    return torch.stack([-reach, slope, middle, reach], dim=1).to(opacity) * striped[:, None]
+            yield region, paint, composite(samples, sigma, sigma[:, None])[2]

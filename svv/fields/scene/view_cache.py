@@ -20,6 +20,7 @@ from torch import Tensor
 from svv.core.geometry.cameras import Camera
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.model import Model
+from svv.fields.scene.open_cells import key_of_open_cells
 from svv.kernels.types import Samples
 
 MOST_BYTES = 256 << 20
@@ -201,7 +202,7 @@ def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
     """Return what the samples and the networks' outputs of a view depend on; None if they must not be kept.
 
     That is the networks' tensors with their versions, the occupied cells, the camera, how rays are marched, and what is
-    cut off of all regions. It is not the other edits. Nothing of a network that is being trained is kept.
+    cut off or hidden. It is not the other edits. Nothing of a network that is being trained is kept.
     """
     parts = (scene.base, scene.palette_network)
     tensors = [t for part in parts if part is not None for t in part.parameters()]
@@ -209,7 +210,7 @@ def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
         return None
     holders, versions = (scene.occupancy, *tensors), tuple(t._version for t in tensors)
     place = camera.camera_to_world.tobytes(), camera.fov_x, camera.width, camera.height, camera.span_x, camera.centre
-    whole = tuple(cut for cut in scene.cuts if not cut.regions)
+    whole = tuple(cut for cut in scene.cuts if not cut.regions), key_of_open_cells(scene)
     return tuple(map(_number_of, holders)), versions, place, how, scene.settings.headlight, whole
 
 

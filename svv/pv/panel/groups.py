@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
-from svv.options.editing import LightEdit, OcclusionEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit
+from svv.options.editing import LightEdit, OcclusionEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit, SectionEdit
 from svv.options.figures import VISIONS
 from svv.options.making import (
     DRAWN,
@@ -289,6 +289,7 @@ def edit_properties() -> Sequence[Property]:
             "plane:x,y,z:nx,ny,nz; box:x,y,z:x,y,z; sphere:x,y,z:r; cylinder:x,y,z:dx,dy,dz:r; outside sphere:x,y,z:r "
             "for all but the ball.",
         ),
+        *properties_of(SectionEdit()),
         *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),
         *group("Strokes", [
             *properties_of(PaintEdit(), skip=("strength",)),

@@ -16,6 +16,7 @@ from svv.options.editing import (
     PartEdit,
     RegionEdit,
     SceneEdit,
+    SectionEdit,
     VisibilityEdit,
 )
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
@@ -80,6 +81,7 @@ def edit_in(values: Values) -> SceneEdit:
             hide=hide or None,
         ),
         CutEdit(tuple(text.strip() for text in values["Cuts"].split(";") if text.strip()) or None),
+        options_in(SectionEdit, values),
         outlined=tuple(whole_numbers_in(values["OutlineRegions"], "Outline Regions")),
     )
 

@@ -1,0 +1,174 @@
+"""Sections: how the faces of cuts show a region, as a flat wash or hatched as in a drawing, and the line around them.
+
+No view saw most of what a cut lays open, so the colours learned there are guesses. A section shows the region alone:
+the samples right behind a face take its unlit colour. Their opacity stays, so translucent regions stay translucent.
+Letters: S samples, R rays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, maximum_filter
+from scipy.special import ndtri
+from torch import Tensor
+
+from svv.core.images.outlines import LEAST_COVERAGE
+from svv.fields.radiance.networks import UnrestrictedField
+from svv.fields.radiance.rendering import composite
+from svv.fields.scene.model import Model
+from svv.fields.scene.region import Region
+from svv.fields.scene.stroke_opacity import painted_samples
+from svv.kernels.constants import numbers_on
+from svv.kernels.types import Samples
+from svv.options.editing import LEARNED
+
+DEEP = 1.5
+"""How deep behind a face a section reaches: in cells of the occupancy, or in samples where these are farther apart."""
+
+BINS = 5
+"""Cubes of colours along each of red, green and blue, in which the commonest paint is looked for."""
+
+HATCHES = 64.0
+"""Hatched lines per box unit along their direction."""
+
+HATCH_WIDTH, HATCH_SOFTNESS = 0.3, 0.12
+"""Width of a hatched line and of its soft edges, as fractions of the distance between lines."""
+
+HATCH_DIRECTIONS = ((1.0, 2.0, 3.0), (3.0, -1.0, 2.0), (2.0, 3.0, -1.0), (-1.0, 3.0, 2.0))
+"""Directions across the lines of hatched regions, in turn: they differ on faces of any direction."""
+
+HATCH_INK = 0.3
+"""Factor on the region's colour that gives the ink of its hatched lines."""
+
+BESIDE = 3.0
+"""Distance, in widths of the line, from which a face is no longer measured by its brightest place."""
+
+LEAST_SHARE = 0.02
+"""Part of a pixel's opacity below which a section has no line; up to ``FULL_SHARE`` it is fainter."""
+
+FULL_SHARE = 0.4
+
+_known: WeakKeyDictionary[UnrestrictedField, dict[object, Tensor]] = WeakKeyDictionary()
+
+
+def is_sectioned(scene: Model) -> bool:
+    """Return whether faces of cuts show other colours than what was learned there."""
+    return bool(scene.cuts) and any(r.section != LEARNED and r.seen_opacity > 0.0 for r in scene.regions)
+
+
+def has_section_lines(scene: Model) -> bool:
+    """Return whether lines are drawn around the faces of cuts."""
+    return bool(scene.cuts) and any(r.section_line > 0.0 and r.seen_opacity > 0.0 for r in scene.regions)
+
+
+def faces(scene: Model, samples: Samples, region: Tensor) -> Tensor:
+    """Return how far samples show the face of a cut that opens their regions (S,): 1 behind it, falling to 0. (S,)"""
+    reach = max(DEEP / scene.occupancy.cells, DEEP * samples.step)
+    near = torch.zeros_like(samples.sigma)
+    for cut in scene.cuts:
+        depth = cut.in_box(scene.occupancy.box).depth(samples.position)
+        own = (2.0 + 2.0 * depth / reach).clamp(0.0, 1.0)
+        near = torch.maximum(near, torch.where(scene.in_cut(cut, region), own, 0.0) if cut.regions else own)
+    return near
+
+
+@torch.no_grad()
+def show_sections(scene: Model, colour: Tensor, samples: Samples, region: Tensor, network: str) -> None:
+    """Give the lit colours (S, 3) of samples behind the faces of cuts those of their regions' sections, in place."""
+    if not (is_sectioned(scene) and len(colour)):
+        return
+    region = region.long()
+    flat = torch.tensor([r.section != LEARNED for r in scene.regions], device=colour.device)[region]
+    share = torch.where(flat, faces(scene, samples, region), 0.0)
+    at = (share > 0.0).nonzero()[:, 0]
+    washes = flat_colours(scene, network)[region[at]]
+    hatched = torch.tensor([r.section == "hatched" for r in scene.regions], device=colour.device)[region[at]]
+    if bool(hatched.any()):
+        ink = torch.where(hatched, hatching(samples.position[at], region[at]), 0.0)[:, None]
+        washes = torch.lerp(washes, HATCH_INK * washes, ink)
+    colour[at] = torch.lerp(colour[at], washes, share[at, None])
+
+
+def hatching(position: Tensor, region: Tensor) -> Tensor:
+    """Return how much ink hatched lines put at box coordinates (S, 3) in regions (S,), in [0, 1]. (S,)
+
+    The lines are planes in space, so they stay where they are while a camera moves.
+    """
+    across = torch.nn.functional.normalize(position.new_tensor(HATCH_DIRECTIONS), dim=1)
+    along = HATCHES * (position * across[region % len(across)]).sum(1)
+    away = (along - along.round()).abs()
+    return ((0.5 * (HATCH_WIDTH + HATCH_SOFTNESS) - away) / HATCH_SOFTNESS).clamp(0.0, 1.0)
+
+
+def flat_colours(scene: Model, network: str) -> Tensor:
+    """Return the unlit colour of each region: edited, or the commonest of its paint. (regions, 3)"""
+    plain = numbers_on([r.edited_colour or r.colour for r in scene.regions], scene.device)
+    paint = scene.paint_shown
+    if network != "styled" or paint is None:
+        return plain
+    known = _known.setdefault(paint, {})
+    key = None if scene.parts is None else scene.parts.digest, tuple(r.seen_opacity for r in scene.regions)
+    if key not in known:
+        known[key] = _main_paint(scene, paint)
+    main = known[key]
+    share = torch.where(main.isnan().any(dim=1), 0.0, scene.paint_shares)
+    return torch.lerp(plain, main.nan_to_num(0.0), share[:, None])
+
+
+def _main_paint(scene: Model, network: UnrestrictedField) -> Tensor:
+    """Return the commonest colour of each region's paint where views see it, NaN for none. (regions, 3)
+
+    It is the mean of the fullest cube of colours: the mean of all would be grey where strokes have several hues.
+    """
+    count = len(scene.regions)
+    sums = torch.zeros(count * BINS**3, 4, dtype=torch.float64, device=scene.device)
+    for region, paint, seen in painted_samples(scene, network):
+        r, g, b = (paint.clamp(0.0, 1.0) * BINS).long().clamp(max=BINS - 1).unbind(1)
+        weighted = torch.cat([paint, torch.ones_like(paint[:, :1])], dim=1).double() * seen.double()[:, None]
+        sums.index_add_(0, ((region.long() * BINS + r) * BINS + g) * BINS + b, weighted)
+    fullest = sums.view(count, -1, 4)[torch.arange(count), sums.view(count, -1, 4)[..., 3].argmax(dim=1)]
+    return (fullest[:, :3] / torch.where(fullest[:, 3:] > 1e-9, fullest[:, 3:], torch.nan)).float()
+
+
+@torch.no_grad()
+def face_shares(scene: Model, samples: Samples, sigma: Tensor, region: Tensor) -> Tensor:
+    """Return which part of each ray's light comes from faces of cuts, from the edited extinctions (S,). (R,)"""
+    return composite(samples, sigma, faces(scene, samples, region.long())[:, None])[0][:, 0]
+
+
+def with_lines(
+    rgba: NDArray[np.float32], share: NDArray[np.float32], region: NDArray[np.int16], regions: Sequence[Region],
+    view: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    """Return an image with the lines around its sections.
+
+    ``rgba``: straight alpha (H, W, 4); ``share`` (H, W) from :func:`face_shares`; ``region`` (H, W); ``view``: pixels
+    of the shorter side of an image in which lines are as wide as asked.
+    """
+    scale, out = min(region.shape) / view, rgba.copy()
+    for number, one in enumerate(regions):
+        own = np.where(region == number, share, 0.0)
+        if one.section_line == 0.0 or float(own.max(initial=0.0)) < LEAST_SHARE:
+            continue
+        width = max(one.section_line * scale, 0.5)
+        blur = max(0.35 * width, 0.7)
+        soft = gaussian_filter(own, blur)
+        most = gaussian_filter(maximum_filter(soft, int(2 * np.ceil(BESIDE * width) + 1)), 0.5 * width)
+        # Across a border the share is the integral of a Gaussian, which is as wide as the slope in its middle tells.
+        steepest = maximum_filter(gaussian_gradient_magnitude(own, blur), int(2 * np.ceil(2.0 * blur) + 1))
+        spread = most / np.maximum(np.sqrt(2.0 * np.pi) * steepest, 1e-6)
+        away = spread * np.abs(ndtri(np.clip(soft / np.maximum(most, 1e-6), 1e-6, 1.0 - 1e-6)))
+        cover = np.clip(0.5 * width + 0.5 - away, 0.0, min(width, 1.0))
+        cover *= np.clip((most - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 0.0, 1.0)
+        ink = cover > LEAST_COVERAGE
+        part, below = cover[ink], out[ink, 3]
+        above = part + (1.0 - part) * below
+        colour = np.asarray(one.outline_colour, np.float32)
+        out[ink, :3] = (part[:, None] * colour + ((1.0 - part) * below)[:, None] * out[ink, :3]) / above[:, None]
+        out[ink, 3] = above
+    return out

@@ -171,9 +171,11 @@ def test_a_baked_volume_is_cut() -> None:
     assert 0 < (codes[left & (y > 0.2)] > 0).sum() < (whole[left & (y > 0.2)] > 0).sum()
 
 
-def test_a_page_refuses_cuts() -> None:
-    with pytest.raises(BadInput, match="A page does not show cuts: take them away"):
-        html_of(cube_scene().cut("x>50%"), "Cube", "cube")
+def test_a_page_has_no_room_for_cuts_of_many_regions() -> None:
+    scene = cube_scene()
+    many = replace(scene, regions=(*scene.regions, *(replace(scene.regions[0], part_of=0) for _ in range(29))))
+    with pytest.raises(BadInput, match="at most 31 regions, not 32: take the cuts away"):
+        html_of(many.cut("1=x>50%"), "Cube", "cube")
 
 
 @pytest.mark.parametrize(

@@ -368,7 +368,7 @@ class Together:
             samples, colour, of, sigma = found
             size = member.occupancy.box.size
             distance = size * (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
-            face = faces(member, samples, of)
+            face, _ = faces(member, samples, of)
             parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of], face))
             tail = tail.to(samples.tail) + samples.tail
         if not parts:

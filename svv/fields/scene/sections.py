@@ -17,6 +17,7 @@ from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, maximum_
 from scipy.special import ndtri
 from torch import Tensor
 
+from svv.core.geometry.cuts import Cut
 from svv.core.images.outlines import LEAST_COVERAGE
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.rendering import composite
@@ -66,15 +67,25 @@ def has_section_lines(scene: Model) -> bool:
     return bool(scene.cuts) and any(r.section_line > 0.0 and r.seen_opacity > 0.0 for r in scene.regions)
 
 
-def faces(scene: Model, samples: Samples, region: Tensor) -> Tensor:
-    """Return how far samples show the face of a cut that opens their regions (S,): 1 behind it, falling to 0. (S,)"""
+def faces(scene: Model, samples: Samples, region: Tensor) -> tuple[Tensor, Tensor]:
+    """Return how far samples show the face of a cut that opens their regions (S,), and its number. (S,) each
+
+    It is 1 right behind the face and falls to 0.
+    """
     reach = max(DEEP / scene.occupancy.cells, DEEP * samples.step)
-    near = torch.zeros_like(samples.sigma)
-    for cut in scene.cuts:
-        depth = cut.in_box(scene.occupancy.box).depth(samples.position)
-        own = (2.0 + 2.0 * depth / reach).clamp(0.0, 1.0)
-        near = torch.maximum(near, torch.where(scene.in_cut(cut, region), own, 0.0) if cut.regions else own)
-    return near
+    near, number = torch.zeros_like(samples.sigma), torch.zeros_like(region)
+    for k, cut in enumerate(scene.cuts):
+        own = (2.0 + 2.0 * cut.in_box(scene.occupancy.box).depth(samples.position) / reach).clamp(0.0, 1.0)
+        own = torch.where(scene.in_cut(cut, region), own, 0.0) if cut.regions else own
+        number, near = torch.where(own > near, k, number), torch.maximum(near, own)
+    return near, number
+
+
+def _on_face(cut: Cut, position: Tensor) -> Tensor:
+    """Return the places on the faces of a cut, in box coordinates, that are nearest to points (S, 3) beside them."""
+    depth, aside = cut.depth(position), 1e-3 * torch.eye(3, device=position.device)
+    slope = torch.stack([cut.depth(position + step) - depth for step in aside], dim=1)
+    return position - depth[:, None] * torch.nn.functional.normalize(slope, dim=1)
 
 
 @torch.no_grad()
@@ -84,12 +95,17 @@ def show_sections(scene: Model, colour: Tensor, samples: Samples, region: Tensor
         return
     region = region.long()
     flat = torch.tensor([r.section != LEARNED for r in scene.regions], device=colour.device)[region]
-    share = torch.where(flat, faces(scene, samples, region), 0.0)
+    share, of_cut = faces(scene, samples, region)
+    share = torch.where(flat, share, 0.0)
     at = (share > 0.0).nonzero()[:, 0]
     washes = flat_colours(scene, network)[region[at]]
     hatched = torch.tensor([r.section == "hatched" for r in scene.regions], device=colour.device)[region[at]]
     if bool(hatched.any()):
-        ink = torch.where(hatched, hatching(samples.position[at], region[at]), 0.0)[:, None]
+        place = samples.position[at]
+        for k, cut in enumerate(scene.cuts):
+            own = (of_cut[at] == k).nonzero()[:, 0]
+            place[own] = _on_face(cut.in_box(scene.occupancy.box), place[own])
+        ink = torch.where(hatched, hatching(place, region[at]), 0.0)[:, None]
         washes = torch.lerp(washes, HATCH_INK * washes, ink)
     colour[at] = torch.lerp(colour[at], washes, share[at, None])
 
@@ -138,7 +154,7 @@ def _main_paint(scene: Model, network: UnrestrictedField) -> Tensor:
 @torch.no_grad()
 def face_shares(scene: Model, samples: Samples, sigma: Tensor, region: Tensor) -> Tensor:
     """Return which part of each ray's light comes from faces of cuts, from the edited extinctions (S,). (R,)"""
-    return composite(samples, sigma, faces(scene, samples, region.long())[:, None])[0][:, 0]
+    return composite(samples, sigma, faces(scene, samples, region.long())[0][:, None])[0][:, 0]
 
 
 def with_lines(

@@ -16,6 +16,7 @@ from IPython.display import display
 from svv.core.colour.colour import WHITE
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
+from svv.core.geometry.cuts import Cut
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene
@@ -162,8 +163,15 @@ def _edited(scene: Scene, told: dict[str, Any]) -> Scene:
         )
         for region, own in ((r, listed[number]) for number, r in enumerate(scene.regions))
     )
-    lamp = Lamp(**told["lamp"])
-    if regions == scene.regions and lamp == scene.lamp:
+    lamp, cuts = Lamp(**told["lamp"]), scene.cuts if told["cuts"] else ()
+    if told["cut"]["axis"] is not None:
+        cuts = replace(scene, cuts=cuts).cut(_cut_of(scene, **told["cut"])).cuts
+    if (regions, lamp, cuts) == (scene.regions, scene.lamp, scene.cuts):
         return scene
     history = scene.history.after(scene.as_step("edits in the notebook"))
-    return replace(scene, regions=regions, lamp=lamp, history=history)
+    return replace(scene, regions=regions, lamp=lamp, cuts=cuts, history=history)
+
+
+def _cut_of(scene: Scene, axis: int, at: float, below: bool) -> Cut:
+    """Return the cut by the plane that was dragged on a page (``cuts.js``)."""
+    return Cut.parse(f"{'xyz'[axis]}{'<' if below else '>'}{100.0 * float(at)!r}%", scene.bounds)

@@ -27,6 +27,7 @@ from svv.core.colour.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.colour.matcaps import BEHIND, INSET
 from svv.core.colour.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.core.geometry.cameras import Camera, CameraRig
+from svv.core.geometry.cuts import Cut
 from svv.core.interval_text import interval_text
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.phong import EXTINCTION_POWER
@@ -34,6 +35,15 @@ from svv.fields.scene.joined import members
 from svv.fields.scene.matcaps import picture_of
 from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.sections import (
+    DEEP,
+    HATCH_INK,
+    HATCH_SOFTNESS,
+    HATCH_WIDTH,
+    HATCHES,
+    flat_colours,
+    is_sectioned,
+)
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
@@ -43,8 +53,8 @@ from svv.render.web.fields import Field, fields_of
 from svv.render.web.html import filled, viewer_file
 
 SCRIPTS = (
-    "decode.js", "reduce.js", "colours.js", "state.js", "camera.js", "textures.js", "draw.js", "show.js", "panel.js",
-    "hands.js", "main.js",
+    "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "show.js",
+    "panel.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
 
@@ -56,6 +66,9 @@ MATCAP_SIDE = 96
 
 FRONT_SIZE, FRONT_QUALITY = 720, 88
 """Side in pixels and JPEG quality of the picture from the front."""
+
+MOST_CUT = 31
+"""Most regions of a scene with cuts of some of them: a page holds these as bits of a number."""
 
 MOVIE_FRAMES, MOVIE_FPS, MOVIE_SIZE, MOVIE_CRF = 30, 7.5, 240, 30
 """Frames, frames per second, side in pixels and rate factor of the orbit for browsers that cannot draw the scene."""
@@ -98,17 +111,15 @@ def html_of(
 ) -> bytes:
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
-    Raises BadInput if the scene has no palette network, or occlusion beside what hides it from a page.
+    Raises BadInput if the scene has no palette network, occlusion beside what hides it from a page, or too many regions
+    for its cuts.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     _check_occlusion(scene)
-    if scene.cuts:
-        raise BadInput(
-            "A page does not show cuts: take them away (svv edit --uncut), or write pictures or a movie of the scene."
-        )
+    _check_cuts(scene)
     scene = scene.on(torch.device("cpu"))
-    rig = _closer(scene)
+    rig = _closer(replace(scene, cuts=()))
     stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))
     layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
@@ -133,6 +144,27 @@ def _check_occlusion(scene: Scene) -> None:
                 f"Region {number} has ambient occlusion and {what}, and no page can show both: take one of them off, "
                 f"with svv edit --region {number} --occlusion 0 or svv edit {take}."
             )
+
+
+def _check_cuts(scene: Scene) -> None:
+    """Raise BadInput if a page has no room for the cuts of some regions."""
+    if len(scene.regions) > MOST_CUT and (any(cut.regions for cut in scene.cuts) or is_sectioned(scene)):
+        raise BadInput(
+            f"A page shows cuts of some regions and sections in scenes of at most {MOST_CUT} regions, not "
+            f"{len(scene.regions)}: take the cuts away (svv edit --uncut), or write pictures or a movie of the scene."
+        )
+
+
+def _cuts(scene: Scene) -> list[dict[str, object]]:
+    """Return the scene's cuts, with the regions that they open as bits in the order of the page."""
+    order = numbers_of(scene)
+    regions = [scene.regions[number] for number in order]
+
+    def bits(cut: Cut) -> int:
+        own = [number in cut.regions or r.part_of in cut.regions for number, r in zip(order, regions, strict=True)]
+        return sum(1 << k for k, opened in enumerate(own) if opened)
+
+    return [vars(cut) | {"radius": cut.radius or 0.0, "regions": bits(cut)} for cut in scene.cuts]
 
 
 def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str, words: str) -> bytes:
@@ -192,6 +224,15 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
         "lamp": vars(scene.lamp),
         "matcaps": _matcaps(scene),
         "visions": MATRICES,
+        "bounds": scene.bounds.tolist(),
+        "cuts": _cuts(scene),
+        "hatches": {
+            "count": HATCHES,
+            "width": HATCH_WIDTH,
+            "softness": HATCH_SOFTNESS,
+            "ink": HATCH_INK,
+            "deep": DEEP,
+        },
         "regions": [
             {**told, "number": number, "matcap": matcaps.index(scene.regions[number].matcap)}  # from 1, 0 for none
             for told, number in zip(
@@ -247,7 +288,7 @@ def _regions(scene: Scene) -> list[dict[str, object]]:
         told.append({
             "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity,
             "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,
-            "mean_light": r.mean_light, "oklab": OKLAB if r.recolour_in == "oklab" else None,
+            "mean_light": r.mean_light, "section": r.section, "oklab": OKLAB if r.recolour_in == "oklab" else None,
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip
     return told
@@ -294,7 +335,17 @@ def _painting(scene: Scene, name: str) -> dict[str, object]:
         "styles": [r.style for r in regions],
         "paint_light": [r.paint_light for r in regions],
         "strokes": _strokes(scene),
+        "flat": _flat(scene) if is_sectioned(scene) else [None] * len(regions),
     }
+
+
+def _flat(scene: Scene) -> list[list[float]]:
+    """Return the colour of each region's paint in sections."""
+    rows: list[list[float]] = []
+    for member in members(scene):
+        whole = replace(member, regions=tuple(replace(r, strength=1.0) for r in member.regions))
+        rows += flat_colours(whole, "styled").tolist()
+    return rows
 
 
 def _strokes(scene: Scene) -> list[list[float]]:

@@ -28,7 +28,7 @@ class Painter {
     this.palettes = content.map(({ fields }, layer) =>
       new Palette(fields.material, fields.weights, ofLayer(header.regions, header.layers[layer])));
     this.diffuseTops = [], this.wanted = []; // value of byte 255, and the edits, of each layer's diffuse colours
-    this.vertices = gl.createVertexArray(), this.block = gl.createBuffer();
+    this.vertices = gl.createVertexArray(), this.block = gl.createBuffer(), this.cutBlock = gl.createBuffer();
     if (gl.getError() === gl.OUT_OF_MEMORY) throw new Unable("this browser's graphics have too little memory");
   }
 
@@ -68,13 +68,16 @@ class Painter {
     const strokes = painted && strokesOf(state, header).flat().some((v) => v !== 0);
     const lists = [lightsOf(state, header), opacitiesOf(state), sharesOf(state, header)];
     const alike = layers.every((layer) => lists.every((list) => ofLayer(list, layer).every((v, _, [first]) => `${v}` === `${first}`)));
+    const cuts = cutsOf(state, header);
     const kinds = new Set(layers.map(({ lighting }) => KINDS[lighting]));
     const lit = [...kinds].reduce((a, b) => a | b) | (kinds.size > 1 ? 4 : 0);
     const defines = {
       LAYERS: layers.length, REGIONS: state.regions.length, WEIGHTS: this.weights, LIGHTS: Math.max(this.lights, 1), LIT: lit,
       BASIS: this.basis.harmonics, PAINTED: Number(painted), STROKES: Number(strokes),
+      CUTS: cuts.length, CUTS_BY_REGION: Number(cutsByRegion(cuts, header)), HATCHES: header.hatches.count.toFixed(1), HATCH_WIDTH: header.hatches.width.toFixed(6),
+      HATCH_SOFTNESS: header.hatches.softness.toFixed(6), HATCH_INK: header.hatches.ink.toFixed(6), DEEP: header.hatches.deep.toFixed(6),
       PLACE: Number(place), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
-      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || strokes || !alike || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
+      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || strokes || !alike || cutsByRegion(cuts, header) || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
     if (!this.programs.has(key)) this.programs.set(key, this.compiled(defines));
@@ -97,6 +100,9 @@ class Painter {
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost())
       throw new Unable(`this browser's graphics refuse the program (${gl.getProgramInfoLog(program)})`);
+    // Tables are bound to 0, Cuts to 1.
+    const block = defines.CUTS > 0 ? gl.getUniformBlockIndex(program, "Cuts") : gl.INVALID_INDEX;
+    if (block !== gl.INVALID_INDEX) gl.uniformBlockBinding(program, block, 1);
     const at = new Proxy({}, { get: (known, name) => (known[name] ??= gl.getUniformLocation(program, name)) });
     return { program, at };
   }
@@ -119,6 +125,7 @@ class Painter {
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);
     gl.bufferData(gl.UNIFORM_BUFFER, new Float32Array(this.rows(state, camera, stride).flat(2)), gl.DYNAMIC_DRAW);
     gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.block);
+    this.setCuts(at, state);
     gl.bindVertexArray(this.vertices);
     gl.viewport(0, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
@@ -164,6 +171,17 @@ class Painter {
       shares.map((share, k) => [share, header.regions[k].matcap, 0, 0]),
       this.basis.rows,
     ];
+  }
+
+  setCuts(at, state) {
+    const gl = this.gl, cuts = cutsOf(state, this.header);
+    if (cuts.length === 0) return;
+    gl.bindBuffer(gl.UNIFORM_BUFFER, this.cutBlock);
+    gl.bufferData(gl.UNIFORM_BUFFER, new Float32Array(cutRows(cuts, this.header).flat()), gl.DYNAMIC_DRAW);
+    gl.bindBufferBase(gl.UNIFORM_BUFFER, 1, this.cutBlock);
+    if (!cutsByRegion(cuts, this.header)) return;
+    gl.uniform1iv(at.uCutRegions, cuts.map(({ regions }) => regions));
+    gl.uniform4fv(at.uSection, sectionRows(state, this.header).flat());
   }
 
   setLamp(at, state, axes) {

@@ -50,13 +50,62 @@ layout(std140) uniform Tables {
   vec4 uLightZero[LAYERS * BASIS];                                          // shade and specular light where all channels are 0
 };
 
+#if CUTS
+// Of each cut: planes n . x > d in box coordinates of each layer; centre and radius, and axis, of a ball or cylinder; number of planes,
+// 1 for a ball and 2 for a cylinder, 1 if what is outside is cut off instead.
+layout(std140) uniform Cuts {
+  vec4 uCutPlanes[LAYERS * CUTS * 6];
+  vec4 uCutBall[LAYERS * CUTS], uCutAxis[LAYERS * CUTS], uCutKind[CUTS];
+};
+#if CUTS_BY_REGION
+uniform int uCutRegions[CUTS];  // regions that are cut, as bits; 0 for all
+uniform vec4 uSection[REGIONS]; // unlit colour of its sections; 0 as learned, 1 flat, 2 hatched
+#endif
+
+// How deep a place lies in what a cut takes away; negative outside (Cut.depth).
+float cutDepth(int l, int c, vec3 p) {
+  vec4 kind = uCutKind[c];
+  float depth = 1e9;
+  for (int k = 0; k < 6; k++) {
+    if (float(k) >= kind.x) break;
+    vec4 plane = uCutPlanes[(l * CUTS + c) * 6 + k];
+    depth = min(depth, dot(plane.xyz, p) - plane.w);
+  }
+  if (kind.y > 0.5) {
+    vec4 ball = uCutBall[l * CUTS + c];
+    vec3 away = p - ball.xyz, axis = uCutAxis[l * CUTS + c].xyz;
+    if (kind.y > 1.5) away -= dot(away, axis) * axis;
+    depth = min(depth, ball.w - length(away));
+  }
+  return kind.z > 0.5 ? -depth : depth;
+}
+
+vec3 rayDirection;
+
+// Where on the step of a sample, from 0 to 1, the part begins and ends that cuts of all regions leave.
+vec2 leftOf(int l, vec3 p, float pace) {
+  vec2 left = vec2(0.0, 1.0);
+  vec3 half_ = 0.5 * pace * rayDirection;
+  for (int c = 0; c < CUTS; c++) {
+#if CUTS_BY_REGION
+    if (uCutRegions[c] != 0) continue;
+#endif
+    float first = cutDepth(l, c, p - half_), last = cutDepth(l, c, p + half_);
+    if (first >= 0.0 && last >= 0.0) return vec2(0.0);
+    if (first >= 0.0) left.x = max(left.x, first / (first - last));
+    if (last >= 0.0) left.y = min(left.y, first / (first - last));
+  }
+  return left;
+}
+#endif
+
 out vec4 pixel;
 
 const float CEILING = 9.0; // greatest logarithm of the extinction
 
 const float BEYOND = 1e30; // farther than any sample
 
-#if PLACE
+#if PLACE || CUTS
 int regionShaded; // the region of the place that was shaded last
 #endif
 
@@ -180,8 +229,8 @@ vec3 matcapColour(int l, vec3 p, float number) {
 }
 #endif
 
-// The colour of a place in a layer and, in w, the factor on its extinction.
-vec4 shaded(int l, vec3 p) {
+// The colour of a place in a layer and, in w, the factor on its extinction, wherever cuts are.
+vec4 uncut(int l, vec3 p) {
   vec3 q = onGrid(p, uGrid[L].zw, uColourSize);
   int region = 0; // of the layer
 #if WEIGHTS > 0 && (BY_REGION || (LIT & 2) != 0)
@@ -192,7 +241,7 @@ vec4 shaded(int l, vec3 p) {
   for (int k = 1; k < COUNT; k++) if (weight[k] > weight[region]) region = k;
 #endif
   region += FIRST;
-#if PLACE
+#if PLACE || CUTS
   regionShaded = region;
 #endif
   float factor = uRegion[region].x;
@@ -239,11 +288,46 @@ vec4 shaded(int l, vec3 p) {
   return vec4(colour, factor);
 }
 
+// The same, cut open (svv/fields/scene/sections.py).
+vec4 shaded(int l, vec3 p) {
+  vec4 found = uncut(l, p);
+#if CUTS && CUTS_BY_REGION
+  vec3 face = p; // the place on the face that is nearest: samples lie more or less deep behind it
+  float near = 0.0, pace = uMarch[L].x, reach = max(DEEP / uBox[L].w, DEEP * pace);
+  for (int c = 0; c < CUTS; c++) {
+    if (uCutRegions[c] != 0 && (uCutRegions[c] & (1 << regionShaded)) == 0) continue;
+    float depth = cutDepth(l, c, p);
+    if (uCutRegions[c] != 0) found.a *= clamp(0.5 - depth / pace, 0.0, 1.0);
+    float own = clamp(2.0 + 2.0 * depth / reach, 0.0, 1.0);
+    if (own <= near) continue;
+    vec2 aside = vec2(1e-3, 0.0);
+    vec3 slope = vec3(cutDepth(l, c, p + aside.xyy), cutDepth(l, c, p + aside.yxy), cutDepth(l, c, p + aside.yyx)) - depth;
+    near = own, face = p - depth * slope / max(length(slope), 1e-9);
+  }
+  vec4 section = uSection[regionShaded];
+  if (section.a > 0.5 && near > 0.0) {
+    vec3 wash = section.rgb;
+    if (section.a > 1.5) {
+      int k = regionShaded % 4;
+      vec3 across = k == 0 ? vec3(1.0, 2.0, 3.0) : k == 1 ? vec3(3.0, -1.0, 2.0) : k == 2 ? vec3(2.0, 3.0, -1.0) : vec3(-1.0, 3.0, 2.0);
+      float away = HATCHES * dot(face, normalize(across));
+      away = abs(away - floor(away + 0.5));
+      wash = mix(wash, HATCH_INK * wash, clamp((0.5 * (HATCH_WIDTH + HATCH_SOFTNESS) - away) / HATCH_SOFTNESS, 0.0, 1.0));
+    }
+    found.rgb = mix(found.rgb, wash, near);
+  }
+#endif
+  return found;
+}
+
 void main() {
   vec2 at = (gl_FragCoord.xy * uPixel - uLens.yz) / uLens.x;
   bool parallel = uLens.w > 0.5;
   vec3 d = normalize(uAxes * vec3(parallel ? vec2(0.0) : at, -1.0));
   d = mix(d, vec3(1e-9), lessThan(abs(d), vec3(1e-9)));
+#if CUTS
+  rayDirection = d;
+#endif
 #if (LIT & 1) != 0
   prepareHarmonics(d);
 #endif
@@ -311,9 +395,17 @@ void main() {
         continue;
       }
       i++;
-      place = clamp(p, vec3(0.0), extent);
-      float value = texture(uExtinction, onGrid(place, grid, uExtinctionSize)).r;
-      waiting = exp(min(code.x + code.y * value, CEILING)) * pace + waiting;
+      vec3 inside = clamp(p, vec3(0.0), extent);
+      float value = texture(uExtinction, onGrid(inside, grid, uExtinctionSize)).r;
+      float own = exp(min(code.x + code.y * value, CEILING)) * pace;
+#if CUTS
+      vec2 left = leftOf(L, p, pace);
+      if (left.x >= left.y) continue;
+      own *= left.y - left.x;
+      inside = clamp(p + (0.5 * (left.x + left.y) - 0.5) * pace * d, vec3(0.0), extent);
+#endif
+      place = inside;
+      waiting = own + waiting;
       found = front * waiting >= joined && front * (1.0 - exp(-waiting)) >= joined;
     }
     nexts[L] = i, waitings[L] = waiting, places[L] = place;

@@ -20,7 +20,7 @@ class Panel {
   constructor(root, header, state, changed) {
     Object.assign(this, { root, header, state, changed });
     this.updates = []; // functions that bring the controls in line with the state
-    root.append(this.regions(), ...this.paintings(), ...this.lights(), this.background(), this.visions());
+    root.append(this.regions(), ...this.paintings(), ...this.lights(), this.cuts(), this.background(), this.visions());
     this.update();
   }
 
@@ -148,6 +148,24 @@ class Panel {
       );
     }
     return [this.section("Light", ...content)];
+  }
+
+  // A plane that cuts the scene open, and whether the cuts of its file show.
+  cuts() {
+    const { state } = this, content = [];
+    if (this.header.cuts.length > 0)
+      content.push(this.toggle("As in the file", "Show the cuts of the file", () => state.cuts, () => (state.cuts = !state.cuts)));
+    const select = made("select", { "aria-label": "Cut", onchange: () => this.set(() => {
+      state.cut.axis = select.value === "" ? null : Number(select.value);
+    }) }, made("option", { value: "" }, "None"));
+    ["x", "y", "z"].forEach((name, k) => select.append(made("option", { value: k }, `Across ${name}`)));
+    const place = this.slider("Place", [0, 1, 0.005], percent, () => state.cut.at, (v) => (state.cut.at = v), "Place of the cut");
+    const other = this.toggle("Other side", "Cut off the other side", () => state.cut.below, () => (state.cut.below = !state.cut.below));
+    this.updates.push(() => {
+      select.value = state.cut.axis ?? "";
+      place.hidden = other.hidden = state.cut.axis === null;
+    });
+    return this.section("Cut", ...content, select, place, other);
   }
 
   // Shows the picture as people with a colour vision deficiency see it, or as a grey print; no edit, and not saved.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -105,11 +105,11 @@ def render(
         if options.network not in (None, "styled"):
             raise BadInput(f"A variant is a painting: leave out --network {options.network}.")
         loaded = loaded.with_variant(options.variant)
-    size = options.size or (800, 800)
     if told is not None:
-        _render_shot(out, loaded, told, pictures, size, options.fps, which.preview)
+        told = told if options.variant is None else replace(told, painting=None)
+        _render_shot(out, loaded, told, pictures, options, which.preview)
         return
-    cameras = _cameras(loaded, which, keys, size, one_view)
+    cameras = _cameras(loaded, which, keys, options.size or (800, 800), one_view)
     loaded, steps = _at_times(loaded, which, len(cameras))
     cameras = cameras * len(steps) if steps is not None and len(cameras) == 1 else cameras
     played = loaded if steps is None else views.Played(loaded, steps)
@@ -131,13 +131,14 @@ def render(
 
 
 def _render_shot(
-    out: Path, scene: Scene, shot: Shot, pictures: RenderSettings, size: tuple[int, int], fps: float, preview: bool
+    out: Path, scene: Scene, shot: Shot, pictures: RenderSettings, options: RenderOptions, preview: bool
 ) -> None:
     """Render a shot, or this process's share of its frames, and print where it is."""
     from svv.render.shots.film import render_shot
     from svv.train.run import ranks
 
     here = ranks.place()
+    size, fps = options.size or shot.size or (800, 800), options.fps
     if preview:
         size, fps = (max(1, size[0] // 4), max(1, size[1] // 4)), min(fps, PREVIEW_FPS)
     with shown("Rendering", quiet=here.rank > 0) as progress:

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 from svv.errors import BadInput
 from svv.options.described import Setting
-from svv.options.editing import OcclusionEdit, OutlineEdit, PaintEdit, RegionEdit
+from svv.options.editing import Colour, OcclusionEdit, OutlineEdit, PaintEdit, RegionEdit
 
 EasingName = Literal["linear", "ease-in", "ease-out", "smooth"]
 Vector = tuple[float, float, float]
@@ -207,6 +207,12 @@ class Shot:
     """Key frames, in the order of their times."""
     moves: tuple[Turntable | Swing | Zoom | Peel | Sweep | Grow, ...] = ()
     """Ready-made moves, one on top of the other."""
+    size: Annotated[tuple[int, int] | None, Setting(least=1, most=16384)] = None
+    """Width and height in pixels, unless they are given otherwise; 800 by default."""
+    painting: str | None = None
+    """Painting that is shown, by default the scene's."""
+    background: Annotated[Colour | None, Setting(syntax="colour")] = None
+    """Colour behind the scene, unless it is given otherwise; movies are over white by default."""
 
     def __post_init__(self) -> None:
         if not (self.keys or self.moves):

@@ -41,13 +41,15 @@ class Film(Played):
     """
 
     def __init__(
-        self, scene: Scene, shot: Shot, size: tuple[int, int] = (800, 800), fps: float = 30.0,
+        self, scene: Scene, shot: Shot, size: tuple[int, int] | None = None, fps: float = 30.0,
         progress: Progress = silent,
     ) -> None:  # fmt: skip
-        """Prepare the frames, of a width and height in pixels; ``fps``: frames per second.
+        """Prepare the frames, of a width and height in pixels, by default the shot's; ``fps``: frames per second.
 
         Raises BadInput if the shot does not fit the scene, or has too many frames.
         """
+        if shot.painting is not None:
+            scene = scene.with_variant(shot.painting)
         super().__init__(scene, ())
         self.shot, self.fps = shot, fps
         count = round(shot.seconds * fps)
@@ -55,8 +57,8 @@ class Film(Played):
             raise BadInput(
                 f"A shot of {shot.seconds:g} s has {count} frames at {fps:g} a second: between 1 and {MOST_FRAMES}."
             )
-        self._keys = KeyFrames(scene, shot.keys, size)
         self._moves = Moves(scene, shot, progress)
+        self._keys = KeyFrames(scene, shot.keys, size or shot.size or (800, 800), self._moves.growing)
         self._moment: tuple[int, Moment] | None = None  # the last one that was asked for
         first, last = self._at(0.0), self._at(shot.seconds)
         self.cameras = _Cameras(self, count if _alike(first, last) else count + 1)
@@ -110,7 +112,7 @@ def render_shot(
     path: str | Path,
     scene: Scene,
     shot: Shot,
-    size: tuple[int, int] = (800, 800),
+    size: tuple[int, int] | None = None,
     shown: RenderSettings = COLOURS,
     fps: float = 30.0,
     progress: Progress = silent,
@@ -125,7 +127,7 @@ def render_shot(
         path: The .mp4 to write, or a folder, as in :func:`svv.render.frames.write_frames`.
         scene: The scene.
         shot: What is seen of it, and when.
-        size: Width and height of the frames in pixels.
+        size: Width and height of the frames in pixels, by default the shot's, or 800.
         shown: What the frames show.
         fps: Frames per second.
         progress: Called often.
@@ -143,6 +145,7 @@ def render_shot(
         raise BadInput("The depths of a shot are pictures of 16 bits: give --out as a folder.")
     if movie:
         check_writable(path)
+    shown = replace(shown, background=shown.background or shot.background)
     film = Film(scene, shot, size, fps, progress)
     if not movie:
         write_frames(path, film, film.cameras, shown, progress, those)

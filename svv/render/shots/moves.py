@@ -56,6 +56,16 @@ class Moves:
                 scene.cut(move.cut)
             self._regions.append(numbers)
 
+    @property
+    def growing(self) -> set[int]:
+        """Regions whose paint grows, so that the palette's colours are seen before."""
+        told = [
+            regions or [k for k, region in enumerate(self._scene.regions) if region.style is not None]
+            for move, regions in zip(self._shot.moves, self._regions, strict=True)
+            if isinstance(move, Grow)
+        ]
+        return {number for regions in told for number in regions}
+
     def _painted(self, numbers: tuple[int, ...]) -> tuple[int, ...]:
         painted = [k for k, region in enumerate(self._scene.regions) if region.style is not None]
         if not painted or not set(numbers) <= set(painted):

@@ -6,7 +6,7 @@ of :mod:`svv.core.geometry.key_curves` in a space in which equal steps look equa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -122,15 +122,24 @@ class Track:
 class KeyFrames:
     """Everything between the key frames of a shot of a scene; raises BadInput for what the scene does not have."""
 
-    def __init__(self, scene: Scene, keys: Sequence[KeyFrame], size: tuple[int, int]) -> None:
-        """Lay the tracks; ``size``: width and height of the pictures."""
+    def __init__(
+        self, scene: Scene, keys: Sequence[KeyFrame], size: tuple[int, int], growing: Set[int] = frozenset()
+    ) -> None:
+        """Lay the tracks; ``size``: width and height of the pictures; ``growing``: regions whose paint a move grows."""
         self._scene, self._keys = scene, list(keys) or [KeyFrame(0.0)]
         first = self._keys[0].time
         self.cameras = self._camera_path(size, first)
         self.regions: dict[tuple[int, str], Track] = {}
         self._seen: dict[int, tuple[bool, float]] = {}  # whether a region is hidden, and its opacity where it is not
+        thin = {
+            k
+            for key in self._keys
+            for k, edit in edits_in(scene, key).items()
+            if edit.strength is not None and edit.strength < 1.0
+        }
+        thin |= growing | {k for k, region in enumerate(scene.regions) if region.strength < 1.0}
         for key in self._keys:
-            check_edits(scene, key)
+            check_edits(scene, key, thin)
             self._add_regions(key, first)
         told = [(key.time, [Cut.parse(text, scene.bounds) for text in key.cuts])
                 for key in self._keys if key.cuts is not None]  # fmt: skip
@@ -201,8 +210,9 @@ class KeyFrames:
         if field == "opacity":
             return region.seen_opacity
         if field in COEFFICIENTS:
-            held = self._scene.coefficients()
-            assert held is not None  # or the edit would have been refused
+            held = None if self._scene.layers else self._scene.coefficients()
+            if held is None:
+                raise BadInput(f"Give the {field} of region {number} in the first key frame as well.")
             return float(held[number][COEFFICIENTS.index(field)])
         return getattr(region, field)
 
@@ -306,8 +316,11 @@ def _numbered(scene: Scene, told: dict[str, RegionKey]) -> Iterator[tuple[int, R
         yield number, edit
 
 
-def check_edits(scene: Scene, key: KeyFrame) -> None:
-    """Raise BadInput, with the time of the key frame, for edits that the scene does not take."""
+def check_edits(scene: Scene, key: KeyFrame, thin: Set[int] = frozenset()) -> None:
+    """Raise BadInput, with the time of the key frame, for edits that the scene does not take.
+
+    ``thin``: regions whose paint lets their own colours through at some time, so that these may be edited.
+    """
 
     def part(kind: type[Any], edit: RegionKey) -> Any:
         return kind(**{f.name: getattr(edit, f.name) for f in fields(kind) if f.name not in UNFILMED})
@@ -318,7 +331,8 @@ def check_edits(scene: Scene, key: KeyFrame) -> None:
                 {number: part(RegionEdit, edit)}, occlusion=part(OcclusionEdit, edit), paint=part(PaintEdit, edit),
                 outline=part(OutlineEdit, edit), of=(number,), outlined=(number,),
             )  # fmt: skip
-            with_edit(scene, request)
+            own = tuple(replace(r, style=None) if k in thin else r for k, r in enumerate(scene.regions))
+            with_edit(replace(scene, regions=own) if edit.colour is not None else scene, request)
         if key.strength is not None and scene.styled is None:
             raise BadInput("The scene has no painting whose strength could change: paint it with svv stylize.")
         scene.uncut().cut(*(key.cuts or ()))

@@ -44,7 +44,7 @@ from svv.render.web.html import filled, viewer_file
 
 SCRIPTS = (
     "decode.js", "reduce.js", "colours.js", "state.js", "camera.js", "textures.js", "draw.js", "show.js", "panel.js",
-    "hands.js", "main.js",
+    "film.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
 

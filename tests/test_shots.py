@@ -427,3 +427,12 @@ def test_the_command_renders_a_shot(cube: Scene, tmp_path: Path, monkeypatch: py
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "cube.svv", "frames", "preview.mp4", "same", "shot.json"
     ]  # fmt: skip
+
+
+def test_a_region_is_found_where_it_is(balls: Scene) -> None:
+    """Two balls of radius .3 at x = -.35 and .35; stray samples around them do not count."""
+    places = [place_of(balls, region) for region in range(2)]
+    left, right = sorted(places, key=lambda place: place.centre[0])
+    for place, x in ((left, -0.35), (right, 0.35)):
+        np.testing.assert_allclose(place.centre, (x, 0.0, 0.0), atol=0.06)
+        assert 0.24 < place.radius < 0.42

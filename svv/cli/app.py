@@ -56,7 +56,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "shot": (
         "shot",
-        "Check a shot, a film by key frames, or print one to begin with, or what the file of one may say.",
+        "Check a shot, which svv render films, or print one to begin with, or what one may say.",
     ),
     "figure": (
         "figure",

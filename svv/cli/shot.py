@@ -13,10 +13,9 @@ from svv.options.shots import Shot
 from svv.progress import shown
 
 SHOT = (
-    "svv shot --move turntable > turn.json",
-    "svv render scene.svv --shot turn.json --out turn.mp4",
+    "svv shot --move turntable --out turn.json",
     "svv shot shot.json --scene scene.svv",
-    "svv shot --schema > shot.schema.json",
+    "svv shot --schema --out shot.schema.json",
 )
 
 MoveName = Literal["turntable", "swing", "zoom", "peel", "cut", "paint"]
@@ -27,30 +26,31 @@ BEGUN: dict[str, dict[str, object]] = {"zoom": {"region": 0}, "peel": {"regions"
 def shot(
     file: Annotated[Path | None, typer.Argument(metavar="SHOT.json", help="A shot, which is checked.")] = None,
     scene: Annotated[
-        Path | None, typer.Option("--scene", metavar="SCENE.svv", help="Check that the shot fits this scene.")
+        Path | None, typer.Option("--scene", metavar="SCENE.svv", help="Check that it fits this scene.")
     ] = None,
-    move: Annotated[
-        MoveName | None, typer.Option("--move", help="Print a shot of 6 s with this ready-made move, to begin with.")
-    ] = None,
-    schema: Annotated[
-        bool, typer.Option("--schema", help="Print the JSON Schema of shots, with which editors check and complete.")
-    ] = False,
+    move: Annotated[MoveName | None, typer.Option("--move", help="Print a shot with this move.")] = None,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of shots.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="Write it here instead.")] = None,
 ) -> None:
-    """Check a shot, a film by key frames, or print one to begin with, or what the file of one may say.
-
-    `svv render --shot` renders it.
-    """
+    """Check a shot, which svv render films, or print one to begin with, or what one may say."""
+    from svv.io.files.atomic import write_json
     from svv.io.shot_file import read_shot, shot_schema
 
     if [file is not None, move is not None, schema].count(True) != 1:
         raise BadInput("Give one of a shot's file, --move and --schema.")
     if scene is not None and file is None:
         raise BadInput("--scene needs a shot's file to check.")
-    if schema:
-        print(json.dumps(shot_schema(), indent=2))
-    elif move is not None:
-        print(json.dumps({"duration": 6, "moves": [{"move": move, **BEGUN.get(move, {})}]}, indent=2))
-    elif file is not None:
+    if out is not None and file is not None:
+        raise BadInput("--out needs --move or --schema: a shot's file is only checked.")
+    if file is None:
+        begun = {"duration": 6, "moves": [{"move": move, **BEGUN.get(str(move), {})}]}
+        told = shot_schema() if schema else begun
+        if out is None:
+            print(json.dumps(told, indent=2))
+        else:
+            write_json(out, told)
+            print(out)
+    else:
         read = read_shot(file)
         if scene is not None:
             _check_fits(read, scene)

@@ -78,9 +78,8 @@ def directed(keys: ArrayLike, times: ArrayLike, at: float, what: str) -> Array:
 
     ``what`` they are begins the sentence of the BadInput that is raised if two neighbours are opposite.
 
-    >>> x, y, z = directed([(1, 0, 0), (0, 1, 0)], [0.0, 2.0], 1.0, "The light")
-    >>> round(x, 4), round(y, 4), z
-    (0.7071, 0.7071, 0.0)
+    >>> directed([(1, 0, 0), (0, 1, 0)], [0.0, 2.0], 1.0, "The light").round(4).tolist()
+    [0.7071, 0.7071, 0.0]
     """
     vectors, when = np.asarray(keys, np.float64), np.asarray(times, np.float64)
     for number, (one, other) in enumerate(pairwise(vectors)):

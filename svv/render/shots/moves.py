@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 MEASURED = 64
 """Side in pixels of the pictures in which the place of a region is measured."""
+CLEAR = 0.2
+"""Part of its largest alpha in a picture from which on a pixel counts for the place of a region."""
 OUTLIERS = 0.5
 """Percent of the points of a region at each end of an axis that do not count for its place: stray samples."""
 
@@ -197,10 +199,11 @@ def place_of(scene: Scene, region: int, progress: Progress = silent) -> Place:
     rig: CameraRig = scene.rig
     points: list[Array] = []
     for number, camera in enumerate(_six_sides(rig)):
-        depth = alone.render(camera, "pcn").depth
-        seen = np.isfinite(depth)
+        view = alone.render(camera, "pcn")
+        alpha = view.rgba[..., 3]
+        seen = np.isfinite(view.depth) & (alpha > CLEAR * max(float(alpha.max()), CLEAR))
         origins, directions = camera.rays()
-        points.append((origins + depth[..., None] * directions)[seen])
+        points.append((origins + view.depth[..., None] * directions)[seen])
         progress((number + 1) / 6, "measuring a region")
     every = np.concatenate(points)
     if not len(every):

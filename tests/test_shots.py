@@ -23,6 +23,7 @@ from svv.core.geometry.cuts import Cut
 from svv.core.geometry.key_curves import along, directed
 from svv.errors import BadInput, Cancelled
 from svv.fields.scene import view_cache
+from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.render import frames as frames_module
 from svv.render.frames import RenderSettings, seen_from, write_frames
@@ -30,7 +31,7 @@ from svv.render.shots.film import Film, render_shot
 from svv.render.shots.moves import place_of
 from svv.render.shots.moving_cuts import CutTrack, nothing_of
 from svv.render.shots.tracks import KeyFrames
-from tests.cube import cube_paint, lit_cube_scene
+from tests.cube import cube_paint, cube_scene, lit_cube_scene
 from tests.movies import frames_of
 
 SIZE = (24, 24)
@@ -383,6 +384,13 @@ def test_memory_does_not_grow_with_the_frames(painted: Scene, tmp_path: Path) ->
     assert len(list(tmp_path.iterdir())) == len(shown.cameras) == 241
     assert counts[240][0] - counts[40][0] < 100  # less than an object for two frames
     assert counts[240][1:] == counts[40][1:]
+
+
+def test_a_joined_scene_is_filmed_as_well(cube: Scene) -> None:
+    both = joined([cube, cube_scene(1)])
+    shown = film(both, {"keys": [{"time": 0}, {"time": 1, "regions": {"4": {"opacity": 0.3}}, "cuts": ["x>50%"]}]})
+    exact = both.edited(4, opacity=0.3).cut("x>50%")
+    np.testing.assert_array_equal(shown.at(10).render(shown.cameras[10]).rgba, exact.render(shown.cameras[10]).rgba)
 
 
 def test_a_film_has_a_number_of_frames_that_can_be(cube: Scene, tmp_path: Path) -> None:

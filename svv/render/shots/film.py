@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 MOST_FRAMES = 1 << 18
 """Most frames of a film: 2.4 hours at 30 a second."""
 
-DRAWN = 0.95
-"""Part of the progress of a movie that drawing takes; the rest is its encoding."""
+PREPARED, DRAWN = 0.02, 0.95
+"""Parts of the progress at which regions have been measured, and frames drawn; then a movie is encoded."""
 
 
 class Film(Played):
@@ -146,13 +146,13 @@ def render_shot(
     if movie:
         check_writable(path)
     shown = replace(shown, background=shown.background or shot.background)
-    film = Film(scene, shot, size, fps, progress)
+    film = Film(scene, shot, size, fps, part(progress, 0.0, PREPARED))
     if not movie:
-        write_frames(path, film, film.cameras, shown, progress, those)
+        write_frames(path, film, film.cameras, shown, part(progress, PREPARED, 1.0), those)
         return
     shown = replace(shown, background=shown.background or WHITE)
     folder = path.with_name(path.name + ".frames")
-    files = write_frames(folder, film, film.cameras, shown, part(progress, 0.0, DRAWN))
+    files = write_frames(folder, film, film.cameras, shown, part(progress, PREPARED, DRAWN))
     write_mp4(path, _pictures(files, shown, part(progress, DRAWN, 1.0)), fps)
     for file in files:
         file.unlink(missing_ok=True)

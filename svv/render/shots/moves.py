@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.geometry.cuts import Cut
-from svv.errors import BadInput, Progress, silent
+from svv.errors import BadInput, Progress, part, silent
 from svv.options.shots import Grow, Move, Peel, Shot, Sweep, Swing, Turntable, Zoom, eased
 from svv.render.shots.moving_cuts import between, nothing_of
 from svv.render.shots.tracks import FADE, Moment, region_named
@@ -47,13 +47,14 @@ class Moves:
         self._scene, self._shot = scene, shot
         self._places: dict[int, Place] = {}
         self._regions: list[tuple[int, ...]] = []
-        for move in shot.moves:
+        for done, move in enumerate(shot.moves):
             told = getattr(move, "regions", ()) if not isinstance(move, Zoom) else (move.region,)
             numbers = tuple(region_named(scene, name) for name in told if name is not None)
             if isinstance(move, Grow):
                 numbers = self._painted(numbers)
             if isinstance(move, Zoom) and numbers and numbers[0] not in self._places:
-                self._places[numbers[0]] = place_of(scene, numbers[0], progress)
+                each = part(progress, done / len(shot.moves), (done + 1) / len(shot.moves))
+                self._places[numbers[0]] = place_of(scene, numbers[0], each)
             if isinstance(move, Sweep):
                 scene.cut(move.cut)
             self._regions.append(numbers)

@@ -188,6 +188,8 @@ def test_time_steps_play_between_key_frames(cube: Scene) -> None:
         ({"regions": {"0": {"colour": "#ff0000"}}}, "at 1 s: Region 0 is styled"),
         ({"regions": {"0": {"stroke_width": 1.2}}}, "no strokes to edit"),
         ({"cuts": ["w>3"]}, "is no cut"),
+        ({"camera": {"position": [1, 0, 0], "centre": [1, 0, 0]}}, "at 1 s: A camera cannot look at its own position"),
+        ({"camera": {"camera_to_world": [[1, 0, 0, 0]] * 4}}, "at 1 s: A camera matrix must end with"),
         ({"cuts": ["9=x>3"]}, "no region 9"),
         ({"light": {"azimuth": 3}}, "light"),
         ({"step": 1}, "no time step 1: it has none"),

@@ -20,10 +20,7 @@ FPS = 30.0
 SAMPLES = 24
 """Key frames that a path of the camera becomes, which svv's curves follow to a thousandth of its size."""
 
-NONE = (
-    "The animation has no key frames of this view's camera: in the Animation View, choose Camera and the view, press "
-    "+, and add key frames."
-)
+NONE = "The animation has no key frames of this view's camera: add its camera to the animation, with two key frames."
 
 
 def save_shot(path: str | Path | None = None, view: View | None = None) -> Path:

@@ -179,7 +179,7 @@ class KeyFrames:
         told = [(key.time, key.camera) for key in self._keys if key.camera is not None]
         if not told or told[0][0] > first:
             told.insert(0, (first, CameraKey(view=(0.0, 0.0))))
-        cameras = [placed(self._scene, camera, size) for _, camera in told]
+        cameras = [_placed_at(time, self._scene, camera, size) for time, camera in told]
         names = [f"at {time:g} s" for time, _ in told]
         return CameraPath(cameras, [time for time, _ in told], self._scene.rig.centre, names)
 
@@ -250,6 +250,14 @@ class KeyFrames:
 def _unit(vector: Sequence[float] | None) -> Array:
     found = np.asarray(vector, np.float64)
     return found / np.linalg.norm(found)
+
+
+def _placed_at(time: float, scene: Scene, key: CameraKey, size: tuple[int, int]) -> Camera:
+    """Return the camera of a key frame; its time is in the BadInput that is raised where there is none."""
+    try:
+        return placed(scene, key, size)
+    except BadInput as error:
+        raise BadInput(f"Key frame at {time:g} s: {error}") from None
 
 
 def placed(scene: Scene, key: CameraKey, size: tuple[int, int]) -> Camera:

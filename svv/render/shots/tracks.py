@@ -291,8 +291,8 @@ def region_named(scene: Scene, name: int | str) -> int:
         found = [int(text)] if int(text) < len(scene.regions) else []
     if len(found) != 1:
         names = ", ".join(str(k) if r.name is None else f"{k} ({r.name})" for k, r in enumerate(scene.regions))
-        what = "several regions" if found else "no region"
-        raise BadInput(f"The shot is of {what} '{text}' of this scene, whose regions are {names or 'none'}.")
+        what = "several regions have that name" if found else "the scene does not have it"
+        raise BadInput(f"The shot is of region '{text}', but {what}: its regions are {names or 'none'}.")
     return found[0]
 
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene as Scene
     from svv.io.pictures.output import write_png as write_png
     from svv.io.pictures.style_picture import read_style as read_style
+    from svv.io.shot_file import read_shot as read_shot
+    from svv.io.shot_file import write_shot as write_shot
     from svv.io.views.camera_file import read_camera as read_camera
     from svv.io.views.camera_file import read_cameras as read_cameras
     from svv.io.views.viewset import ViewSet as ViewSet
@@ -40,11 +42,13 @@ if TYPE_CHECKING:
     from svv.options.making import PaletteOptions as PaletteOptions
     from svv.options.making import TrainOptions as TrainOptions
     from svv.options.making import ViewOptions as ViewOptions
+    from svv.options.shots import Shot as Shot
     from svv.render.baking.baked import bake as bake
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
     from svv.render.frames import write_movie as write_movie
+    from svv.render.shots.film import render_shot as render_shot
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
@@ -70,6 +74,7 @@ PUBLIC = {
         "svv.fields.scene.scene": ("Rendering", "Scene"),
         "svv.io.pictures.output": ("write_png",),
         "svv.io.pictures.style_picture": ("read_style",),
+        "svv.io.shot_file": ("read_shot", "write_shot"),
         "svv.io.views.camera_file": ("read_camera", "read_cameras"),
         "svv.io.views.viewset": ("ViewSet",),
         "svv.job.looks.look": ("Look",),
@@ -79,10 +84,12 @@ PUBLIC = {
         "svv.job.words.say": ("say",),
         "svv.options.figures": ("FigureOptions",),
         "svv.options.making": ("PaintOptions", "PaletteOptions", "TrainOptions", "ViewOptions"),
+        "svv.options.shots": ("Shot",),
         "svv.render.baking.baked": ("bake",),
         "svv.render.figures.figure": ("Panel", "figure"),
         "svv.render.frames": ("orbit", "write_movie"),
         "svv.render.show": ("image_data", "show", "widget"),
+        "svv.render.shots.film": ("render_shot",),
         "svv.render.web.page": ("write_html",),
         "svv.train.correct": ("correct_palette",),
         "svv.train.paint.ink": ("Ink", "StyleInput"),

@@ -110,6 +110,8 @@ def fill(folder: Path) -> None:
     write_over(folder / "black.cdb", 0.0)
     poses = [look_at(position, (0.0, 0.0, 0.0)).tolist() for position in ((0, 0, 4), (2, 0, 0))]
     (folder / "keys.json").write_text(json.dumps({"fov": 30, "frames": [{"camera_to_world": one} for one in poses]}))
+    (shot,) = blocks(ROOT / "docs" / "how-to" / "movies.md", "json")
+    (folder / "shot.json").write_text(shot.text)
     (folder / "head.pvsm").write_text(
         '<ParaView><Proxy group="views"><Property name="CameraPosition"><Element index="0" value="0"/>'
         '<Element index="1" value="0"/><Element index="2" value="6"/></Property></Proxy></ParaView>'

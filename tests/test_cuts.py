@@ -74,6 +74,20 @@ def test_a_cut_is_the_same_in_the_world_and_in_the_box(
     np.testing.assert_allclose(cut.in_box(box).depth(inside) * size, cut.depth(world), atol=1e-9 * (1 + size))
 
 
+@given(st.sampled_from((*SHAPES, "plane:0.3,-0.2,0.1:0,1,0")), st.booleans(), st.sets(st.integers(0, 2)))
+def test_a_cut_is_what_its_text_says(shape: str, outside: bool, regions: set[int]) -> None:
+    cut = replace(Cut.parse(outside * "outside " + shape, BOUNDS), regions=tuple(regions))
+    text = cut.to_text()
+    assert text is not None
+    again, at = (
+        Cut.parse(text, ((0.0,) * 3, (9.0,) * 3)),
+        torch.from_numpy(np.random.default_rng(0).normal(size=(50, 3))),
+    )
+    assert (again.outside, again.regions) == (cut.outside, cut.regions)
+    np.testing.assert_allclose(again.depth(at), cut.depth(at), atol=1e-12)
+    assert Cut(((1.0, 1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))).to_text() is None
+
+
 @pytest.mark.parametrize("make", [cube_scene, lit_cube_scene, hash_cube_scene])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_what_a_cut_takes_and_what_it_leaves_are_the_whole(make: Callable[[], Scene], shape: str) -> None:

@@ -28,8 +28,10 @@ from svv.fields.scene.scene import Scene
 from svv.fields.strokes.lives import Lives
 from svv.io.scene_file import read_scene_file
 from svv.io.series_file import read_series
+from svv.io.shot_file import read_shot
 from svv.job.series import Step, with_time_steps
 from svv.render.pictures import read_png
+from svv.render.shots.film import Film
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from tests.test_brushing import painted as brushed
@@ -226,6 +228,15 @@ def test_series_that_do_not_fit_say_why(followed: Scene, series: tuple[Path, Sce
         command("follow", folder / "scene.svv", folder / "ball_0.vti", folder / "gone.vti", "-o", folder / "x.svv") == 2
     )
     assert not (folder / "x.svv").exists()
+
+
+def test_a_shot_plays_time_steps_at_its_own_pace(series: tuple[Path, Scene]) -> None:
+    scene = series[1]
+    film = Film(scene, read_shot({"keys": [{"time": 0, "step": 0}, {"time": 1, "step": 2}]}), (24, 24), fps=4)
+    for number, step in enumerate([0, 0, 1, 1, 2]):
+        camera = film.cameras[number]
+        np.testing.assert_array_equal(film.at(number).render(camera).rgba, at_step(scene, step).render(camera).rgba)
+    assert film.told(1) != film.told(2) == film.told(3)
 
 
 @pytest.mark.parametrize("last", [3, 60_000])

@@ -50,7 +50,14 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "join": ("join", "Join scenes of several transfer functions, arrays or members, to show them alone or together."),
     "follow": ("follow", "Add the other time steps of its volume to a scene, without views or training."),
     "opacities": ("follow", "Show a scene with other opacities of its transfer function, without views or training."),
-    "render": ("render", "Render a scene: an orbit or a path as a movie or frames, a single view, or its time steps."),
+    "render": (
+        "render",
+        "Render a scene: an orbit, a path or a shot as a movie or frames, a single view, or its time steps.",
+    ),
+    "shot": (
+        "shot",
+        "Check a shot, which svv render films, or print one to begin with, or what one may say.",
+    ),
     "figure": (
         "figure",
         "Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.",

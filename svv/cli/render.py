@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +20,8 @@ from svv.progress import shown
 if TYPE_CHECKING:
     from svv.core.geometry.cameras import Camera
     from svv.fields.scene.scene import Scene
+    from svv.options.shots import Shot
+    from svv.render.frames import RenderSettings
 
 RENDER = (
     "svv render scene.svv --orbit 181 --out orbit.mp4",
@@ -30,6 +32,8 @@ RENDER = (
     "svv render scene.svv --view 0,0 --view 90,30 --view 150,0 --path 240 --out path.mp4",
     "svv render scene.svv --camera keys.json --path 240 --out path.mp4",
     "svv render painted.svv --orbit 181 --supersample 2 --out smooth.mp4",
+    "svv render scene.svv --shot shot.json --preview --out draft.mp4",
+    "svv render scene.svv --shot shot.json --size 1920x1080 --out film.mp4",
     "svv render series.svv --play --out series.mp4",
     "svv render series.svv --play --orbit 240 --out frames",
     "torchrun --nproc-per-node 4 -m svv render scene.svv --orbit 181 --out frames",
@@ -37,6 +41,10 @@ RENDER = (
 
 ONE_VIEW = (".png", ".vti")
 """Extensions of files of one view."""
+PREVIEW_FPS = 10.0
+"""Most frames per second of the preview of a shot."""
+STEP = "leave out --time and --play, and give key frames a step."
+"""How a shot plays time steps."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +61,10 @@ class Shown:
     """Render only this one of several views in the file of --camera."""
     path: Annotated[int | None, Setting(metavar="FRAMES", least=2)] = None
     """Number of frames on a smooth path through the views of --view, or in the file of --camera."""
+    shot: Annotated[Path | None, Setting(metavar="SHOT.json")] = None
+    """Render a film by key frames of the camera, edits, cuts, light and time, and by ready-made moves; see svv shot."""
+    preview: bool = False
+    """Render the shot at a quarter of the size, and 10 frames per second."""
     time: Annotated[float | None, Setting(metavar="TIME")] = None
     """Render this time of a scene that has time steps."""
     play: bool = False
@@ -68,16 +80,18 @@ def render(
     which: Shown = Shown(),
     options: RenderOptions = RenderOptions(),
 ) -> None:
-    """Render a scene: an orbit or a path as a movie or frames, a single view, or its time steps.
+    """Render a scene: an orbit, a path or a shot as a movie or frames, a single view, or its time steps.
 
-    After Ctrl-C, the same command goes on with the frames of a folder. Processes that torchrun starts share them;
-    anything else is rendered by the first one.
+    After Ctrl-C, the same command goes on with the frames of a folder or a shot. Processes that torchrun starts share
+    those of a folder; anything else is rendered by the first one.
     """
+    from svv.io.shot_file import read_shot
     from svv.render import frames as views
     from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks
 
     _check(out, which)
+    told = None if which.shot is None else read_shot(which.shot)
     keys = _keys(out, which, options.size)
     pictures = views.RenderSettings(options.network, options.background, options.what, options.supersample)
     one_view = out.suffix.lower() in ONE_VIEW
@@ -91,6 +105,10 @@ def render(
         if options.network not in (None, "styled"):
             raise BadInput(f"A variant is a painting: leave out --network {options.network}.")
         loaded = loaded.with_variant(options.variant)
+    if told is not None:
+        told = told if options.variant is None else replace(told, painting=None)
+        _render_shot(out, loaded, told, pictures, options, which.preview)
+        return
     cameras = _cameras(loaded, which, keys, options.size or (800, 800), one_view)
     loaded, steps = _at_times(loaded, which, len(cameras))
     cameras = cameras * len(steps) if steps is not None and len(cameras) == 1 else cameras
@@ -112,16 +130,37 @@ def render(
         print(out)
 
 
+def _render_shot(
+    out: Path, scene: Scene, shot: Shot, pictures: RenderSettings, options: RenderOptions, preview: bool
+) -> None:
+    """Render a shot, or this process's share of its frames, and print where it is."""
+    from svv.render.shots.film import render_shot
+    from svv.train.run import ranks
+
+    here = ranks.place()
+    size, fps = options.size or shot.size or (800, 800), options.fps
+    if preview:
+        size, fps = (max(1, size[0] // 4), max(1, size[1] // 4)), min(fps, PREVIEW_FPS)
+    with shown("Rendering", quiet=here.rank > 0) as progress:
+        render_shot(out, scene, shot, size, pictures, fps, progress, slice(here.rank, None, here.count))
+    if not here.rank:
+        print(out)
+
+
 def _check(out: Path, which: Shown) -> None:
     """Raise BadInput if the arguments contradict each other, or do not tell what to write."""
     one_view, orbit, path = out.suffix.lower() in ONE_VIEW, which.orbit is not None, which.path is not None
-    ways = [f"--{name}" for name in ("orbit", "view", "camera") if getattr(which, name) not in (None, ())]
+    ways = [f"--{name}" for name in ("orbit", "view", "camera", "shot") if getattr(which, name) not in (None, ())]
     many, frame, lacking = "--out as a folder or an .mp4 file.", which.frame is not None, which.camera is None
     for wrong, said in (
         (which.play and which.time is not None, "Give --time or --play, not both."),
         (one_view and which.play, f"Time steps have many views: give {many}"),
         (len(ways) > 1, f"Give {' or '.join(ways[:2])}, not both."),
         (one_view and orbit, f"An orbit has many views: give {many}"),
+        (one_view and which.shot is not None, f"A shot has many views: give {many}"),
+        (which.shot is not None and (frame or path), "A shot has its own frames: leave out --frame and --path."),
+        (which.shot is not None and (which.play or which.time is not None), f"A shot has its own times: {STEP}"),
+        (which.preview and which.shot is None, "--preview needs --shot, a film by key frames."),
         (one_view and path, f"A path has many views: give {many}"),
         (frame and path, "Give --frame or --path, not both: a path goes through all views of the file."),
         (frame and lacking, "--frame needs --camera, a file of cameras."),

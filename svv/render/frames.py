@@ -73,9 +73,16 @@ class Played:
 
     def at(self, number: int) -> Scene:
         """Return the scene of a view; neighbours of the same time step share it."""
+        return self.at_step(self.steps[number])
+
+    def told(self, number: int) -> dict[str, object]:
+        """Return what a view depends on besides its camera and the scene, as plain values."""
+        return {"step": self.steps[number]}
+
+    def at_step(self, step: int) -> Scene:
+        """Return the scene at a time step; the last one is remembered."""
         from svv.fields.following.followed_scene import at_step
 
-        step = self.steps[number]
         if step not in self._last:
             self._last = {step: at_step(self.scene, step)}
         return self._last[step]
@@ -177,12 +184,13 @@ def write_frames(
     BadInput if the folder has numbered pictures that this function did not write, or cannot be written.
     """
     frames = _Frames(folder, scene, shown)
-    chosen = list(enumerate(cameras))[those]
-    frames.make_room(chosen, len(cameras))
+    chosen = range(len(cameras))[those]
+    frames.make_room(chosen, cameras)
 
     def drawn() -> Iterator[Callable[[], None]]:
-        for index, (number, camera) in enumerate(chosen):
-            yield from frames.drawn(number, camera, part(progress, index / len(chosen), (index + 1) / len(chosen)))
+        for index, number in enumerate(chosen):
+            each = part(progress, index / len(chosen), (index + 1) / len(chosen))
+            yield from frames.drawn(number, cameras[number], each)
             progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
 
     _do_beside(drawn())
@@ -200,7 +208,7 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
     frames = [_Frames(folder, scene, COLOURS) for folder, scene in zip(scenes, _sharing(list(scenes.values())))]
     count = len(cameras) * len(frames)
     for each in frames:
-        each.make_room(list(enumerate(cameras)), len(cameras))
+        each.make_room(range(len(cameras)), cameras)
 
     def drawn() -> Iterator[Callable[[], None]]:
         for number, camera in enumerate(cameras):
@@ -230,17 +238,17 @@ class _Frames:
 
     def __init__(self, folder: Path, scene: Scene | Played, shown: RenderSettings) -> None:
         self._folder, self._shown = make_folder(folder), replace(shown, samples=shown.samples or 1)
-        whole, self._at, self._steps = _at_each(scene)
+        whole, self._at, self._told = _at_each(scene)
         self._look = digest(whole.to_bytes(whole=False), *vars(self._shown).values())
 
     def path(self, number: int) -> Path:
         """Return the file of a frame."""
         return self._folder / f"{number:04d}.png"
 
-    def make_room(self, views: Sequence[tuple[int, Camera]], count: int) -> None:
+    def make_room(self, views: Sequence[int], cameras: Sequence[Camera]) -> None:
         """Remove the frames of other runs: those of these views, and those beyond the number of all views."""
-        made = {number: self._made(number, camera) for number, camera in views}
-        remove_other_frames(self._folder, count, made)
+        made = {number: self._made(number, cameras[number]) for number in views if self.path(number).exists()}
+        remove_other_frames(self._folder, len(cameras), made)
 
     def drawn(self, number: int, camera: Camera, progress: Progress) -> Iterator[Callable[[], None]]:
         """Render a frame and yield what writes it, unless it is there."""
@@ -251,7 +259,7 @@ class _Frames:
     def _made(self, number: int, camera: Camera) -> str:
         """Return what a frame says that it was made from."""
         told = {field.name: getattr(camera, field.name) for field in fields(camera)}
-        return key_of(self._look, told if self._steps is None else {**told, "step": self._steps[number]})
+        return key_of(self._look, {**told, **self._told(number)})
 
 
 def _sharing(scenes: Sequence[Scene]) -> list[Scene]:
@@ -313,11 +321,13 @@ def write_movie(
     write_mp4(path, frames(), fps)
 
 
-def _at_each(scene: Scene | Played) -> tuple[Scene, Callable[[int], Scene], Sequence[int] | None]:
-    """Return a scene, what gives the scene of each view by its number, and their time steps."""
+def _at_each(
+    scene: Scene | Played,
+) -> tuple[Scene, Callable[[int], Scene], Callable[[int], Mapping[str, object]]]:
+    """Return a scene, and what gives the scene of each view by its number, and what that depends on."""
     if isinstance(scene, Played):
-        return scene.scene, scene.at, scene.steps
-    return scene, lambda number: scene, None
+        return scene.scene, scene.at, scene.told
+    return scene, lambda number: scene, lambda number: {}
 
 
 def region_colours(scene: Scene) -> NDArray[np.float32]:

@@ -160,6 +160,30 @@ class Cut:
             depth = torch.minimum(depth, (self.radius or 0.0) - away.norm(dim=1))
         return -depth if self.outside else depth
 
+    def to_text(self) -> str | None:
+        """Return the text from which :meth:`parse` makes the cut, in world units; None if there is none.
+
+        >>> svv.Cut(planes=((1.0, 0.0, 0.0, 5.0),)).to_text()
+        'x>5.0'
+        """
+
+        def listed(numbers: Sequence[float]) -> str:
+            return ",".join(map(repr, numbers))
+
+        along = [(plane, axis) for plane in self.planes for axis in range(3) if abs(plane[axis]) == 1.0]
+        before = ",".join(map(str, self.regions)) + "=" * bool(self.regions) + (OUTSIDE + " ") * self.outside
+        if self.centre is not None and not self.planes and self.radius is not None:
+            if self.axis is None:
+                return f"{before}sphere:{listed(self.centre)}:{self.radius!r}"
+            return f"{before}cylinder:{listed(self.centre)}:{listed(self.axis)}:{self.radius!r}"
+        if self.centre is None and len(along) == len(self.planes):
+            sides = [f"{'xyz'[axis]}{'>' if p[axis] > 0 else '<'}{p[axis] * p[3]!r}" for p, axis in along]
+            return before + "&".join(sides)
+        if self.centre is None and len(self.planes) == 1:
+            x, y, z, d = self.planes[0]
+            return f"{before}plane:{listed((x * d, y * d, z * d))}:{listed((x, y, z))}"
+        return None
+
     def describe(self) -> str:
         """Return a short description."""
         parts = [_describe_plane(*plane) for plane in self.planes]

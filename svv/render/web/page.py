@@ -54,7 +54,7 @@ from svv.render.web.html import filled, viewer_file
 
 SCRIPTS = (
     "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "show.js",
-    "panel.js", "hands.js", "main.js",
+    "panel.js", "film.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
 
@@ -164,7 +164,9 @@ def _cuts(scene: Scene) -> list[dict[str, object]]:
         own = [number in cut.regions or r.part_of in cut.regions for number, r in zip(order, regions, strict=True)]
         return sum(1 << k for k, opened in enumerate(own) if opened)
 
-    return [vars(cut) | {"radius": cut.radius or 0.0, "regions": bits(cut)} for cut in scene.cuts]
+    return [
+        vars(cut) | {"radius": cut.radius or 0.0, "regions": bits(cut), "text": cut.to_text()} for cut in scene.cuts
+    ]
 
 
 def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str, words: str) -> bytes:

@@ -10,7 +10,7 @@ function cutsOf(state, header) {
   if (axis === null) return cuts;
   const [low, high] = header.bounds, sign = below ? -1 : 1, plane = [0, 0, 0, sign * (low[axis] + at * (high[axis] - low[axis]))];
   plane[axis] = sign;
-  return [...cuts, { planes: [plane], centre: null, axis: null, radius: 0, outside: false, regions: 0 }];
+  return [...cuts, { planes: [plane], centre: null, axis: null, radius: 0, outside: false, regions: 0, text: `${"xyz"[axis]}${below ? "<" : ">"}${100 * at}%` }];
 }
 
 // Whether samples have to know their region for the cuts that show.

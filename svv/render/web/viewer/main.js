@@ -38,6 +38,13 @@ async function begin() {
     for (const one of heard) one();
   }
   const panel = new Panel(page("controls"), header, state, changed);
+  const take = ({ view, edits }) => {
+    if (view) orbit.view = view;
+    if (edits) overwrite(state, edits);
+    panel.set(() => {});
+  };
+  const size = () => [show.camera().width, show.camera().height], say = (sentence) => (page("said").textContent = sentence);
+  const film = new Film(page("controls"), header, () => ({ view: orbit.view, edits: state }), take, size, say);
   // Say what is at a place of the picture, as the commands take it.
   function clicked(x, y) {
     if (gl.isContextLost()) return (page("said").textContent = LOST);
@@ -73,13 +80,9 @@ async function begin() {
   // For scripts, such as tests and notebooks: the state, the picture of a camera as svv writes it, functions to call
   // after each change, what the user has set so far, and a way to set it.
   return {
-    header, state, orbit, panel, changed, heard, place: (camera, column, row) => show.placeAt(camera, column, row), picture: (camera) => show.picture(camera), get show() { return show; },
+    header, state, orbit, panel, film, changed, heard, place: (camera, column, row) => show.placeAt(camera, column, row), picture: (camera) => show.picture(camera), get show() { return show; },
     told: () => ({ view: orbit.view, camera: show.camera(), edits: state }),
-    take({ view, edits }) {
-      if (view) orbit.view = view;
-      if (edits) overwrite(state, edits);
-      panel.set(() => {});
-    },
+    take,
   };
 }
 

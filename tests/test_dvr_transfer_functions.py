@@ -390,3 +390,25 @@ def test_from_vtk_keeps_the_colours_of_a_logarithmic_scale() -> None:
 def test_from_vtk_refuses_functions_without_points() -> None:
     with pytest.raises(BadInput, match="has no points"):
         TransferFunction.from_vtk(vtkColorTransferFunction(), vtkPiecewiseFunction())
+
+
+@pytest.mark.parametrize("air", [0, 1, 2])
+@pytest.mark.parametrize("radius", [6.0, 11.0])
+def test_what_surrounds_an_object_is_background_however_much_it_fills(air: int, radius: float) -> None:
+    """The rest of a volume of 24^3 holds more than half of it around a small ball, and less around a large one."""
+    rng = np.random.default_rng(0)
+    levels = np.roll([10.0, 100.0, 200.0], 1 - air) if air != 1 else np.array([100.0, 10.0, 200.0])
+    centre = np.indices((24, 24, 24)) - 11.5
+    away = np.sqrt(np.square(centre).sum(axis=0))
+    values = np.where(away < 0.5 * radius, levels[2], np.where(away < radius, levels[1], levels[0]))
+    tf = default_transfer_function(from_array((values + rng.normal(0.0, 2.0, values.shape)).astype(np.float32)))
+    outside, shell, core = (float(tf.opacity_at(np.array([level]))[0]) for level in levels)
+    assert outside == 0.0 and min(shell, core) > 0.05
+
+
+def test_where_no_class_surrounds_the_object_the_most_frequent_is_background() -> None:
+    """Layers, of which each reaches the sides."""
+    values = np.repeat([10.0, 100.0, 200.0], (5, 12, 7))[:, None, None] + np.zeros((24, 24, 24))
+    tf = default_transfer_function(from_array(values.astype(np.float32)))
+    low, middle, high = (float(v) for v in tf.opacity_at(np.array([10.0, 100.0, 200.0])))
+    assert middle == 0.0 and min(low, high) > 0.05

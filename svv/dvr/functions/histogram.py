@@ -34,6 +34,10 @@ TRIED, VISIBLE, FEW = 100_000, 0.1, 0.01
 """Voxels that are looked up; part of a function's largest opacity from which they count as shown; few of them."""
 
 
+MOST_OF_SIDES = 0.6
+"""Part of the voxels at a volume's sides from which one class is what surrounds the object, however much that fills."""
+
+
 @dataclass(frozen=True)
 class UsualRange:
     """The range of a volume's values without outliers; see :func:`usual_range`."""
@@ -180,8 +184,9 @@ def default_transfer_function(image: vtkImageData, usual: UsualRange | None = No
 
     If ``usual`` is given (:func:`usual_range`), it is made for that range; values beyond have the colours and opacities
     of its ends. The histogram is cut into three classes (Otsu 1979: the cuts that leave the least variance within the
-    classes). The most frequent class is the background; of the other two, the class nearer to it gets a translucent
-    bump and the farther one a nearly opaque bump.
+    classes). The background is the class of most voxels at the volume's sides, or the most frequent class if none has
+    ``MOST_OF_SIDES``; of the other two, the class nearer to it gets a translucent bump and the farther one a nearly
+    opaque bump.
 
     Raises:
         BadInput: All voxels have the same value.
@@ -191,11 +196,15 @@ def default_transfer_function(image: vtkImageData, usual: UsualRange | None = No
     check_precision(values)
     if not high > low:
         raise BadInput(f"All voxels have the value {low:.12g}: there is nothing to show.")
-    counts = _histogram(values, low, high, Appearance.of(image).blank)
+    blank = Appearance.of(image).blank
+    counts = _histogram(values, low, high, blank)
     first, second = _otsu(counts)
     cuts = [low, *(low + (high - low) * ((cut + 1) / BINS) for cut in (first, second)), high]
-    sizes = [counts[: first + 1].sum(), counts[first + 1 : second + 1].sum(), counts[second + 1 :].sum()]
-    background = int(np.argmax(sizes))
+    sizes, at_sides = (
+        np.add.reduceat(one, (0, first + 1, second + 1)) for one in (counts, _at_sides(values, low, high, blank))
+    )
+    surrounds = at_sides.max() > MOST_OF_SIDES * at_sides.sum()
+    background = int(np.argmax(at_sides if surrounds else sizes))
     near, far = {0: (1, 2), 1: (0, 2), 2: (1, 0)}[background]
     opacities: list[tuple[float, float, float, float]] = []
     colours: list[tuple[float, float, float, float]] = []
@@ -225,6 +234,17 @@ def _histogram(
         slab = slab[(slab >= low) & (slab <= high)]
         number = (above(slab, low) * (BINS / (high - low))).astype(np.int64)
         counts += np.bincount(np.clip(number, 0, BINS - 1), minlength=BINS)
+    return counts
+
+
+def _at_sides(
+    values: NDArray[np.number], low: float, high: float, blank: NDArray[np.bool_] | None
+) -> NDArray[np.int64]:
+    """Return the histogram of the voxels at the six sides of a volume; those at edges count once a side. (BINS,)"""
+    counts = np.zeros(BINS, np.int64)
+    for axis in range(3):
+        ends = [0, -1]
+        counts += _histogram(np.take(values, ends, axis), low, high, None if blank is None else blank.take(ends, axis))
     return counts
 
 

@@ -258,6 +258,7 @@ def test_a_function_of_yt_draws_what_yt_draws(seed: int, most: float, depth: flo
     values = np.repeat(rng.uniform(-4.0, 6.0, 40), 200)  # outside its bounds, too
     expected = marched(given_tf, values, 1.0 / len(values))
     length = depth / len(values)
+    assert tf.unit_distance is not None
     kept = (1.0 - tf.opacity_at(values[::200]).repeat(200)) ** (length / tf.unit_distance)
     rgba, colours = np.zeros(4), tf.colour_at(values[::200]).repeat(200, axis=0)
     for share, colour in zip(1.0 - kept, colours):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from svv.bricks.opened import open_bricks
+from svv.dvr.read.grids import assumed_of
 from svv.dvr.read.volumes import read_here
 from svv.errors import BadInput
 from tests.damage import assert_cut_files_are_refused, assert_wrong_headers_are_refused
@@ -73,8 +74,7 @@ def test_blank_voxels_and_choices_are_told(tmp_path: Path) -> None:
     blank = fits.PrimaryHDU(ell("i2"))
     blank.header["BLANK"] = 0
     blank.writeto(tmp_path / "a.fits")
-    with pytest.raises(BadInput, match="voxels without a value"):
-        read_here(tmp_path / "a.fits")
+    assert f"at {(ell() == 0).sum()} voxels" in str(assumed_of(read_here(tmp_path / "a.fits")))
     fits.HDUList([fits.PrimaryHDU(ell()), fits.ImageHDU(ell(), name="ERR")]).writeto(tmp_path / "b.fits")
     with pytest.raises(BadInput, match="several cubes; images with three axes: PRIMARY, ERR"):
         read_here(tmp_path / "b.fits")
@@ -84,8 +84,7 @@ def test_blank_voxels_and_choices_are_told(tmp_path: Path) -> None:
     values = ell()
     values[0, 0, 0] = np.nan
     fits.PrimaryHDU(values).writeto(tmp_path / "d.fits")
-    with pytest.raises(BadInput, match="NaN"):
-        read_here(tmp_path / "d.fits")
+    assert "at 1 voxels" in str(assumed_of(read_here(tmp_path / "d.fits")))
 
 
 def test_damaged_files_are_one_sentence(tmp_path: Path) -> None:

@@ -266,8 +266,8 @@ def test_arrays_of_all_real_kinds_are_volumes(kind: type) -> None:
 
 
 BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
-    "not numbers": (np.where(values() > 0.5, np.nan, 1.0), {}, "NaN or infinite"),
-    "infinite": (np.where(values() > 0.5, np.inf, 1.0), {}, "NaN or infinite"),
+    "not numbers": (np.full((4, 4, 4), np.nan), {}, "no voxel with a value"),
+    "infinite": (np.full((4, 4, 4), -np.inf), {}, "no voxel with a value"),
     "complex": (values() + 1j, {}, "values of type complex128"),
     "structured": (np.zeros((4, 4, 4), [("a", float), ("b", int)]), {}, "values of type"),
     "objects": (values().astype(object), {}, "values of type object"),
@@ -278,7 +278,7 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
     "one number": (np.array(3.0), {}, "needs three axes"),
     "empty": (np.zeros((0, 4, 4)), {}, "is empty"),
     "flat": (np.zeros((1, 4, 4)), {}, "at least 2 along each axis"),
-    "masked": (np.ma.masked_less(values(), 0.1), {}, "masked values"),
+    "masked": (np.ma.masked_less(values(), 1e9), {}, "no voxel with a value"),
     "two steps": (values(), {"spacing": (1, 2)}, "spacing needs three"),
     "one step": (values(), {"spacing": 2.0}, "spacing needs three"),
     "no steps": (values(), {"spacing": (1, 0, 1)}, "three positive numbers"),

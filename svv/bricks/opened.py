@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
+from svv.bricks.formats.adios import is_bp, open_bp
 from svv.bricks.formats.afni import afni_header
 from svv.bricks.formats.amira import am_header
 from svv.bricks.formats.axes import Choice, check_alone
@@ -57,6 +58,9 @@ ZARR_ZIP = (".zarr.zip", ".ozx", ".zip")
 FITS = (".fits", ".fit", ".fts", ".fits.gz", ".fits.fz")
 """Endings of FITS files."""
 
+ADIOS = (".bp", ".bp3")
+"""Endings of files of ADIOS; newer ones are folders."""
+
 MRC = (".mrc", ".map", ".ccp4", ".rec", ".st")
 """Endings of maps of electron microscopy."""
 
@@ -76,7 +80,7 @@ HEADERS: dict[str, Callable[[Path], Stored]] = {
 }
 """Readers of the headers of formats that consist of a header and values, by the ending."""
 
-BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .mrc .fits .vti .npy .h5 .nc .zarr .n5 .tif (or a folder of .tif)"
+BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .mrc .fits .vti .npy .h5 .nc .zarr .n5 .bp .tif (or a folder of .tif)"
 """Formats of which bricks can be read, if the values are stored as they are or in chunks."""
 
 
@@ -159,6 +163,8 @@ def _opened(
         archived = open_npz(file, array)
         archived.assumed = no_size(file.name)
         return archived
+    if name.endswith(ADIOS):
+        return open_bp(file, choice, array)
     if name.endswith(FITS):
         return open_fits(file, choice, array, whole)
     if name.endswith(".mnc"):
@@ -187,6 +193,8 @@ def _opened_folder(folder: Path, array: str | None, choice: Choice, whole: bool)
         return open_zarr(folder, choice, array)
     if is_n5(folder):
         return open_n5(folder, choice, array)
+    if is_bp(folder):
+        return open_bp(folder, choice, array)
     tiff = any(f.suffix.lower() in TIFF for f in folder.iterdir())
     if not tiff and whole and is_dicom(folder):
         return open_dicom(folder, choice, array)
@@ -213,6 +221,8 @@ def data_files(file: Path) -> list[Path]:
         return [] if found is None or not found[1].is_file() else [found[1]]
     if file.name.lower().endswith(HDF5):
         return [about for about in (file.with_suffix(".xml"),) if about.is_file()]
+    if file.name.lower().endswith(ADIOS) and file.is_file():  # whose values are in a folder
+        return sorted(one for one in file.with_name(f"{file.name}.dir").glob("*") if one.is_file())
     read = header_reader(file) if file.is_file() else None
     try:
         return [] if read is None else [other for other in read(file).files if other != file and other.is_file()]

@@ -29,6 +29,8 @@ RUN = (
 )
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
+    "svv views head.nrrd --tf presets.xml:CT-Bone --out views",
+    "svv views head.nrrd --tf viridis --out views",
     "svv views foot.vti --tf bones.json --tf skin.json --out views",
     "svv views flow.vti --array speed --array pressure --tf speed.json --tf pressure.json --out views",
     "svv views member_1.vti member_2.vti member_3.vti --tf rain.json --out views",

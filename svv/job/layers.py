@@ -36,7 +36,7 @@ def layers(volumes: Sequence[Path], reading: ShownVolumeOptions) -> dict[str, tu
         raise BadInput("Give several volumes or several --array, not both: join the scenes of each with svv join.")
     several = max(len(volumes), len(arrays))
     if several < 2:
-        names = [tf.stem for tf in functions] if len(functions) > 1 else [""]
+        names = [_function_name(tf) for tf in functions] if len(functions) > 1 else [""]
         each = [replace(reading, tf=(tf,)) for tf in functions] or [reading]
         _check(names, "Transfer functions", "rename one of their files")
         return {name: (volumes[0], one) for name, one in zip(names, each, strict=True)}
@@ -66,6 +66,13 @@ def _check(names: Sequence[str], what: str, advice: str) -> None:
             f"{len(names)} layers are more than the {MOST} that one scene holds: choose {MOST}, or show all side by "
             "side as small multiples (svv figure)."
         )
+
+
+def _function_name(tf: Path) -> str:
+    from svv.dvr.functions.named import file_and_name
+
+    name = file_and_name(tf)[1]
+    return tf.stem if name is None else name
 
 
 def _stem(path: Path) -> str:

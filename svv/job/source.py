@@ -104,7 +104,8 @@ class VolumeSource(Drawn):
 
     volume: Path
     tf: Path | None = None
-    """Transfer function, a JSON file; None derives two ranges from the histogram."""
+    """Transfer function, a file, one of several in a file, or a colour map
+    (:meth:`svv.dvr.functions.transfer_functions.TransferFunction.read`); None derives two ranges from the histogram."""
     dims: tuple[int, int, int] | None = None
     dtype: str | None = None
     spacing: tuple[float, float, float] | None = None
@@ -125,7 +126,10 @@ class VolumeSource(Drawn):
 
     def identity(self) -> dict[str, object]:
         """Identify the files and options; raises BadInput if a file is missing."""
-        files = [("volume", self.volume)] + ([("transfer function", self.tf)] if self.tf else [])
+        from svv.dvr.functions.named import file_and_name
+
+        file, named = (None, None) if self.tf is None else file_and_name(self.tf)
+        files = [("volume", self.volume)] + ([("transfer function", file)] if file else [])
         for kind, path in files:
             if not path.exists():
                 raise BadInput(f"There is no {kind} {path}; check the path.")
@@ -140,8 +144,16 @@ class VolumeSource(Drawn):
                 self.array,
                 *(chosen if any(one is not None for one in chosen) else ()),
                 *(["nearest"] if self.nearest else ()),
+                *([] if named is None else [named, self._colour_map() if file is None else None]),
             ],
         }
+
+    def _colour_map(self) -> dict[str, object]:
+        """Return the colour map that the transfer function is."""
+        from svv.dvr.functions.transfer_functions import TransferFunction
+
+        assert self.tf is not None
+        return TransferFunction.read(self.tf).to_dict()
 
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Volume:
         """Read the volume, or open it to be drawn by bricks."""

@@ -39,7 +39,8 @@ class VolumeOptions:
     """Which transfer function shows a volume, and how its file is read."""
 
     tf: Annotated[tuple[Path, ...], Setting(metavar="TF.json")] = ()
-    """Transfer function: of ParaView, 3D Slicer, Inviwo, Voreen or ImageJ, or a list of opacity bumps."""
+    """Transfer function: of ParaView, 3D Slicer, VisIt, Inviwo, Voreen or ImageJ, one of several in a file
+    (presets.xml:CT-Bone), a colour map of matplotlib (viridis), or a list of opacity bumps."""
     array: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
     """Name of the array, if the file has several; of several arrays, svv views makes layers of one scene."""
     channel: Annotated[str | None, Setting(metavar="N|NAME")] = None

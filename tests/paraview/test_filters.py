@@ -196,7 +196,7 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
         "rectilinear": "has no scalars",
         "composite": "no transfer function",
         "empty": "The input is empty",
-        "nan": "NaN",
+        "nan": "has no value (NaN, infinite or missing) at 1 voxels",
         "style": "no style picture",
         "no scene": "is not a scene",
         "region": "no region 7",

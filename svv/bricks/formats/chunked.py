@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from svv.bricks.formats.archives import ArchivePath
 from svv.bricks.formats.axes import Choice, Indexed, in_one_unit, picked, role_of
 from svv.bricks.formats.places import Array, Axis, axis_of, no_size, placed, sized, text_of
-from svv.bricks.formats.source import Box, Level, level_of, native, scaled_type
+from svv.bricks.formats.source import Box, Level, WithoutValues, level_of, native, scaled_type
 from svv.core.json_values import parsed
 from svv.errors import BadInput
 
@@ -79,7 +79,28 @@ class ChunkedSource:
         self.dtype = self._stored if self._scale is None else scaled_type(self._stored, *self._scale)
 
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
-        """Read a box; see :meth:`svv.bricks.formats.source.Source.read`."""
+        """Read a box; see :meth:`svv.bricks.formats.source.Source.read`. Raises WithoutValues if some are missing."""
+        box, found = self._read(level, start, stop)
+        for value, key, _ in found:
+            raise WithoutValues(
+                f"{self.name} has voxels without a value (its attribute {key} is {value:g}): replace them with numbers "
+                "first."
+            )
+        return np.ascontiguousarray(box, dtype=self.dtype)
+
+    def read_with_gaps(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
+        """Read a box as real numbers, NaN where the file has no value."""
+        box, found = self._read(level, start, stop)
+        real = np.float32 if self.dtype.itemsize <= 2 or self.dtype == np.float32 else np.float64
+        values: NDArray[np.number] = box.astype(real)
+        for _, _, there in found:
+            values[there] = np.nan
+        return values
+
+    def _read(
+        self, level: int, start: Box, stop: Box
+    ) -> tuple[NDArray[Any], list[tuple[float, str, NDArray[np.bool_]]]]:
+        """Return a box, and what stands in it for no value: the number, whose attribute it is, and where."""
         try:
             box = self._arrays[level](start, stop)
         except Exception as error:  # codecs and stores raise errors of all kinds
@@ -88,15 +109,10 @@ class ChunkedSource:
         if self._unsigned:
             box = box.astype(self._stored)
         with np.errstate(over="ignore"):  # float16 does not reach netCDF's default
-            found = [(value, key) for value, key in self._missing.items() if (box == value).any()]
-        for value, key in found:
-            raise BadInput(
-                f"{self.name} has voxels without a value (its attribute {key} is {value:g}): replace them with numbers "
-                "first."
-            )
+            places = [(value, key, box == value) for value, key in self._missing.items()]
         if self._scale is not None:
             box = box.astype(np.float64) * self._scale[0] + self._scale[1]
-        return np.ascontiguousarray(box, dtype=self.dtype)
+        return box, [one for one in places if one[2].any()]
 
 
 def _numbers(attributes: Mapping[str, Any], key: str, name: str) -> tuple[float, ...]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from svv.bricks.formats.big_data_viewer import view_of
+from svv.bricks.formats.open_pmd import axes_of_mesh
 from svv.bricks.formats.places import Array, Axis, axis_of, sized, text_of
 from svv.core.json_values import parsed
 from svv.errors import BadInput
@@ -93,22 +94,12 @@ def _big_data_viewer(data: h5py.Dataset, file: Path) -> Layout | None:
 
 
 def _openpmd(data: h5py.Dataset, file: Path) -> Layout | None:
-    """OpenPMD 1 and 2: meshes, which are datasets or groups of components; lengths and values become SI units."""
+    """OpenPMD: meshes, which are datasets or groups of components."""
     mesh = next((one.attrs for one in (data, data.parent) if "gridSpacing" in one.attrs), None)
     if mesh is None:
         return None
-    geometry = text_of(mesh.get("geometry", "cartesian"))
-    if geometry != "cartesian":
-        raise BadInput(
-            f"{file.name} has its values in {geometry} coordinates: resample them to a cartesian grid first."
-        )
-    unit = np.ravel(mesh.get("gridUnitSI", 1.0))  # a number, or in version 2 one for each axis
-    step, first = np.ravel(mesh["gridSpacing"]) * unit, np.ravel(mesh.get("gridGlobalOffset", 0.0)) * unit
-    first = first + np.ravel(data.attrs.get("position", 0.0)) * step
-    names = [text_of(name) for name in np.ravel(mesh["axisLabels"])]
-    axes = [Axis(name, float(a), float(b), "m") for name, a, b in zip(names, step, first)]
-    order = -1 if text_of(mesh.get("dataOrder", "C")) == "F" else 1
-    return Layout(axes[::order], attributes={"scale_factor": float(data.attrs.get("unitSI", 1.0))})
+    axes, attributes = axes_of_mesh(mesh, data.attrs, file.name)
+    return Layout(axes, attributes=attributes)
 
 
 def of_nexus(opened: h5py.File) -> Iterator[tuple[h5py.Group, h5py.Dataset]]:

@@ -125,10 +125,14 @@ REPLACE_THEM = (
 """What to do about values that are no numbers."""
 
 
+class WithoutValues(BadInput):
+    """A volume has voxels without a value, which only :mod:`svv.dvr.read.gaps` knows how to draw."""
+
+
 def check_finite(values: NDArray[np.number], name: str) -> None:
-    """Raise BadInput if a value is NaN or infinite."""
+    """Raise WithoutValues if a value is NaN or infinite."""
     if not (np.isfinite(values.min()) and np.isfinite(values.max())):  # both are NaN if any value is
-        raise BadInput(f"{name} contains values that are NaN or infinite; {REPLACE_THEM}")
+        raise WithoutValues(f"{name} contains values that are NaN or infinite; {REPLACE_THEM}")
 
 
 def scaled_type(stored: np.dtype[np.generic], gain: float, shift: float) -> np.dtype[np.generic]:

@@ -16,7 +16,7 @@ from svv.dvr.draw.large import LargeVolume, open_volume
 from svv.dvr.draw.plotted import function_of, image_shown
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.dvr.read.appearance import without_interpolation
-from svv.dvr.read.grids import Triple, as_volume, from_array, put_assumed
+from svv.dvr.read.grids import Triple, as_volume, assumed_of, from_array, put_assumed
 from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
 from svv.errors import BadInput, Progress, silent
 from svv.options.making import ViewOptions
@@ -36,7 +36,6 @@ TAKEN = (
     "The array was taken for [z, y, x], with voxels of 1 x 1 x 1: spacing=(x, y, z) gives another size, and "
     "array.transpose(2, 1, 0) is what to give of an array [x, y, z]."
 )
-MASKED = "The array has {count} masked values: give a number for them, such as array.filled(0)."
 PLACED = "spacing and origin are for arrays; {kind} has its own."
 OTHER = (
     "A volume is a file, a NumPy array, a VTK or PyVista image or grid, blocks of these, or a plotter or actor that "
@@ -80,7 +79,7 @@ def given_volume(
     shown = image_shown(volume)
     if shown is None and is_mesh(volume):
         shown = as_volume(resampled(volume, name="The volume"))
-        put_assumed(shown, describe_resampling(volume, shown))
+        put_assumed(shown, " ".join(filter(None, (assumed_of(shown), describe_resampling(volume, shown)))))
     elif shown is None and isinstance(volume, vtkImageData):
         shown = as_volume(volume)
     elif shown is None:
@@ -108,14 +107,15 @@ def given_function(tf: GivenFunction | None, volume: object) -> tuple[TransferFu
 def _of_array(values: NDArray[Any], spacing: Triple | None, origin: Triple | None) -> vtkImageData:
     """Return an array indexed [z, y, x] as an image, and let it carry what was assumed."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
-        raise BadInput(MASKED.format(count=int(np.ma.count_masked(values))))
+        real = np.promote_types(values.dtype, np.float32) if values.dtype.kind in "buif" else values.dtype
+        values = np.ma.filled(values.astype(real), np.nan) if real.kind == "f" else values
     if not values.size:
         raise BadInput(f"The array is empty: its shape is {values.shape}.")
     steps = _three(spacing, "spacing", (1.0, 1.0, 1.0))
     if min(steps) <= 0.0:
         raise BadInput(f"The spacing needs three positive numbers (x, y, z), not {spacing}.")
     image = as_volume(from_array(np.asarray(values), steps, _three(origin, "origin", (0.0, 0.0, 0.0))))
-    put_assumed(image, TAKEN if spacing is None else None)
+    put_assumed(image, " ".join(filter(None, (assumed_of(image), TAKEN if spacing is None else None))) or None)
     return image
 
 

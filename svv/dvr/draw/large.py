@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bricks.formats.axes import Choice
-from svv.bricks.formats.source import ArraySource, Level, Source, check_finite
+from svv.bricks.formats.source import ArraySource, Level, Source, WithoutValues, check_finite
 from svv.bricks.opened import open_bricks
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera
@@ -261,12 +261,25 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
         return without_interpolation(image) if nearest else image
     if mapper == "auto" and needed > allowed:
         progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
-    if len(source.levels) == 1 or nearest:
-        from svv.bricks.pyramid import with_pyramid
+    try:
+        if len(source.levels) == 1 or nearest:
+            from svv.bricks.pyramid import with_pyramid
 
-        source = with_pyramid(source, file, progress, (array, choice.channel, choice.time), nearest)
-    return LargeVolume(source, allowed // 2, file.name, nearest=nearest)
+            source = with_pyramid(source, file, progress, (array, choice.channel, choice.time), nearest)
+        volume = LargeVolume(source, allowed // 2, file.name, nearest=nearest)
+        _ = volume.overview  # which raises, too
+        return volume
+    except WithoutValues as error:
+        if mapper != "auto" or needed > allowed:
+            raise BadInput(f"{str(error).rstrip('.')}. {IN_MEMORY_ONLY}") from error
+    image = read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
+    return without_interpolation(image) if nearest else image
 
+
+IN_MEMORY_ONLY = (
+    "Voxels without a value are left out of volumes in memory only: with --mapper auto, if it is large enough."
+)
+"""What to do about a volume by bricks with such voxels."""
 
 READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
 """Endings of volumes that are drawn by bricks unless another ray caster is asked for."""

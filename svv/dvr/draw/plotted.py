@@ -183,6 +183,7 @@ def with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImage
     wider = from_array(np.pad(to_array(image), 1, mode="edge"), name=image.GetPointData().GetScalars().GetName())
     set_geometry(wider, axes[:3, :3], axes[:3, 3] - axes[:3, :3].sum(axis=1))
     put(wider, Appearance(None if shown.blank is None else np.pad(shown.blank, 1, mode="edge")))
+    put_assumed(wider, assumed_of(image))
     whole = np.array([np.full(3, 0.5), np.array(image.GetDimensions()) + 0.5])
     if crop is None:
         return wider, whole

@@ -1,10 +1,12 @@
-"""Transfer functions of Inviwo (``.itf``) and Voreen (``.tfi``), and colour tables of ImageJ (``.lut``).
+"""Transfer functions of Inviwo (``.itf``), Voreen (``.tfi``) and yt, and colour tables of ImageJ (``.lut``).
 
 Inviwo's opacities apply to 1/150, Voreen's to 1/200 of the volume's side: their ray casters count in texture
-coordinates, so the sides of a volume that is no cube count differently there; here, their geometric mean does.
+coordinates, so the sides of a volume that is no cube count differently there; here, their geometric mean does. Those of
+yt are extinctions per depth of its camera.
 
-Sources: ``compositing.glsl`` and ``transferfunction.cpp`` of Inviwo, ``mod_compositing.frag`` and
-``transfunc1dkeys.cpp`` of Voreen, and https://imagej.net/ij/docs/menus/image.html (LUTs).
+Sources: ``field_interpolation_tables.pxd`` and ``lens.py`` of yt, ``compositing.glsl`` and ``transferfunction.cpp`` of
+Inviwo, ``mod_compositing.frag`` and ``transfunc1dkeys.cpp`` of Voreen, and
+https://imagej.net/ij/docs/menus/image.html (LUTs).
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ from svv.dvr.functions.scales import Points
 from svv.errors import BadInput
 
 DAMAGED = "{name} is not a transfer function of {program} as {program} writes it: {why}."
+
+PARTS = 16.0
+"""Parts of yt's largest extinction that an opacity stands for: so few that it is nearly straight between two places."""
 
 Key = tuple[float, tuple[float, ...]]
 """A value, and red, green, blue and opacity in [0, 1]."""
@@ -98,6 +103,36 @@ def parsed_lut(content: bytes, name: str) -> dict[str, Any]:
     colours = tuple((value, *(rgb / 255.0)) for value, rgb in zip(places.tolist(), table.astype(float)))
     ramp = ((0.0, 0.0, 0.5, 0.0), (1.0, 1.0, 0.5, 0.0))
     return {"colours": colours, "opacities": ramp, "name": name, "placed": False}
+
+
+def fields_of_yt(tf: Any, depth: float, name: str) -> dict[str, Any]:
+    """Return the fields of a colour transfer function of yt; see :meth:`.TransferFunction.from_yt`."""
+    if not (np.isfinite(depth) and depth > 0.0):
+        raise BadInput(f"The depth of yt's camera (width[2]) must be a positive number of world units, not {depth}.")
+    try:
+        places = np.array(tf.alpha.x, np.float64)
+        colours = np.stack([np.array(part.y, np.float64) for part in (tf.red, tf.green, tf.blue)], axis=1)
+        alphas, grey = np.array(tf.alpha.y, np.float64), bool(tf.grey_opacity)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise BadInput(f"'{name}' is no yt.ColorTransferFunction: {error}.") from error
+    if not grey:
+        raise BadInput(
+            f"The channels of '{name}' have opacities of their own, which no other program draws: make it with "
+            "grey_opacity=True in yt."
+        )
+    if len(places) != len(alphas) or not (np.isfinite(alphas).all() and alphas.min() >= 0.0):
+        raise BadInput(f"The alphas of '{name}' must be numbers that are not negative, one for each place.")
+    shown = np.convolve(alphas > 0.0, [1, 1, 1], "same") > 0
+    if colours[shown].size and colours[shown].max() > 1.0:
+        raise BadInput(f"'{name}' has colours up to {colours[shown].max():g}: divide them by that, 1 is the most here.")
+    unit = depth / PARTS / (alphas.max() or 1.0)
+    opacities = [(float(v), float(-np.expm1(-a * unit / depth)), 0.5, 0.0) for v, a in zip(places, alphas)]
+    first, last = opacities[0][0], opacities[-1][0]
+    return {
+        "colours": tuple((float(v), *rgb) for v, rgb in zip(places, np.clip(colours, 0.0, 1.0).tolist())),
+        "opacities": ((first, 0.0, 0.5, 0.0), *opacities, (last, 0.0, 0.5, 0.0)),
+        "name": name, "unit_distance": float(unit),
+    }  # fmt: skip
 
 
 PROGRAMS: dict[str, Callable[[bytes, str], dict[str, Any]]] = {

@@ -1,8 +1,9 @@
-"""Volume properties of 3D Slicer: the text files .vp, and .vp.json, which Slicer writes since 5.2.
+"""Volume properties of 3D Slicer: the text files .vp; .vp.json, which Slicer writes since 5.2; and nodes of MRML.
 
 A .vp has nine lines: interpolation (0 nearest, 1 linear), shading (0 or 1), diffuse, ambient, specular, specular power,
 opacities, opacities of gradients, and colours. The last three begin with how many numbers follow: pairs of value and
-opacity, or value, red, green and blue.
+opacity, or value, red, green and blue. A node of a scene (.mrml) or of Slicer's presets.xml has the same numbers as
+attributes, and a name.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
@@ -17,6 +19,7 @@ from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.core.colour.shading import Shading
 from svv.core.json_values import number_in
+from svv.dvr.functions.named import chosen
 from svv.errors import BadInput
 
 UNIT = 1.0
@@ -28,6 +31,12 @@ GRADIENTS = (
     "Slicer (Volume Rendering, Advanced, Volume properties), or export without it."
 )
 DAMAGED = "{name} is not a volume property of 3D Slicer as Slicer writes it: {why}."
+
+ATTRIBUTES = {
+    "interpolation": "1", "shade": "0", "diffuse": "1", "ambient": "0", "specular": "0", "specularPower": "1",
+    "scalarOpacity": "0", "gradientOpacity": "0", "colorTransfer": "0",
+}  # fmt: skip
+"""Attributes of a node, in the order of the lines of a .vp, and what they mean where they are missing."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +63,29 @@ def parsed_vp(content: bytes, name: str) -> VolumeProperty:
         raise BadInput(DAMAGED.format(name=name, why=str(error))) from None
     if len(numbers) < 9 or any(len(line) != 1 for line in numbers[:6]):
         raise BadInput(DAMAGED.format(name=name, why="it needs nine lines, the first six with a number each"))
+    return _of_numbers(numbers, name)
+
+
+def parsed_node(root: Element, wanted: str | None, name: str) -> VolumeProperty:
+    """Return the volume property of a name in a scene or a file of presets; without one, the only one.
+
+    Raises:
+        BadInput: There is none of the name, several and no name, a node is damaged, or gradients have opacities of
+            their own.
+    """
+    node = chosen([(one.get("name", ""), one) for one in root.iter("VolumeProperty")], wanted, name, "volume property")
+    name = node.get("name") or name
+    try:
+        numbers = [[float(word) for word in node.get(key, usual).split()] for key, usual in ATTRIBUTES.items()]
+        if any(len(one) != 1 for one in numbers[:6]) or not all(numbers):
+            raise ValueError("an attribute has another number of values")
+    except ValueError as error:
+        raise BadInput(DAMAGED.format(name=name, why=str(error))) from None
+    return _of_numbers(numbers, name)
+
+
+def _of_numbers(numbers: Sequence[Sequence[float]], name: str) -> VolumeProperty:
+    """Return a volume property from the numbers of nine lines."""
     rows = [_rows(line, width, name) for line, width in zip(numbers[6:], (2, 2, 4))]
     (interpolation,), (shade,), (diffuse,), (ambient,), (specular,), (power,) = numbers[:6]
     colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()

@@ -21,14 +21,19 @@ from svv.core.colour.shading import Shading
 from svv.core.interval_text import interval_text
 from svv.core.json_values import parsed
 from svv.core.volumes.opacity_code import unit_distance
-from svv.dvr.functions import other_programs, presets, scales, slicer
+from svv.core.xml_values import parsed_xml
+from svv.dvr.functions import colour_maps, other_programs, presets, scales, slicer
 from svv.dvr.functions.bumps import points_of_bumps
 from svv.dvr.functions.colour_paths import colours_at
+from svv.dvr.functions.named import chosen, file_and_name
 from svv.dvr.functions.scales import LARGEST_VALUE, MOST_POINTS, Points, own_range
 from svv.errors import BadInput
 
 COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
 """Spaces in which colours are interpolated between two points (ParaView's names)."""
+
+XML_FILES = (".xml", ".mrml", ".ct", ".session")
+"""Endings of files in XML, whose root says of which program they are."""
 
 OPAQUE = 0.99
 """A function that is nowhere below this opacity shows only the volume's box."""
@@ -348,29 +353,97 @@ class TransferFunction:
         return cls(opacities=tuple(opacities), unit_distance=unit_distance, name=name, log_opacity=log, **fields)
 
     @classmethod
-    def read(cls, path: str | Path) -> TransferFunction:
-        """Read a function from a JSON file, see ``from_dict``, or from a file of another program.
+    def from_yt(cls, tf: Any, depth: float, name: str = "yt") -> TransferFunction:
+        """Make a function from a ``yt.ColorTransferFunction`` with ``grey_opacity=True``.
 
-        These are volume properties of 3D Slicer (.vp, .vp.json), and the files of
-        :mod:`svv.dvr.functions.other_programs`.
+        yt's alpha is an extinction for the whole depth of its camera, e^-alpha of the light passes the depth, and what
+        lies outside the function's bounds is not shown. A source of yt with ``log_field`` looks up the logarithm (base
+        10): give svv the volume's logarithm, too.
+
+        Args:
+            tf: The function.
+            depth: The camera's ``width[2]`` in the volume's world units, > 0.
+            name: Name in messages.
 
         Raises:
-            BadInput: The file does not exist, is not JSON, or is rejected by ``from_dict``.
+            BadInput: It is another object, its channels have opacities of their own (yt's default), a colour is above
+                1, or the depth is not positive.
+
+        >>> class Table:  # as yt.ColorTransferFunction((0.0, 1.0), nbins=3, grey_opacity=True)
+        ...     def __init__(self, *y):
+        ...         self.x, self.y = np.linspace(0.0, 1.0, len(y)), np.array(y)
+        >>> class Function:
+        ...     red, green, blue, alpha = Table(1, 1, 1), Table(0, 0, 1), Table(0, 0, 1), Table(0, 2, 0)
+        ...     grey_opacity = True
+        >>> made = TransferFunction.from_yt(Function(), depth=100.0)
+        >>> light = 1.0 - made.opacity_at(0.5)
+        >>> float((light ** (100.0 / made.unit_distance)).round(6))  # e^-2
+        0.135335
         """
+        return cls(**other_programs.fields_of_yt(tf, depth, name))
+
+    @classmethod
+    def read(cls, path: str | Path) -> TransferFunction:
+        """Read a function from a file or, for one of several in a file or a colour map, by name.
+
+        A file is JSON, see ``from_dict``, or one of 3D Slicer (.vp, .vp.json, or a scene or presets in XML), ParaView
+        (colours in XML), VisIt (.ct, or attributes in XML), Inviwo, Voreen or ImageJ
+        (:mod:`svv.dvr.functions.other_programs`). A name follows its file after a colon, as in
+        ``presets.xml:CT-Bone``; one alone is a colour map of matplotlib, ``viridis`` or ``matplotlib:viridis``.
+
+        Raises:
+            BadInput: The file does not exist, is of no kind, or is rejected by ``from_dict``; it has none of the name,
+                or several functions and no name is given; or there is no such colour map.
+        """
+        file, name = file_and_name(path)
+        if file is None:
+            return cls(**colour_maps.fields_of_map(name or ""))
         try:
-            content = Path(path).read_bytes()
-            if Path(path).name.lower().endswith(".vp"):
-                return cls._of_slicer(slicer.parsed_vp(content, Path(path).name), Path(path).name)
-            if reader := other_programs.PROGRAMS.get(Path(path).suffix.lower()):
-                return cls(**reader(content, Path(path).name))
-            data = parsed(content)
+            return cls._of_content(file.read_bytes(), file.name, name)
         except OSError as error:
             raise BadInput(f"Cannot read the transfer function {path}: {error.strerror or error}.") from error
+
+    @classmethod
+    def _of_content(cls, content: bytes, file: str, name: str | None) -> TransferFunction:
+        """Return the function in the content of a file, of the name if several are there."""
+        if file.lower().endswith(XML_FILES):
+            return cls._of_xml(content, file, name)
+        reader = other_programs.PROGRAMS.get(Path(file).suffix.lower())
+        if name is not None and (reader or file.lower().endswith(".vp")):
+            raise BadInput(f"{file} has one transfer function, without a name: leave out ':{name}'.")
+        if file.lower().endswith(".vp"):
+            return cls._of_slicer(slicer.parsed_vp(content, file), file)
+        if reader:
+            return cls(**reader(content, file))
+        try:
+            data = parsed(content)
         except ValueError as error:
-            raise BadInput(f"The transfer function {path} is not valid JSON ({error}).") from error
+            raise BadInput(f"The transfer function {file} is not valid JSON ({error}).") from error
         if isinstance(data, Mapping) and "volumeProperties" in data:
-            return cls._of_slicer(slicer.parsed_json(data, Path(path).name), Path(path).name)
-        return cls.from_dict(data, Path(path).name)
+            return cls._of_slicer(slicer.parsed_json(data, file), file)
+        if name is not None:
+            presets_there = data if isinstance(data, list) else [data]
+            named = [(str(one.get("Name")), one) for one in presets_there if isinstance(one, Mapping)]
+            data = chosen(named, name, file, "preset")
+        return cls.from_dict(data, file)
+
+    @classmethod
+    def _of_xml(cls, content: bytes, file: str, name: str | None) -> TransferFunction:
+        try:
+            root = parsed_xml(content)
+        except ValueError as error:
+            raise BadInput(f"The transfer function {file} is not valid XML ({error}).") from error
+        if root.find(".//VolumeProperty") is not None or root.tag == "MRML":
+            return cls._of_slicer(slicer.parsed_node(root, name, file), name or file)
+        if root.tag in ("ColorMap", "ColorMaps") or root.find(".//ColorMap") is not None:
+            return cls.from_dict(colour_maps.preset_in_xml(root, name, file), file)
+        if name is not None:
+            raise BadInput(f"{file} has no transfer functions with names: leave out ':{name}'.")
+        if root.tag != "Object":
+            raise BadInput(
+                f"{file} is no transfer function of 3D Slicer, ParaView or VisIt: it begins with {root.tag}."
+            )
+        return cls(**colour_maps.parsed_visit(root, file))
 
     @classmethod
     def _of_slicer(cls, found: slicer.VolumeProperty, name: str) -> TransferFunction:

@@ -78,7 +78,7 @@ def take_piece(ranks: Ranks, data: vtkImageData | None, array: str | None, cells
     if (high - low).prod(axis=1).sum() != (last - first).prod():
         raise BadInput(NOT_DIVIDED)
     wider = _with_ghosts(ranks, image, 2 if on_cells else 1)
-    volume = ranks.together(lambda: as_volume(wider) if there[ranks.number] else None)
+    volume = ranks.together(lambda: as_volume(wider, gaps=False) if there[ranks.number] else None)
     size = last - first + (0 if on_cells else 1)
     # Cells become voxels at their centres: the last own cell and its next neighbour are connected by an own cell.
     own = np.stack([extents[ranks.number, 0:6:2], extents[ranks.number, 1:6:2]]) - first

@@ -14,8 +14,9 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSet, vtkDataSetAttributes, vtkImageData, vtkRectilinearGrid
 
-from svv.bricks.formats.source import REPLACE_THEM, Level
+from svv.bricks.formats.source import Level, check_finite
 from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, named_text, put, without_duplicates
+from svv.dvr.read.gaps import without_gaps
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -34,17 +35,19 @@ LEAST_NUMBERS = 256
 
 
 def as_volume(
-    image: vtkImageData, array: str | None = None, name: str = "The volume", cells: bool = False
+    image: vtkImageData, array: str | None = None, name: str = "The volume", cells: bool = False, gaps: bool = True
 ) -> vtkImageData:
     """Check an image and reduce it to one single-component point scalar array, with its own copy of the values.
 
     Cell scalars become point scalars at the cells' centres, which keeps every value (averaging at the corners would
     blur thin features); the bounds shrink by half a cell on each side. The array is by default that of the active
     scalars, or the first with one component; ``cells`` chooses that of the cells if points have one of its name, too.
-    Blanking, and an appearance that the image carries (:mod:`svv.dvr.read.appearance`), are kept.
+    Blanking, and an appearance that the image carries (:mod:`svv.dvr.read.appearance`), are kept. Voxels of NaN or
+    infinities are blanked (:mod:`svv.dvr.read.gaps`), which is added to what was assumed, unless ``gaps`` is False.
 
-    Raises BadInput if there are no scalars, or they have several components, NaN or infinities; there are fewer than
-    two points along an axis; the spacing is not positive; or the axes are not perpendicular.
+    Raises BadInput if there are no scalars, or they have several components or no finite value; there are NaN or
+    infinities without ``gaps``; there are fewer than two points along an axis; the spacing is not positive; or the axes
+    are not perpendicular.
     """
     image = without_duplicates(image)
     scalars, on_cells = pick_scalars(image, array, name, cells)
@@ -58,13 +61,18 @@ def as_volume(
     result.SetDimensions(*(int(d) for d in dims))
     set_geometry(result, matrix[:3, :3], matrix[:3, :3] @ np.full(3, 0.5 * on_cells) + matrix[:3, 3])
     values = _plain(scalars, name)
+    if not gaps and values.dtype.kind == "f":
+        check_finite(values, name)
     if values.size != dims.prod():
         raise BadInput(f"{name} has {values.size} values for {dims.prod()} voxels; it is damaged.")
-    put_scalars(result, values, scalars.GetName() or "scalars")
-    put(result, replace(Appearance.of(image), blank=blanked(image, on_cells, name)))
-    for kept in (OWN_UNIT, ASSUMED):
-        if image.GetFieldData().GetAbstractArray(kept):
-            result.GetFieldData().AddArray(image.GetFieldData().GetAbstractArray(kept))
+    whole, missing, said = without_gaps(values.reshape(dims[::-1]), name)
+    put_scalars(result, whole.ravel(), scalars.GetName() or "scalars")
+    blank = blanked(image, on_cells, name)
+    blank = blank if missing is None else missing if blank is None else blank | missing
+    put(result, replace(Appearance.of(image), blank=blank))
+    if image.GetFieldData().GetAbstractArray(OWN_UNIT):
+        result.GetFieldData().AddArray(image.GetFieldData().GetAbstractArray(OWN_UNIT))
+    put_assumed(result, " ".join(filter(None, (assumed_of(image), said))) or None)
     return result
 
 
@@ -233,12 +241,7 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[np.number]:
         bytes_ = vtkUnsignedCharArray()
         bytes_.DeepCopy(scalars)
         scalars = bytes_
-    values = _native(vtk_to_numpy(scalars), name)
-    if values.dtype.kind == "f":
-        bad = int(values.size - np.count_nonzero(np.isfinite(values)))
-        if bad:
-            raise BadInput(f"{name} contains {bad} values that are NaN or infinite; {REPLACE_THEM}")
-    return values
+    return _native(vtk_to_numpy(scalars), name)
 
 
 def _native(values: NDArray[np.number], name: str) -> NDArray[np.number]:

@@ -13,8 +13,9 @@ from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.bricks.formats.axes import Choice
+from svv.bricks.formats.chunked import ChunkedSource
 from svv.bricks.formats.hdf5 import is_hdf5
-from svv.bricks.formats.source import Source
+from svv.bricks.formats.source import Source, WithoutValues
 from svv.bricks.opened import HDF5, HDF5_INSIDE, header_reader, open_bricks
 from svv.dvr.read.grids import Triple, as_volume, assumed_of, from_array, put_assumed, rectilinear, set_geometry
 from svv.dvr.read.meshes import describe_resampling, is_mesh, resampled
@@ -152,7 +153,12 @@ def image_of(source: Source, file: Path) -> vtkImageData | vtkRectilinearGrid:
     check_memory(level.shape[::-1], source.dtype.itemsize, file)
     header = header_reader(file)
     title = file.stem if header is None else header(file).title
-    values = source.read(0, (0, 0, 0), level.shape)
+    try:
+        values = source.read(0, (0, 0, 0), level.shape)
+    except WithoutValues:
+        if not isinstance(source, ChunkedSource):
+            raise
+        values = source.read_with_gaps(0, (0, 0, 0), level.shape)
     if source.planes is not None:
         return rectilinear(values, source.planes, title, source.assumed)
     image = from_array(values, name=title)

@@ -51,6 +51,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "follow": ("follow", "Add the other time steps of its volume to a scene, without views or training."),
     "opacities": ("follow", "Show a scene with other opacities of its transfer function, without views or training."),
     "render": ("render", "Render a scene: an orbit or a path as a movie or frames, a single view, or its time steps."),
+    "probe": (
+        "probe",
+        "Read off what pixels of a scene's picture show: the region, its place in the world and the volume's value "
+        "there.",
+    ),
     "figure": (
         "figure",
         "Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.",

@@ -140,6 +140,8 @@ class TrainOptions:
     network, or auto below 32 views."""
     views_only: bool = False
     """Learn from views only, as in the paper, even if the volume is known."""
+    keep_values: Annotated[bool, Setting("--keep-values", advanced=True)] = False
+    """Keep the volume's values where the scene shows something, for `svv probe` to read off: up to a byte a voxel."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed", advanced=True)] = False
     """Leave out what stands still on the screen: colour bars, axes, logos, text."""
     change: Changes = ()

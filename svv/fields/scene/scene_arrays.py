@@ -16,6 +16,7 @@ from svv.core.geometry.cameras import CameraRig
 from svv.core.json_values import number_in, object_in, text_in
 from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
+from svv.fields.radiance.kept_values import KeptValues
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.of_values import SLOPES, TABLES, VALUES, fill_base, fill_palette
@@ -95,6 +96,9 @@ def arrays_of(scene: Model, packed: bool = True, whole: bool = True) -> tuple[di
     if scene.steps is not None:
         header["steps"] = scene.steps.to_json()
         tensors |= scene.steps.to_arrays()
+    if scene.kept is not None:
+        header["kept"] = scene.kept.to_json()
+        tensors |= scene.kept.to_arrays()
     tensors = {name: array for name, array in tensors.items() if name not in given}
     _add_layers(scene, header, tensors, packed, whole)
     return header, tensors
@@ -191,6 +195,8 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
         )
     values = _value_function(header, tensors)
     steps = TimeSteps.from_file(header["steps"], tensors) if "steps" in header else None
+    told = header.get("kept")
+    kept = None if told is None else KeptValues.from_file(told, tensors, box_of(told["box"]))
     left_out = {name for name in TABLES if name not in tensors} if steps is not None else set()
     told = header.get("variants", [])
     others = [UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told]
@@ -223,7 +229,7 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
     return kind(
         settings, occupancy, marching, base, palette, styled, values, steps, rig, _made_in(header["made"], tensors),
         regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
-        cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), **images,
+        cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), kept=kept, **images,
     )  # fmt: skip
 
 

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.geometry.box import Box
-from svv.core.volumes.classified import COARSE, LARGEST, ValueGrid, grid_shape
+from svv.core.json_values import list_in, switch_in, vector_in
+from svv.core.volumes.classified import ALIKE, COARSE, LARGEST, Edges, ValueGrid, check_edges, grid_shape
+from svv.fields.radiance.kept_kernels import differences, restore
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.time_steps import TimeSteps
 
@@ -27,6 +29,9 @@ POINTS = 1 << 16
 
 BESIDE, LEAST_WEIGHT = 1e-3, 1e-6
 """Distances in cells, and weights, that make no difference."""
+
+FINEST = 1.5
+"""Voxels per cell up to which a grid misses more of a rough volume, the more there are."""
 
 HALF = 0.5
 """Least weight of the vertices of a cell that have a value, for a point in it to have one."""
@@ -41,7 +46,7 @@ class Reading:
     value: Numbers
     """The values, NaN where none is kept. (N,)"""
     uncertainty: Numbers
-    """How far they may be off, on either side: half a step of the numbers kept, and what interpolation misses. (N,)"""
+    """How far they may be off, on either side: a step of the numbers kept, and what interpolation misses. (N,)"""
     beyond: NDArray[np.int8]
     """-1 or 1 where the volume's value may lie below or above the one told, the first or last that is kept. (N,)"""
 
@@ -59,7 +64,9 @@ class KeptValues:
     there: NDArray[np.uint8]
     """Which vertices have a value, a bit each, compressed. (A,)"""
     codes: NDArray[np.uint8]
-    """Their codes (:class:`svv.core.volumes.classified.ValueGrid`), as compressed differences along the grid. (B,)"""
+    """Their codes (:class:`svv.core.volumes.classified.ValueGrid`), as compressed differences from neighbours. (B,)"""
+    edges: Edges = ALIKE
+    """Edges of the volume's voxels, in cells of the grid."""
     coarse: bool = True
     """Whether there are 1024 values, as of volumes that are interpolated, or 64 times as many, for labels."""
     nearest: bool = False
@@ -68,6 +75,7 @@ class KeptValues:
     """Whether the volume's values are whole numbers, which those of nearest voxels are then as well."""
 
     def __post_init__(self) -> None:
+        check_edges(self.edges)
         small = self.cells >= 1 and np.prod(grid_shape(self.box, self.cells) + 1.0) <= MOST_VERTICES
         if not (np.isfinite([*self.box.low, self.box.size, *self.interval]).all() and self.box.size > 0 and small):
             raise ValueError("the grid of the values is not valid")
@@ -78,16 +86,18 @@ class KeptValues:
     def of(cls, grid: ValueGrid, box: Box, shown: Occupancy, whole: bool = False) -> KeptValues:
         """Return the values of a grid over a box at the occupied cells of a scene."""
         seen = vertices_at(shown, box, grid.cells, grid.codes.shape) & (grid.codes > 0)
-        own = grid.codes[seen] - 1
-        coarse = not (own % COARSE).any()
-        rest = np.diff(own // (COARSE if coarse else 1), prepend=np.uint16(0)).view(np.int16)  # modulo 65536
+        coarse = not ((grid.codes[seen] - 1) % COARSE).any()
+        own = (np.maximum(grid.codes, 1) - 1).astype(np.int32) // (COARSE if coarse else 1)
+        found = np.empty(int(seen.sum()), np.uint16)
+        differences(own, seen, found)
+        rest = found.view(np.int16)
         folded = ((rest << 1) ^ (rest >> 15)).view(np.uint16)  # 0, -1, 1, -2 ... become 0, 1, 2, 3 ...
         halves = (folded & 255).astype(np.uint8), (folded >> 8).astype(np.uint8)
         stream = zlib.compressobj(memLevel=9, strategy=zlib.Z_RLE)
         codes = b"".join(stream.compress(half.tobytes()) for half in halves) + stream.flush()
         there = zlib.compress(np.packbits(seen).tobytes(), 6)
         kept = (np.frombuffer(content, np.uint8) for content in (there, codes))
-        return cls(box, grid.cells, grid.interval, *kept, coarse, grid.nearest, whole)
+        return cls(box, grid.cells, grid.interval, *kept, grid.edges, coarse, grid.nearest, whole)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -116,13 +126,12 @@ class KeptValues:
         count = int(seen.sum())
         both = _inflated(self.codes, 2 * count)
         folded = both[:count].astype(np.uint16) | (both[count:].astype(np.uint16) << 8)
-        codes = np.zeros(self.shape, np.uint16)
-        own = np.cumsum((folded >> 1) ^ (0 - (folded & 1)), dtype=np.uint16).astype(np.int64)
-        own = 1 + own * (COARSE if self.coarse else 1)
+        own = np.zeros(self.shape, np.int32)
+        restore((folded >> 1) ^ (0 - (folded & 1)).astype(np.uint16), seen, own)
+        own = np.where(seen, 1 + own * (COARSE if self.coarse else 1), 0)
         if own.max(initial=0) > LARGEST + 1:
             raise ValueError("the values are beyond their interval")
-        codes[seen] = own
-        return codes
+        return own.astype(np.uint16)
 
     def _seen(self) -> NDArray[np.bool_]:
         count = int(np.prod(self.shape))
@@ -132,7 +141,8 @@ class KeptValues:
         """Return what the header of a scene's file tells about them."""
         return {
             "box": {"low": self.box.low, "size": self.box.size, "extent": self.box.extent}, "cells": self.cells,
-            "interval": self.interval, "coarse": self.coarse, "nearest": self.nearest, "whole": self.whole,
+            "interval": self.interval, "edges": self.edges, "coarse": self.coarse, "nearest": self.nearest,
+            "whole": self.whole,
         }  # fmt: skip
 
     def to_arrays(self) -> dict[str, NDArray[np.uint8]]:
@@ -147,8 +157,9 @@ class KeptValues:
             raise ValueError("the values are damaged")
         low, high = (float(end) for end in told["interval"])
         kept = (np.asarray(array, np.uint8) for array in (there, codes))
-        fine = not told["coarse"]
-        return cls(box, int(told["cells"]), (low, high), *kept, not fine, bool(told["nearest"]), bool(told["whole"]))
+        x, y, z = (vector_in(edge, "the edge of a voxel") for edge in list_in(told["edges"], 3, "the edges of voxels"))
+        kinds = (switch_in(told[name], name) for name in ("coarse", "nearest", "whole"))
+        return cls(box, int(told["cells"]), (low, high), *kept, (x, y, z), *kinds)
 
 
 def read_at(kept: KeptValues | TimeSteps, points: Numbers, within: tuple[float, float] | None = None) -> Reading:
@@ -201,9 +212,11 @@ def _read(
         off[known] = spread + (0.0 if exact else 0.5 * step)
     else:
         found[known] = (weight * values)[known].sum(axis=1) / weight[known].sum(axis=1)
-        bends = sum(_bends(np.moveaxis(around, axis, 1), 2.0 * step / width) for axis in (1, 2, 3))
-        missed = width * np.asarray(bends)
-        off[known] = 0.5 * step + missed[known] + np.where((code > 0).all(axis=1)[known], 0.0, spread)
+        orders = (0, 1, 2), (1, 0, 2), (2, 0, 1)
+        finer = 1.0 / np.clip(np.abs(kept.edges).max(axis=0), 1e-3, 1.0)
+        bends = [_bends(np.moveaxis(around, 1 + k[0], 1), part[:, k], step / width, finer[k[0]]) for k in orders]
+        missed = width * np.sum(bends, axis=0)
+        off[known] = step + missed[known] + np.where((code > 0).all(axis=1)[known], 0.0, spread)
     counts = (weight > LEAST_WEIGHT) & known[:, None]
     beyond -= (counts & (code == 1)).any(axis=1)
     beyond += (counts & (code == LARGEST + 1)).any(axis=1)
@@ -224,17 +237,22 @@ def _nearest(values: Numbers, weight: Numbers, within: tuple[float, float] | Non
     return np.take_along_axis(values, weight.argmax(axis=1)[:, None], axis=1)[:, 0]
 
 
-def _bends(code: Numbers, rounding: float) -> Numbers:
-    """Return what linear interpolation along the first axis misses in cells, from the codes around. (N,)
+def _bends(code: Numbers, part: Numbers, rounding: float, finer: float) -> Numbers:
+    """Return what linear interpolation along the first axis misses at points in cells, from the codes around. (N,)
 
-    Where a voxel lies within a cell, values have a kink there: they miss at most half of the larger second difference
-    at the cell's ends, or all of the one that is known. ``rounding`` alone makes such differences.
+    Where a voxel lies within a cell, values have a kink there. At a part s of the way along an edge of the cell, they
+    miss at most 2 s (1 - s) of the larger second difference at its ends, or all of it if only one is known; with
+    ``finer`` voxels than cells, they are farther off, and sooner. ``part``: position in the cell, first along that axis
+    (N, 3). ``rounding`` alone makes such differences, and hides others.
     """
     inner = code[:, :, 1:3, 1:3]
     there = (inner[:, :-2] > 0) & (inner[:, 1:-1] > 0) & (inner[:, 2:] > 0)
     bend = np.where(there, np.abs(inner[:, :-2] - 2.0 * inner[:, 1:-1] + inner[:, 2:]) - rounding, 0.0)
-    share = np.where(there.all(axis=1), 0.5, 1.0)
-    return (share * np.maximum(bend.max(axis=1), 0.0)).reshape(len(code), -1).max(axis=1)
+    along, second, third = part.T
+    reach = np.minimum(2.0 * finer * along * (1.0 - along), 0.5 * min(finer, FINEST))
+    edges = np.where(there.all(axis=1), reach[:, None, None], 1.0) * np.maximum(bend.max(axis=1), 0.0)
+    edges = edges[:, 0] * (1.0 - second)[:, None] + edges[:, 1] * second[:, None]
+    return np.asarray(edges[:, 0] * (1.0 - third) + edges[:, 1] * third)
 
 
 def vertices_at(shown: Occupancy, box: Box, cells: int, shape: tuple[int, ...]) -> NDArray[np.bool_]:

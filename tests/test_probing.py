@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.cli.app import main
 from svv.core.geometry.cameras import Camera
@@ -102,6 +104,30 @@ def test_the_spread_is_that_of_the_values_along_the_ray() -> None:
     assert one.spread > 20.0 and two.spread == pytest.approx(0.0, abs=1e-6)
     opaque = keeping(solid_ball(6.0), linear).probe(camera, (24, 24))
     assert opaque is not None and opaque.spread is not None and opaque.spread < 0.5 * one.spread
+
+
+def test_the_picture_of_values_is_what_each_pixel_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    left = keeping(solid_ball(2.0), linear)
+    both = joined((left, keeping(solid_ball(0.0, 0.3), quadratic)))
+    for scene in (left, both):
+        camera = front(scene)
+        image = scene.value_image(camera)
+        assert image is not None and image.shape == (48, 48)
+        for column, row in pixels_of(camera, 4):
+            found, value = scene.probe(camera, (column, row)), image[row, column]
+            if found is None:
+                assert np.isnan(value)
+            else:
+                assert value == pytest.approx(found.value, rel=1e-5)
+    assert solid_ball().value_image(camera) is None
+    left.save(tmp_path / "ball.svv")
+    told = ("--size", "48", "--out", str(tmp_path / "ball.vti"))
+    assert run("render", str(tmp_path / "ball.svv"), *told, monkeypatch=monkeypatch) == 0
+    reader = vtkXMLImageDataReader()
+    reader.SetFileName(str(tmp_path / "ball.vti"))
+    reader.Update()
+    written = vtk_to_numpy(reader.GetOutput().GetPointData().GetArray("Value")).reshape(48, 48)[::-1]
+    assert np.nanmedian(np.abs(written - left.value_image(front(left)))) < 2.0
 
 
 def test_a_scene_without_values_says_why_and_how_to_keep_them() -> None:

@@ -250,7 +250,7 @@ class RenderOptions:
     )
     """white, black or '#rrggbb'; by default movies are over white, images are transparent."""
     what: Annotated[PictureName, Setting(panel="")] = "rgba"
-    """What to write; a .vti always holds all three."""
+    """What to write; a .vti always holds all three, and the values that a scene keeps (--keep-values)."""
     supersample: Annotated[int | None, Setting(least=1, most=4, metavar="N", unset="as needed", panel="")] = None
     """Average N x N rays a pixel, for smooth edges; by default 2 for one view of brush strokes, otherwise 1."""
     fps: Annotated[float, Setting(least=1, panel="")] = 30.0

@@ -396,6 +396,29 @@ class Together:
             _show(samples, samples.sigma, (colour, distance, of), self.count, 1.0, (rgba, depth, region))
 
     @torch.no_grad()
+    def places(self, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return which of some pixels (R,) show something, the distance of each from :meth:`most_visible`, and region.
+
+        The distances are along the pixels' rays, in world units. (K,) each
+        """
+        found = self.samples(pixels)
+        if found is None:
+            return pixels[:0], torch.zeros(0), pixels[:0]
+        samples, _, of, distance = found
+        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
+        ray, rays = samples.ray.long(), len(pixels)
+        shares = weights.new_zeros(rays, max(self.count, 1)).index_put_((ray, of), weights, accumulate=True)
+        region = shares.argmax(dim=1)
+        own = torch.where(of == region[ray], weights, -1.0)
+        most = own.new_full((rays,), -1.0).scatter_reduce(0, ray, own, "amax")
+        number = torch.arange(len(ray), device=ray.device)
+        first = number.new_full((rays,), len(ray)).scatter_reduce(
+            0, ray, torch.where(own == most[ray], number, len(ray)), "amin"
+        )
+        shown = torch.nonzero((1.0 - transmittance > LEAST_ALPHA) & (most > 0.0))[:, 0]
+        return pixels.to(shown.device)[shown], distance[first[shown]], region[shown]
+
+    @torch.no_grad()
     def most_visible(self, pixel: Tensor) -> Visible | None:
         """Return the region that a pixel (1,) shows, and where it is most visible; None if nothing is."""
         found = self.samples(pixel)

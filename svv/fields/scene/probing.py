@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from svv.core.colour.colour import to_hex
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, silent
 from svv.fields.radiance.kept_values import KeptValues, Reading, read_at
 from svv.fields.radiance.time_steps import TimeSteps
 from svv.fields.scene.images import Together, Visible, pixel_in, resolving
 from svv.fields.scene.joined import members
 from svv.fields.scene.region import label_of
+from svv.kernels.dispatch import kernels_of
 
 if TYPE_CHECKING:
     from svv.fields.scene.model import Model
@@ -130,6 +132,42 @@ def probe(
     return _with_value(scene, found, seen)
 
 
+@torch.no_grad()
+def value_image(
+    scene: Model, camera: GivenCamera, network: str | None = None, progress: Progress = silent
+) -> NDArray[np.float32] | None:  # fmt: skip
+    """Return the volume's value at each pixel of a picture, where the region that it shows is most visible; or None.
+
+    NaN where nothing is visible, or no value is kept (height, width); None if the scene keeps no values at all.
+    Arguments and errors are those of :func:`probe`; ``progress`` is called before every chunk of rays.
+    """
+    camera, network, every = camera_of(camera, scene), network or scene.networks[-1], members(scene)
+    if all((member.steps or member.kept) is None for member in every):
+        return None
+    drawn = resolving(scene, camera) if network == "styled" and scene.still else scene
+    together = Together(drawn, camera, network)
+    image, (origins, directions) = np.full(camera.width * camera.height, np.nan, np.float32), camera.rays()
+    pixels, chunk = together.in_sight(), kernels_of(scene.device.type).RAYS
+    for first in range(0, len(pixels), chunk):
+        progress(first / len(pixels), "values")
+        found, away, region = (part.cpu().numpy() for part in together.places(pixels[first : first + chunk]))
+        points = origins.reshape(-1, 3)[found] + away[:, None] * directions.reshape(-1, 3)[found]
+        for number in np.unique(region):
+            own, of = region == number, scene.regions[number] if scene.regions else None
+            member = every[0 if of is None else of.layer]
+            if (kept := member.steps or member.kept) is not None:
+                image[found[own]] = _read(kept, points[own], None if of is None else of.values).value
+    return image.reshape(camera.height, camera.width)
+
+
+def _read(kept: KeptValues | TimeSteps, points: NDArray[np.float64], within: tuple[float, float] | None) -> Reading:
+    """Return values at points; raises BadInput if they are damaged."""
+    try:
+        return read_at(kept, points, within)
+    except ValueError as error:
+        raise BadInput(f"The volume's values in the scene cannot be read ({error}): train it again.") from error
+
+
 def _with_value(scene: Model, found: Probe, seen: Visible) -> Probe:
     """Return a probe with the volume's value, or why there is none."""
     if found.region is None and scene.layers:
@@ -140,11 +178,7 @@ def _with_value(scene: Model, found: Probe, seen: Visible) -> Probe:
     if kept is None:
         only = member.made.get("learned_from") != "volume and views"
         return replace(found, why=VIEWS_ONLY if only else NOT_KEPT)
-    points = np.concatenate([[seen.point], seen.along])
-    try:
-        read = read_at(kept, points, None if region is None else region.values)
-    except ValueError as error:
-        raise BadInput(f"The volume's values in the scene cannot be read ({error}): train it again.") from error
+    read = _read(kept, np.concatenate([[seen.point], seen.along]), None if region is None else region.values)
     value, off = float(read.value[0]), float(read.uncertainty[0])
     if np.isnan(value):
         return replace(found, why=ELSEWHERE)

@@ -66,6 +66,7 @@ class Scene(Model):
     render = images.render
     point_at = images.point_at
     probe = probing.probe
+    value_image = probing.value_image
     visible_samples = images.visible_samples
     shade = images.shade
 

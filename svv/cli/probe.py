@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
 from svv.cli.options import Json, SceneFile, parse_angles, parse_points
 from svv.errors import BadInput
-from svv.options.probing import ProbeOptions
+from svv.options.described import Setting
+from svv.options.making import DeviceName, NetworkName
 
 if TYPE_CHECKING:
     from svv.core.geometry.cameras import Camera
@@ -23,10 +26,38 @@ PROBE = (
 )
 
 
+@dataclass(frozen=True)
+class Probed:
+    """In which picture of a scene pixels are read off, and in which units."""
+
+    at: Annotated[tuple[str, ...], Setting(metavar="X,Y")] = ()
+    """Read off the pixel in this column from the left and row from the top; may be repeated."""
+    camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
+    """Camera of the picture, as in `svv render`; by default the orbit's middle, from the front."""
+    frame: Annotated[int | None, Setting(least=0)] = None
+    """Number of the picture's view, if the camera's file has several."""
+    view: Annotated[str | None, Setting(metavar="AZ,EL")] = None
+    """Side from which the picture is taken: degrees to the right of the front and above it."""
+    size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size")] = None
+    """Size of the picture in pixels; 800 by default."""
+    network: Annotated[NetworkName | None, Setting()] = None
+    """Network of the picture, as in `svv render`; by default the scene's last."""
+    variant: Annotated[str | None, Setting(metavar="NAME")] = None
+    """Painting that the picture shows; by default the scene's own."""
+    time: Annotated[float | None, Setting(metavar="TIME")] = None
+    """Time of a scene that has time steps."""
+    unit: Annotated[str | None, Setting(metavar="UNIT")] = None
+    """Unit of the volume's lengths, such as mm or µm."""
+    value_unit: Annotated[str | None, Setting(metavar="UNIT")] = None
+    """Unit of the volume's values, such as HU."""
+    device: Annotated[DeviceName, Setting(result=False)] = "auto"
+    """Where to run; auto takes a GPU that passes a check (25 s on its first use), otherwise the CPU."""
+
+
 @spread
 def probe(
     scene: SceneFile,
-    options: ProbeOptions = ProbeOptions(),
+    options: Probed = Probed(),
     json: Json = None,
 ) -> None:
     """Read off what pixels of a scene's picture show: the region, its place in the world and the volume's value there.
@@ -62,7 +93,7 @@ def probe(
         write_json(json, {"pixels": told, "distances": lengths, "angle": angle, **units})
 
 
-def _shown(scene: Scene, options: ProbeOptions) -> Scene:
+def _shown(scene: Scene, options: Probed) -> Scene:
     """Return the scene with the painting, and at the time, that the options name."""
     from svv.fields.following.followed_scene import at_time
 
@@ -77,7 +108,7 @@ def _shown(scene: Scene, options: ProbeOptions) -> Scene:
     return at_time(scene, options.time)
 
 
-def _camera(scene: Scene, options: ProbeOptions) -> Camera:
+def _camera(scene: Scene, options: Probed) -> Camera:
     """Return the camera of the picture."""
     from svv.io.views.camera_file import read_camera
     from svv.render.frames import orbit, seen_from

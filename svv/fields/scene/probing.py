@@ -24,7 +24,7 @@ from svv.kernels.dispatch import kernels_of
 if TYPE_CHECKING:
     from svv.fields.scene.model import Model
 
-NOT_KEPT = "the scene does not keep its volume's values: train it with --keep-values"
+NOT_KEPT = "the scene does not keep its volume's values: train it with `svv train --keep-values`"
 VIEWS_ONLY = "the scene was learned from views only, which have no values"
 ELSEWHERE = "the scene keeps no value there"
 OF_NETWORK = "the network base has no regions"

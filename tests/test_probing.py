@@ -41,7 +41,7 @@ LOW, HIGH = -200.0, 800.0
 def grid_over(scene: Scene, field: object) -> ValueGrid:
     """A function of places in the world (N, 3), on a grid over a scene's box."""
     shape = tuple(grid_shape(scene.occupancy.box, CELLS) + 1)
-    place = scene.occupancy.box.to_world(np.stack(np.indices(shape), axis=-1) / CELLS)
+    place = scene.occupancy.box.to_world(np.moveaxis(np.indices(shape), 0, -1) / CELLS)
     share = (field(place.reshape(-1, 3)).reshape(shape) - LOW) / (HIGH - LOW)  # type: ignore[operator]
     codes = (1 + 64 * np.rint(LARGEST // 64 * np.clip(share, 0.0, 1.0))).astype(np.uint16)
     return ValueGrid(CELLS, codes, (LOW, HIGH), (0.0, 1.0))

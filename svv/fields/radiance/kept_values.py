@@ -96,7 +96,7 @@ class KeptValues:
         stream = zlib.compressobj(memLevel=9, strategy=zlib.Z_RLE)
         codes = b"".join(stream.compress(half.tobytes()) for half in halves) + stream.flush()
         there = zlib.compress(np.packbits(seen).tobytes(), 6)
-        kept = (np.frombuffer(content, np.uint8) for content in (there, codes))
+        kept = np.frombuffer(there, np.uint8), np.frombuffer(codes, np.uint8)
         return cls(box, grid.cells, grid.interval, *kept, grid.edges, coarse, grid.nearest, whole)
 
     @property
@@ -156,10 +156,10 @@ class KeptValues:
         if any(array.dtype != np.uint8 or array.ndim != 1 for array in (there, codes)):
             raise ValueError("the values are damaged")
         low, high = (float(end) for end in told["interval"])
-        kept = (np.asarray(array, np.uint8) for array in (there, codes))
+        kept = np.asarray(there, np.uint8), np.asarray(codes, np.uint8)
         x, y, z = (vector_in(edge, "the edge of a voxel") for edge in list_in(told["edges"], 3, "the edges of voxels"))
-        kinds = (switch_in(told[name], name) for name in ("coarse", "nearest", "whole"))
-        return cls(box, int(told["cells"]), (low, high), *kept, (x, y, z), *kinds)
+        coarse, nearest, whole = (switch_in(told[name], name) for name in ("coarse", "nearest", "whole"))
+        return cls(box, int(told["cells"]), (low, high), *kept, (x, y, z), coarse, nearest, whole)
 
 
 def read_at(kept: KeptValues | TimeSteps, points: Numbers, within: tuple[float, float] | None = None) -> Reading:
@@ -192,7 +192,7 @@ def _read(
 ) -> tuple[Numbers, Numbers, Numbers]:
     """Return value, uncertainty and where it may lie beyond (N,) at positions in cells of the grid (N, 3)."""
     last, (low, high), step = np.array(lattice.shape) - 1, kept.interval, _step_of(kept)
-    inside = ((place >= -BESIDE) & (place <= last + BESIDE)).all(axis=1)
+    inside = np.asarray(((place >= -BESIDE) & (place <= last + BESIDE)).all(axis=1))
     first = np.clip(np.floor(np.where(inside[:, None], place, 0.0)).astype(np.int64), 0, last - 1)
     part = np.clip(place - first, 0.0, 1.0)
     at = first[:, None] + AROUND
@@ -200,7 +200,7 @@ def _read(
     around = np.where(((at >= 0) & (at <= last)).all(axis=-1), around, 0.0).reshape(-1, 4, 4, 4)
     code = around[:, 1:3, 1:3, 1:3].reshape(-1, 8)
     weight = np.where(CORNERS, part[:, None], 1.0 - part[:, None]).prod(axis=-1) * (code > 0)
-    known = inside & (weight.sum(axis=1) >= HALF)
+    known = np.asarray(inside & (weight.sum(axis=1) >= HALF))
     width = (high - low) / LARGEST
     values = low + width * (code - 1.0)
     spread = (np.where(code > 0, values, -np.inf).max(axis=1) - np.where(code > 0, values, np.inf).min(axis=1))[known]

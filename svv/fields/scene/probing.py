@@ -184,10 +184,10 @@ def _with_value(scene: Model, found: Probe, seen: Visible) -> Probe:
         return replace(found, why=ELSEWHERE)
     source = member.made.get("source", {})
     beyond = _beyond(read, kept, source.get("grid"))
-    several = scene.steps is not None and (len(scene.steps) > 1 or scene.steps.times != (0.0,))
+    time = kept.times[kept.own] if isinstance(kept, TimeSteps) and kept.times != (0.0,) else None
     return replace(
         found, value=value, uncertainty=None if beyond else off, spread=_spread(read, seen), beyond=beyond,
-        array=source.get("array") or source.get("volume"), time=scene.steps.times[scene.steps.own] if several else None,
+        array=source.get("array") or source.get("volume"), time=time,
     )  # fmt: skip
 
 

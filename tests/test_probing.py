@@ -266,6 +266,14 @@ def test_training_keeps_the_volumes_values_if_it_is_told_to(views: ViewSet) -> N
         off.append(abs(found.value - own) <= found.uncertainty)
         assert found.array == "density"
     assert len(off) > 30 and np.mean(off) >= 0.95
+    assert scene.info()["kept_values"]["bytes"] == scene.kept.bytes
+    # Of a volume with voxels half as large, the values are means.
+    grid = {**scene.made["source"]["grid"], "spacing": [1.0, 1.0, 1.0]}
+    large = replace(scene, made={**scene.made, "source": {**scene.made["source"], "grid": grid}})
+    found = large.probe(camera, (24, 24))
+    assert found is not None and found.mean_of == 8 and "(mean of 8 voxels)" in found.describe()
+    found = scene.probe(camera, (24, 24))
+    assert found is not None and found.mean_of == 1
     for other, only, said in ((views, True, "not both"), (replace(views, classified=None), False, "leave it out")):
         with pytest.raises(BadInput, match=said):
             train_scene(other, short, keep_values=True, views_only=only)

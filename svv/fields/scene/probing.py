@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from svv.core.colour.colour import to_hex
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
+from svv.core.volumes.classified import ALIKE
 from svv.errors import BadInput, Progress, silent
 from svv.fields.radiance.kept_values import KeptValues, Reading, read_at
 from svv.fields.radiance.time_steps import TimeSteps
@@ -67,6 +68,8 @@ class Probe:
     """Standard deviation of the value along the ray within the region, each place weighted as it is visible."""
     beyond: str = ""
     """``at least`` or ``at most`` if the value is the last one that is told apart; otherwise empty."""
+    mean_of: int = 1
+    """Number of voxels whose mean the value is: volumes larger than memory are classified at a coarser level."""
     array: str | None = None
     """Name of the array, or of the volume, that the value is of; None if the scene does not tell."""
     time: float | None = None
@@ -92,6 +95,7 @@ class Probe:
         told = f"{self.beyond} " * bool(self.beyond) + _number(self.value)
         told += "" if not self.uncertainty else f" ± {self.uncertainty:.2g}"
         said += ", " + _with(told, value_unit) + (f" of {self.array}" if self.array else "")
+        said += f" (mean of {self.mean_of} voxels)" if self.mean_of > 1 else ""
         said += "" if self.time is None else f" at time {self.time:g}"
         return (
             said + (f"; spread along the ray {_with(f'{self.spread:.2g}', value_unit)}" * bool(self.spread)) + opacity
@@ -183,15 +187,24 @@ def _with_value(scene: Model, found: Probe, seen: Visible) -> Probe:
     if np.isnan(value):
         return replace(found, why=ELSEWHERE)
     source = member.made.get("source", {})
-    beyond = _beyond(read, kept, source.get("grid"))
+    grid = source.get("grid")
+    beyond = _beyond(read, kept, grid)
     time = kept.times[kept.own] if isinstance(kept, TimeSteps) and kept.times != (0.0,) else None
     return replace(
         found, value=value, uncertainty=None if beyond else off, spread=_spread(read, seen), beyond=beyond,
-        array=source.get("array") or source.get("volume"), time=time,
+        mean_of=_voxels_in_one(kept, grid), array=source.get("array") or source.get("volume"), time=time,
     )  # fmt: skip
 
 
-def _beyond(read: Reading, kept: KeptValues | TimeSteps, grid: dict[str, list[float]] | None) -> str:
+def _voxels_in_one(kept: KeptValues | TimeSteps, grid: dict[str, Any] | None) -> int:
+    """Return how many voxels of the volume are one of the level of which the values are."""
+    if grid is None or kept.edges == ALIKE:  # which also scenes of older versions have
+        return 1
+    own = np.linalg.norm(kept.edges, axis=1) * kept.box.size / kept.cells
+    return round(float(np.prod(np.maximum(np.rint(own / np.asarray(grid["spacing"])), 1.0))))
+
+
+def _beyond(read: Reading, kept: KeptValues | TimeSteps, grid: dict[str, Any] | None) -> str:
     """Return on which side of the value told the volume's may be, unless it has no values beyond."""
     side, (low, high) = int(read.beyond[0]), kept.interval
     least, most = (-np.inf, np.inf) if grid is None else grid["range"]

@@ -354,6 +354,7 @@ def info_of(scene: Model) -> dict[str, Any]:
         "bounds": scene.occupancy.box.bounds.tolist(),
         "regions": [vars(r) for r in scene.regions],
         **_light_of(scene),
+        **({} if scene.kept is None else {"kept_values": {"bytes": scene.kept.bytes, "vertices": scene.kept.count}}),
         "cuts": [cut.describe() for cut in scene.cuts],
         "times": [] if scene.steps is None or len(scene.steps) < 2 else scene.steps.times,
         "variant": scene.variant,

@@ -27,6 +27,7 @@ from svv.fields.radiance.time_steps import TimeSteps, packed_codes
 from svv.fields.scene.joined import joined
 from svv.fields.scene.probing import NOT_KEPT, VIEWS_ONLY, measure
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.scene_arrays import restored
 from svv.io.views.viewset import ViewSet
 from svv.render.frames import orbit
 from svv.train.pipeline import train_scene
@@ -154,6 +155,14 @@ def test_values_that_are_damaged_are_refused() -> None:
     hurt = replace(scene, kept=replace(scene.kept, codes=scene.kept.codes[:50]))
     with pytest.raises(BadInput, match="train it again"):
         hurt.probe(front(scene), (24, 24))
+    header, tensors = scene.to_arrays()
+    for name, wrong in (("cells", 1 << 20), ("cells", 0), ("interval", [1.0, 1.0]), ("interval", [0.0, math.inf]),
+                        ("edges", [[0.0] * 3] * 3), ("nearest", "no"), ("box", {"low": [0, 0, 0], "size": -1.0,
+                         "extent": [1, 1, 1]})):  # fmt: skip
+        with pytest.raises(BadInput, match="damaged"):
+            restored(Scene, {**header, "kept": {**header["kept"], name: wrong}}, tensors, "ball.svv")
+    with pytest.raises(BadInput, match="damaged"):
+        restored(Scene, header, {k: v for k, v in tensors.items() if k != "kept.there"}, "ball.svv")
 
 
 def test_values_outlast_the_file_and_every_edit(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ class Reading:
     value: Numbers
     """The values, NaN where none is kept. (N,)"""
     uncertainty: Numbers
-    """How far they may be off, on either side: a step of the numbers kept, and what interpolation misses. (N,)"""
+    """How far they may be off, at 19 of 20 places: a step of the numbers kept, and what interpolation misses. (N,)"""
     beyond: NDArray[np.int8]
     """-1 or 1 where the volume's value may lie below or above the one told, the first or last that is kept. (N,)"""
 
@@ -215,7 +215,7 @@ def _read(
         orders = (0, 1, 2), (1, 0, 2), (2, 0, 1)
         finer = 1.0 / np.clip(np.abs(kept.edges).max(axis=0), 1e-3, 1.0)
         bends = [_bends(np.moveaxis(around, 1 + k[0], 1), part[:, k], step / width, finer[k[0]]) for k in orders]
-        missed = width * np.sum(bends, axis=0)
+        missed = width * np.linalg.norm(bends, axis=0)  # those along the axes are independent
         off[known] = step + missed[known] + np.where((code > 0).all(axis=1)[known], 0.0, spread)
     counts = (weight > LEAST_WEIGHT) & known[:, None]
     beyond -= (counts & (code == 1)).any(axis=1)

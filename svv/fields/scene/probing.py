@@ -63,7 +63,8 @@ class Probe:
     value: float | None = None
     """The volume's value at the point; None if it is not known."""
     uncertainty: float | None = None
-    """How far that may be from the volume's own interpolated value, on either side; None if ``beyond`` says which."""
+    """How far that may be from the volume's own interpolated value, on either side, at 19 of 20 places or more; None if
+    ``beyond`` says which side."""
     spread: float | None = None
     """Standard deviation of the value along the ray within the region, each place weighted as it is visible."""
     beyond: str = ""

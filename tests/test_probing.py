@@ -114,7 +114,7 @@ def test_the_picture_of_values_is_what_each_pixel_says(tmp_path: Path, monkeypat
         camera = front(scene)
         image = scene.value_image(camera)
         assert image is not None and image.shape == (48, 48)
-        for column, row in pixels_of(camera, 4):
+        for column, row in pixels_of(camera, 6):
             found, value = scene.probe(camera, (column, row)), image[row, column]
             if found is None:
                 assert np.isnan(value)

@@ -217,7 +217,7 @@ def _read(
         bends = [_bends(np.moveaxis(around, 1 + k[0], 1), part[:, k], step / width, finer[k[0]]) for k in orders]
         missed = width * np.linalg.norm(bends, axis=0)  # those along the axes are independent
         off[known] = step + missed[known] + np.where((code > 0).all(axis=1)[known], 0.0, spread)
-    counts = (weight > LEAST_WEIGHT) & known[:, None]
+    counts = (weight > LEAST_WEIGHT) & np.reshape(known, (-1, 1))
     beyond -= (counts & (code == 1)).any(axis=1)
     beyond += (counts & (code == LARGEST + 1)).any(axis=1)
     return found, off, beyond

@@ -216,7 +216,7 @@ def _read(
         finer = 1.0 / np.clip(np.abs(kept.edges).max(axis=0), 1e-3, 1.0)
         bends = [_bends(np.moveaxis(around, 1 + k[0], 1), part[:, k], step / width, finer[k[0]]) for k in orders]
         missed = width * np.linalg.norm(bends, axis=0)  # those along the axes are independent
-        off[known] = step + missed[known] + np.where((code > 0).all(axis=1)[known], 0.0, spread)
+        off[known] = step + missed[known] + np.where((code[known] > 0).all(axis=1), 0.0, spread)
     counts = (weight > LEAST_WEIGHT) & np.reshape(known, (-1, 1))
     beyond -= (counts & (code == 1)).any(axis=1)
     beyond += (counts & (code == LARGEST + 1)).any(axis=1)

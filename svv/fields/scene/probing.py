@@ -165,6 +165,12 @@ def value_image(
     return image.reshape(camera.height, camera.width)
 
 
+def why_no_values(scene: Model) -> str:
+    """Return why a scene that keeps no values of its volume does not; older scenes do not tell what they are from."""
+    only = all(member.made.get("learned_from") == "views only" for member in members(scene))
+    return VIEWS_ONLY if only else NOT_KEPT
+
+
 def _read(kept: KeptValues | TimeSteps, points: NDArray[np.float64], within: tuple[float, float] | None) -> Reading:
     """Return values at points; raises BadInput if they are damaged."""
     try:
@@ -181,8 +187,7 @@ def _with_value(scene: Model, found: Probe, seen: Visible) -> Probe:
     member = members(scene)[0 if region is None else region.layer]
     kept: KeptValues | TimeSteps | None = member.steps or member.kept
     if kept is None:
-        only = member.made.get("learned_from") != "volume and views"
-        return replace(found, why=VIEWS_ONLY if only else NOT_KEPT)
+        return replace(found, why=why_no_values(member))
     read = _read(kept, np.concatenate([[seen.point], seen.along]), None if region is None else region.values)
     value, off = float(read.value[0]), float(read.uncertainty[0])
     if np.isnan(value):

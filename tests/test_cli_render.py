@@ -63,6 +63,9 @@ class Ball:
         progress(1.0, "")
         return Rendering(rgba, depth.astype(np.float32), region.astype(np.int16))
 
+    def value_image(self, camera: Camera, network: str | None = None) -> None:
+        """It keeps no values."""
+
 
 @pytest.fixture
 def svv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:

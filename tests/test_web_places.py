@@ -12,6 +12,7 @@ import pytest
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput
 from svv.fields.scene.joined import joined
+from svv.fields.scene.probing import measure
 from svv.fields.scene.scene import Scene
 from svv.render.web.page import write_html
 from tests.browser import Opened
@@ -50,6 +51,23 @@ def agreed(opened: Opened, scene: Scene, camera: Camera) -> int:
     return len(apart)
 
 
+def check_measures(opened: Opened, said: str) -> None:
+    """Click twice more after the click on a place that was told: distances and the angle are those of the places."""
+    told, box = [said], opened.page.locator("#picture").bounding_box()
+    assert box is not None
+    for aside in (0.09, -0.09):
+        position = {"x": (0.5 + aside) * box["width"], "y": (0.5 + 0.4 * abs(aside)) * box["height"]}
+        opened.page.locator("#picture").click(position=position)
+        told.append(opened.page.locator("#said").text_content() or "")
+        assert "at" in told[-1], told
+    places = [[float(v) for v in one.partition(" at ")[2].split(", ")[0].split(",")] for one in told]
+    lengths, angle = measure(places)
+    assert float(told[1].partition(", ")[2].split()[0]) == pytest.approx(lengths[0], rel=1e-3)
+    far, angled = told[2].partition(", ")[2].split(" from the last place, angle there ")
+    assert float(far) == pytest.approx(lengths[1], rel=1e-3) and angle is not None
+    assert float(angled.removesuffix("°")) == pytest.approx(angle, abs=0.1)
+
+
 @pytest.mark.slow
 def test_a_place_is_the_renderers_for_both_kinds_of_rays(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     write_html(tmp_path / "balls.html", balls, "balls")
@@ -65,6 +83,7 @@ def test_a_place_is_the_renderers_for_both_kinds_of_rays(open_page: Any, balls: 
     opened.page.locator("#picture").click()
     said = opened.page.locator("#said").text_content()
     assert re.fullmatch(r"Region [01] at -?[\d.e-]+,-?[\d.e-]+,-?[\d.e-]+", said), said
+    check_measures(opened, said)
     opened.page.locator("#picture").click(position={"x": 2, "y": 2})
     assert opened.page.locator("#said").text_content() == "Nothing is visible there."
     opened.page.get_by_label("Hide Region 0").click()

@@ -58,6 +58,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "shot",
         "Check a shot, which svv render films, or print one to begin with, or what one may say.",
     ),
+    "probe": (
+        "probe",
+        "Read off what pixels of a scene's picture show: the region, its place in the world and the volume's value "
+        "there.",
+    ),
     "figure": (
         "figure",
         "Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.",

@@ -141,6 +141,8 @@ class TrainOptions:
     network, or auto below 32 views."""
     views_only: bool = False
     """Learn from views only, as in the paper, even if the volume is known."""
+    keep_values: Annotated[bool, Setting("--keep-values", advanced=True)] = False
+    """Keep the volume's values where the scene shows something, for `svv probe` to read off: up to a byte a voxel."""
     ignore_fixed: Annotated[bool, Setting("--ignore-fixed", advanced=True)] = False
     """Leave out what stands still on the screen: colour bars, axes, logos, text."""
     change: Changes = ()
@@ -249,7 +251,7 @@ class RenderOptions:
     )
     """white, black or '#rrggbb'; by default movies are over white, images are transparent."""
     what: Annotated[PictureName, Setting(panel="")] = "rgba"
-    """What to write; a .vti always holds all three."""
+    """What to write; a .vti always holds all three, and the values that a scene keeps (--keep-values)."""
     supersample: Annotated[int | None, Setting(least=1, most=4, metavar="N", unset="as needed", panel="")] = None
     """Average N x N rays a pixel, for smooth edges; by default 2 for one view of brush strokes, otherwise 1."""
     fps: Annotated[float, Setting(least=1, panel="")] = 30.0

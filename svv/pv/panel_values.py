@@ -134,6 +134,7 @@ class Values(DisplayValues, total=False):
     BackgroundColour: Triple
     Moving: bool
     FollowCamera: bool
+    WithValues: bool
     Opaque: bool
     FigureFile: str
     VolumeRendering: bool

@@ -121,8 +121,9 @@ def write_view(
 ) -> str:
     """Render one view into a file; return why it shows nothing (:func:`why_empty`), '' if it shows something.
 
-    A .vti always contains colour, depth and regions; of a PNG, ``shown`` says what it shows. Raises BadInput if the
-    scene does not have that network, or the file cannot be written.
+    A .vti always contains colour, depth and regions, and the volume's values if the scene keeps them; of a PNG,
+    ``shown`` says what it shows. Raises BadInput if the scene does not have that network, or the file cannot be
+    written.
     """
     view, write = _rendered(path, scene, camera, shown, progress, "")
     write()
@@ -138,12 +139,15 @@ def _rendered(
     if samples is None and path.suffix.lower() != ".vti" and shown.what != "rgba":
         samples = 1  # edges of regions and depths have nothing to smooth
     view = supersampled(scene, camera, shown.network, None, progress, samples)
-    return view, partial(_write, path, view, scene, shown, made)
+    value = scene.value_image(camera, shown.network) if path.suffix.lower() == ".vti" else None
+    return view, partial(_write, path, view, scene, shown, made, value)
 
 
-def _write(path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str) -> None:
+def _write(
+    path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str, value: NDArray[np.float32] | None
+) -> None:  # fmt: skip
     if path.suffix.lower() == ".vti":
-        write_vti(path, view.rgba, view.depth, view.region)
+        write_vti(path, view.rgba, view.depth, view.region, value)
     elif shown.what == "depth":
         write_depth_png(path, view.depth, made)
     elif shown.what == "region":

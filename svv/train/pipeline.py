@@ -22,6 +22,7 @@ from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.joined_scenes import stylize_layers
+from svv.train.keeping_values import check_keeps, keeping_values
 from svv.train.match.matching import Matching
 from svv.train.match.style_loss import PAPER_LOSS
 from svv.train.paint.dividing import divided
@@ -58,6 +59,8 @@ def train_scene(
     asked, chosen = given(TrainOptions, options, changes)
     check_enough(views)
     device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed
+    if asked.keep_values:
+        check_keeps(views, asked.views_only)
     if asked.views_only:
         views = replace(views, classified=None)
     views, left_out = ranks.once(lambda: ignoring_fixed(views)) if asked.ignore_fixed else (views, None)
@@ -71,6 +74,9 @@ def train_scene(
         training = Training(views, chosen, time_limit, seed, progress, saved, device)
         training.notes += [] if left_out is None else [left_out]
         scene = training.run()
+        if asked.keep_values:
+            scene, said = keeping_values(scene, views)
+            training.notes.append(said)
     seconds = {**training.seconds, "total": sum(training.seconds.values())}
     report = report_on(scene, seconds, cost, chosen, seed)
     report |= Report(

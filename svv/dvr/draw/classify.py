@@ -164,7 +164,8 @@ def classified_grid(
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
     exponent, owner = averaged(values, known, sigma, starts, as_voxels_are(stage, box, known))
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
-    kept = _value_grid(values, cells, spare, known, sigma, colour)
+    nearest = stage.appearance.nearest
+    kept = _value_grid(values, cells, spare, (known, sigma, colour), 1 if nearest else COARSE)
     low, high = stage.of_volume(kept.interval).tolist()
     high = max(high, float(np.nextafter(low, np.inf)))  # of a volume of one large value
     shown = stage.tf.colour_at(np.linspace(*kept.interval, COLOURS)).astype(np.float32)
@@ -173,7 +174,7 @@ def classified_grid(
         interval=(low, high),
         edges=voxel_edges(stage, box, kept.cells),
         colours=shown,
-        nearest=stage.appearance.nearest,
+        nearest=nearest,
     )
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
 
@@ -185,9 +186,13 @@ def _decimals(values: Array) -> int:
 
 
 def _value_grid(
-    values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array, colour: Array
+    values: NDArray[np.float32], cells: int, spare: int, function: tuple[Array, Array, Array], apart: int
 ) -> ValueGrid:
-    """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`, in the stage's values."""
+    """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`, in the stage's values.
+
+    ``function`` has the known values, their extinction and colours; codes are ``apart`` (:func:`coded`).
+    """
+    known, sigma, colour = function
     first, width = varying(known, np.column_stack([sigma, colour * (sigma > 0)[:, None]]))
     far = BEYOND * width if width > STEP else np.inf  # a step needs all values around it
     low, high = max(float(known[0]), first - far), min(float(known[-1]), first + width + far)
@@ -201,7 +206,7 @@ def _value_grid(
     own = np.pad(kept, [(0, after - n) for after, n in zip(wanted, kept.shape)], mode="edge")
     codes = np.zeros(own.shape[::-1], np.uint16)
     for k, layer in enumerate(own):  # one after another, because several whole grids would take much memory
-        codes[:, :, k] = coded(layer, (low, high)).T
+        codes[:, :, k] = coded(layer, (low, high), apart).T
     at = np.linspace(low, high, VALUES)
     integral = np.interp(at, known, integral_of(known, sigma))
     visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
@@ -211,11 +216,14 @@ def _value_grid(
     )  # fmt: skip
 
 
-def coded(values: NDArray[np.float32], interval: tuple[float, float]) -> NDArray[np.uint16]:
-    """Return the codes of values over an interval; see :class:`svv.core.volumes.classified.ValueGrid`. Same shape"""
+def coded(values: NDArray[np.float32], interval: tuple[float, float], apart: int = COARSE) -> NDArray[np.uint16]:
+    """Return the codes of values over an interval; see :class:`svv.core.volumes.classified.ValueGrid`. Same shape
+
+    They are ``apart``: 1 for labels, of which there may be thousands.
+    """
     share = np.clip((values - interval[0]) / (interval[1] - interval[0]), 0.0, 1.0)
-    steps = np.rint(LARGEST / COARSE * np.nan_to_num(share))
-    return np.where(np.isnan(values), 0.0, 1.0 + COARSE * steps).astype(np.uint16)
+    steps = np.rint(LARGEST / apart * np.nan_to_num(share))
+    return np.where(np.isnan(values), 0.0, 1.0 + apart * steps).astype(np.uint16)
 
 
 def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ from svv.dvr.draw.plotted import shows_voxels
 from svv.dvr.draw.record import describe_deviations, grid_of
 from svv.dvr.draw.rig import FOV, FRAMING, rig_of
 from svv.dvr.functions.transfer_functions import TransferFunction
-from svv.dvr.read.grids import Triple, assumed_of
+from svv.dvr.read.grids import Triple, array_in, assumed_of
 from svv.dvr.read.meshes import is_mesh
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.memory import memory_there
@@ -158,8 +158,9 @@ def make_views(  # noqa: PLR0913 - what a volume is shown with, and how views ar
     stage, title = set_stage(opened.image, fitted), name or named
     notes = (*filter(None, [said]), *fit.notes, *describe_deviations(opened.image, fitted))
     subject = Subject(
-        stage, grid, opened.whole, title, fitted, fit.rescaled, notes, caster=opened.caster(fitted), kept=kept
-    )
+        stage, grid, opened.whole, title, fitted, fit.rescaled, notes, caster=opened.caster(fitted), kept=kept,
+        array=None if isinstance(ready, LargeVolume) else array_in(ready),
+    )  # fmt: skip
     return views_of(
         subject, asked, shading or fitted.shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0)
     )
@@ -183,6 +184,8 @@ class Subject:
     """Ray caster that must draw this volume; None for the one that the options name."""
     kept: DrawnViews | None = None
     """Where views are kept while they are drawn."""
+    array: str | None = None
+    """Name of the array, if it has one."""
 
 
 def views_of(
@@ -210,6 +213,7 @@ def views_of(
         vtk=vtkVersion.GetVTKVersion(),
         seconds=round(time.monotonic() - began, 3),
         nearest=stage.appearance.nearest or None,
+        array=subject.array,
     )
     names = tuple(f"r_{i:04d}" for i in range(n))
     train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)

@@ -116,6 +116,16 @@ def to_array(image: vtkImageData) -> NDArray[np.number]:
     return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
 
 
+UNNAMED = ("scalars", "Scalars_", "ImageScalars", "MetaImage", "ImageFile", "NIFTI", "NRRD", "DICOMImage")
+"""What svv and VTK's readers call the values of files that have no names for them."""
+
+
+def array_in(image: vtkImageData) -> str | None:
+    """Return the name of the scalars, None if their file has no name for them."""
+    name = image.GetPointData().GetScalars().GetName()
+    return None if name in UNNAMED else name
+
+
 def check_precision(values: NDArray[np.number]) -> None:
     """Raise BadInput for 64-bit integers that double precision, in which transfer functions are, cannot tell apart."""
     if values.dtype.kind not in "iu" or values.dtype.itemsize < 8:

@@ -229,6 +229,14 @@ def _show(
     region[shown] = mean[:, 4:].argmax(1).to(torch.int16)
 
 
+def pixel_in(camera: Camera, pixel: tuple[float, float]) -> tuple[int, int]:
+    """Return column and row of a pixel of a camera's picture; raises BadInput if it is outside."""
+    column, row = (int(np.floor(value)) for value in pixel)
+    if not (0 <= column < camera.width and 0 <= row < camera.height):
+        raise BadInput(f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels.")
+    return column, row
+
+
 @torch.no_grad()
 def point_at(
     scene: Model, camera: GivenCamera, pixel: tuple[float, float], network: str | None = None
@@ -239,14 +247,12 @@ def point_at(
     :func:`render`. Raises BadInput if the pixel is outside the picture, or nothing is visible there.
     """
     camera = camera_of(camera, scene)
-    column, row = (int(np.floor(value)) for value in pixel)
-    if not (0 <= column < camera.width and 0 <= row < camera.height):
-        raise BadInput(f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels.")
+    column, row = pixel_in(camera, pixel)
     found = Together(scene, camera, network or scene.networks[-1]).most_visible(
         torch.tensor([row * camera.width + column])
     )
     if found is not None:
-        return found
+        return found.point
     raise BadInput(f"Nothing is visible at the pixel {column},{row}: click on something visible.")
 
 
@@ -331,6 +337,27 @@ def light(scene: Model, parts: PaletteColours, diffuse: Tensor, region: Tensor, 
 # --- several scenes together ------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Visible:
+    """What a pixel shows of a scene: a region, and where that is most visible. S samples are of it."""
+
+    point: tuple[float, float, float]
+    """That place, in world coordinates."""
+    away: float
+    """Its distance from the camera along the pixel's ray, world units."""
+    region: int
+    share: float
+    """Part of what is visible in the pixel that the region is, in (0, 1]."""
+    alpha: float
+    """The pixel's opacity."""
+    colour: tuple[float, float, float]
+    """The pixel's colour, RGB in [0, 1], straight."""
+    along: NDArray[np.float64]
+    """World points of the region's samples along the ray. (S, 3)"""
+    weights: NDArray[np.float32]
+    """Their weights in the pixel. (S,)"""
+
+
 class Together:
     """Draws a joined scene from one camera; a plain scene is one of one member."""
 
@@ -393,17 +420,46 @@ class Together:
                 share.copy_(composite(samples, samples.sigma, face[:, None])[0][:, 0])
 
     @torch.no_grad()
-    def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:
-        """Return the world point where the region that a pixel (1,) shows is most visible; None if nothing is."""
+    def places(self, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return which of some pixels (R,) show something, the distance of each from :meth:`most_visible`, and region.
+
+        The distances are along the pixels' rays, in world units. (K,) each
+        """
+        found = self.samples(pixels)
+        if found is None:
+            return pixels[:0], torch.zeros(0), pixels[:0]
+        samples, _, of, distance = found
+        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
+        ray, rays = samples.ray.long(), len(pixels)
+        shares = weights.new_zeros(rays, max(self.count, 1)).index_put_((ray, of), weights, accumulate=True)
+        region = shares.argmax(dim=1)
+        own = torch.where(of == region[ray], weights, -1.0)
+        most = own.new_full((rays,), -1.0).scatter_reduce(0, ray, own, "amax")
+        number = torch.arange(len(ray), device=ray.device)
+        first = number.new_full((rays,), len(ray)).scatter_reduce(
+            0, ray, torch.where(own == most[ray], number, len(ray)), "amin"
+        )
+        shown = torch.nonzero((1.0 - transmittance > LEAST_ALPHA) & (most > 0.0))[:, 0]
+        return pixels.to(shown.device)[shown], distance[first[shown]], region[shown]
+
+    @torch.no_grad()
+    def most_visible(self, pixel: Tensor) -> Visible | None:
+        """Return the region that a pixel (1,) shows, and where it is most visible; None if nothing is."""
         found = self.samples(pixel)
         if found is None:
             return None
-        samples, _, of, distance, _ = found
-        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
-        if float(1.0 - transmittance) <= LEAST_ALPHA or float(weights.max()) <= 0.0:
+        samples, colour, of, distance, _ = found
+        out, transmittance, weights = composite(samples, samples.sigma, colour)
+        alpha = float(1.0 - transmittance)
+        if alpha <= LEAST_ALPHA or float(weights.max()) <= 0.0:
             return None
-        own = of == torch.bincount(of, weights).argmax()
+        shares = torch.bincount(of, weights)
+        region = int(shares.argmax())
+        own = of == region
         origin, direction = (vectors.reshape(-1, 3)[int(pixel)] for vectors in self.camera.rays())
-        along = float(distance[torch.where(own, weights, -1.0).argmax()])
-        x, y, z = (origin + along * direction).tolist()
-        return x, y, z
+        away = float(distance[torch.where(own, weights, -1.0).argmax()])
+        along = origin + distance[own].cpu().numpy()[:, None] * direction
+        r, g, b = (out[0] / alpha).clamp(0.0, 1.0).tolist()
+        x, y, z = (origin + away * direction).tolist()
+        share = float(shares[region] / shares.sum())
+        return Visible((x, y, z), away, region, share, alpha, (r, g, b), along, weights[own].cpu().numpy())

@@ -19,6 +19,7 @@ from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.geometry.cuts import Cut
 from svv.core.strokes.strokes import Floats
 from svv.errors import BadInput
+from svv.fields.radiance.kept_values import KeptValues
 from svv.fields.radiance.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, RayCaster
@@ -85,6 +86,8 @@ class Model:
     """Sample distance of images, as a multiple of the training step; chosen by :mod:`svv.train.base.sampling`."""
     joined: float = JOINED_WEIGHT
     """Weight in a pixel up to which samples are joined; chosen by :mod:`svv.train.base.sampling`."""
+    kept: KeptValues | None = None
+    """Its volume's values, to be read off; None for a scene that has ``steps``, or was trained without keeping them."""
 
     # --- its look ---
     regions: tuple[Region, ...] = ()

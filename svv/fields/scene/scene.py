@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from svv.fields.scene import edits, images, variants
+from svv.fields.scene import edits, images, probing, variants
 from svv.fields.scene.images import Rendering as Rendering
 from svv.fields.scene.joined import split_at
 from svv.fields.scene.model import Model, on_device
@@ -66,6 +66,8 @@ class Scene(Model):
     resolving = images.resolving
     render = images.render
     point_at = images.point_at
+    probe = probing.probe
+    value_image = probing.value_image
     visible_samples = images.visible_samples
     shade = images.shade
 

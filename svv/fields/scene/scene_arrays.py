@@ -16,6 +16,7 @@ from svv.core.geometry.cameras import CameraRig
 from svv.core.json_values import number_in, object_in, text_in
 from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
+from svv.fields.radiance.kept_values import KeptValues
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.of_values import SLOPES, TABLES, VALUES, fill_base, fill_palette
@@ -95,6 +96,9 @@ def arrays_of(scene: Model, packed: bool = True, whole: bool = True) -> tuple[di
     if scene.steps is not None:
         header["steps"] = scene.steps.to_json()
         tensors |= scene.steps.to_arrays()
+    if scene.kept is not None:
+        header["kept"] = scene.kept.to_json()
+        tensors |= scene.kept.to_arrays()
     tensors = {name: array for name, array in tensors.items() if name not in given}
     _add_layers(scene, header, tensors, packed, whole)
     return header, tensors
@@ -191,6 +195,8 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
         )
     values = _value_function(header, tensors)
     steps = TimeSteps.from_file(header["steps"], tensors) if "steps" in header else None
+    told = header.get("kept")
+    kept = None if told is None else KeptValues.from_file(told, tensors, box_of(told["box"]))
     left_out = {name for name in TABLES if name not in tensors} if steps is not None else set()
     told = header.get("variants", [])
     others = [UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told]
@@ -223,7 +229,7 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
     return kind(
         settings, occupancy, marching, base, palette, styled, values, steps, rig, _made_in(header["made"], tensors),
         regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
-        cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), **images,
+        cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), kept=kept, **images,
     )  # fmt: skip
 
 
@@ -348,6 +354,7 @@ def info_of(scene: Model) -> dict[str, Any]:
         "bounds": scene.occupancy.box.bounds.tolist(),
         "regions": [vars(r) for r in scene.regions],
         **_light_of(scene),
+        **({} if scene.kept is None else {"kept_values": {"bytes": scene.kept.bytes, "vertices": scene.kept.count}}),
         "cuts": [cut.describe() for cut in scene.cuts],
         "times": [] if scene.steps is None or len(scene.steps) < 2 else scene.steps.times,
         "variant": scene.variant,

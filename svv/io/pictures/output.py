@@ -186,18 +186,23 @@ def depth_picture(depth: ArrayLike, near: float, far: float) -> NDArray[np.float
     return np.stack([grey, grey, grey, np.isfinite(values)], axis=-1).astype(np.float32)
 
 
-def write_vti(path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: ArrayLike) -> None:
-    """Write one view as VTK image data: one slice of point scalars ``RGBA``, with ``Depth`` and ``Region``.
+def write_vti(
+    path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: ArrayLike, value: ArrayLike | None = None
+) -> None:  # fmt: skip
+    """Write one view as VTK image data: one slice of point scalars ``RGBA``, with ``Depth``, ``Region`` and ``Value``.
 
     It uses VTK's XML format with appended, zlib-compressed arrays. Row 0 is at the bottom; the spacing is one pixel.
     Colour (h, w, 4) in [0, 1] with straight alpha is stored as uint8, depth (h, w) in world units, NaN where empty, as
-    float32, and the number of the region (h, w), -1 where empty, as int16. Raises BadInput as :func:`write_png`.
+    float32, and the number of the region (h, w), -1 where empty, as int16; the volume's value (h, w), NaN where it is
+    not known, as float32, if it is given. Raises BadInput as :func:`write_png`.
     """
     arrays: dict[str, NDArray[np.generic]] = {
         "RGBA": to_bytes(rgba),
         "Depth": np.asarray(depth, dtype=np.float32),
         "Region": np.asarray(region, dtype=np.int16),
     }
+    if value is not None:
+        arrays["Value"] = np.asarray(value, dtype=np.float32)
     write_volume(path, {name: np.flipud(array)[None] for name, array in arrays.items()})
 
 

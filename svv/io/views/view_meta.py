@@ -123,6 +123,8 @@ class ViewMeta:
     file: Json | None = None
     """How the volume's file was read, and a hash of its content (:func:`svv.job.source.content_of`), so that it is
     known again (:mod:`svv.job.volume_panels`). It does not say where the file is: scenes are given to others."""
+    array: str | None = None
+    """Name of the array that was drawn, if the volume's file has names for its arrays."""
 
     @classmethod
     def from_json(cls, content: object, name: str = "svv") -> ViewMeta:
@@ -163,6 +165,7 @@ READERS: dict[str, Callable[[object, str], Any]] = {
     "volume": text_in, "grid": VolumeGrid.from_json, "bounds": _bounds, "rig": CameraRig.from_json, "tf": object_in,
     "tf_rescaled": switch_in, "shading": Shading.from_json, "sample_distance": number_in, "mapper": text_in,
     "vtk": text_in, "seconds": number_in, "file": object_in, "nearest": switch_in, "assumed": text_in,
+    "array": text_in,
 }  # fmt: skip
 """Key of a file -> what checks and reads its value, for the field of the same name; in the order of files."""
 

@@ -217,7 +217,7 @@ OBSERVERS: tuple[tuple[tuple[str, ...], str, Observer], ...] = (
     (CAPTURED, "UpdatePropertyEvent", capture_changes),
     (CAPTURED, "UpdateEvent", applied),
     (KEEPING, "UpdateDataEvent", take_names),
-    (BUTTONS, "UpdatePropertyEvent", part_picking.pressed),
+    ((*BUTTONS, part_picking.IMAGE), "UpdatePropertyEvent", part_picking.pressed),
     (("StyleRFStylize",), "UpdatePropertyEvent", mask_points.pressed),
     (linked_camera.IMAGES, "UpdatePropertyEvent", follow_property.property_set),
     (linked_camera.IMAGES, "UpdateDataEvent", follow_property.image_updated),

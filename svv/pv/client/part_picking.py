@@ -1,4 +1,4 @@
-"""Places in a scene, chosen by clicks into views: buttons of the panels of StyleRF Edit and StyleRF Palette.
+"""Places in a scene, chosen by clicks into views: buttons of the panels of StyleRF Edit, Palette and Render.
 
 Client code. The filter whose picture was clicked on says which point is visible there; the panel's filter is told, and
 its answer appended to a property. Points mean the same after the camera has moved and other regions were hidden.
@@ -18,18 +18,21 @@ from svv.pv.paraview_types import Property, Proxy, SMProxy, View
 ROWS = {"ClickPart": "Parts", "ClickRegion": "Points", "ClickSame": "Points"}
 """Button -> the property to which its clicks add."""
 
+TELLS = "ClickValue"
+"""The button of StyleRF Render after which it says what is where clicks were."""
+
 IMAGE, VOLUME = "StyleRFRender", "StyleRFVolume"
 """The filters whose pictures of the scene can be clicked on; an image may be placed in the 3D view."""
 
 
 @with_data("string0")
 def pressed(proxy: SMProxy, event: str, name: str) -> None:
-    """Start handling clicks; if the button is pressed again, stop. An observer of StyleRF Edit and StyleRF Palette."""
-    if name not in ROWS:
+    """Start handling clicks; if the button is pressed again, stop. An observer of the filters with such a button."""
+    if name not in ROWS and name != TELLS:
         return
     from paraview import simple
 
-    filter, act = python_proxy(proxy), partial(pick, button=name)
+    filter, act = python_proxy(proxy), tell if name == TELLS else partial(pick, button=name)
     press(filter, name, simple.GetRenderViews(), act, f"{proxy.GetXMLName()}: There is no view to click into.\n")
 
 
@@ -49,6 +52,14 @@ def pick(edit: Proxy, view: View, at: Sequence[int], button: str = "ClickPart") 
     row.SetData("; ".join(filter(str.strip, [_in_panel(row), point])))
     edit.SMProxy.UpdateVTKObjects()
     simple.RenderAllViews()
+
+
+def tell(image: Proxy, view: View, at: Sequence[int]) -> None:
+    """Let an image's filter say in its panel what it, or the 3D view, shows at a pixel, from the lower left."""
+    flat = any(display.Input.SMProxy == image.SMProxy for display in displays_in(view))
+    seen = _camera_at(image if flat else None, view, at)
+    if seen is not None:
+        _asked(image, seen | {"button": TELLS})
 
 
 def _in_panel(row: Property) -> str:
@@ -74,22 +85,26 @@ def seen_at(edit: Proxy, view: View, at: Sequence[int]) -> dict[str, object] | N
     a picture of the scene, the place that is visible in it is there as well, or why there is none.
     """
     picture, flat = _picture_in(view, edit)
-    if picture is None or not flat:
+    seen = _camera_at(picture if flat else None, view, at)
+    return seen if picture is None or seen is None else seen | json.loads(_asked(picture, seen))
+
+
+def _camera_at(image: Proxy | None, view: View, at: Sequence[int]) -> dict[str, object] | None:
+    """Return the camera and the pixel that a click means: those of an image that the view shows, or the view's own."""
+    if image is None:
         width, height = view.ViewSize
-        seen = {
+        return {
             "Camera": camera_numbers(view), "ParallelScale": parallel_scale_of(view), "Frame": 0,
             "ImageSize": [width, height], "pixel": [at[0], height - 1 - at[1]],
         }  # fmt: skip
-    else:
-        width, height = picture.ImageSize
-        pixel = pixel_at(place_under(view, at), (width, height, width, height))
-        if pixel is None:
-            return None
-        seen = {
-            "Camera": list(picture.Camera), "ParallelScale": picture.ParallelScale, "Frame": picture.Frame,
-            "ImageSize": [width, height], "pixel": list(pixel),
-        }  # fmt: skip
-    return seen if picture is None else seen | json.loads(_asked(picture, seen))
+    width, height = image.ImageSize
+    pixel = pixel_at(place_under(view, at), (width, height, width, height))
+    if pixel is None:
+        return None
+    return {
+        "Camera": list(image.Camera), "ParallelScale": image.ParallelScale, "Frame": image.Frame,
+        "ImageSize": [width, height], "pixel": list(pixel),
+    }  # fmt: skip
 
 
 def _picture_in(view: View, edit: Proxy) -> tuple[Proxy | None, bool]:

@@ -33,7 +33,7 @@ from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in
 from svv.pv.work.default_function import describe_default_function
 from svv.pv.work.own_edits import edits_of, painted_as_edited, put_edited
 from svv.pv.work.parallel import DividedInput
-from svv.pv.work.picking import Clickable
+from svv.pv.work.picking import Clickable, Telling
 from svv.pv.work.resampled import describe_resampled_input
 from svv.pv.work.shown_scene import ShownScene, mark_scene, shown_in
 from svv.pv.work.unfinished import mark_unfinished
@@ -192,25 +192,28 @@ class StyleRFTrain(DividedInput, Beside):
 @groups.menu
 @groups.keep_input_visible
 @groups.shown_beside
-@panel(*groups.image_properties(400), groups.device(), *picked(), status())
+@panel(*groups.image_properties(400), *groups.value_properties(), groups.device(), *picked(), status())
 @groups.takes_scene
-class StyleRFRender(ImageOutput, Clickable):
-    """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
-    orbit around the scene.
+class StyleRFRender(ImageOutput, Telling):
+    """Render an image of a scene: RGBA, depth, regions and the volume's values. Unless Camera is set, it shows one of
+    the 181 frames of an orbit around the scene.
     """
 
     ports = (1, 1, "vtkImageData")
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> str:
-        from svv.pv.work.engine import camera_for, draw, emptiness_of
+        from svv.pv.work.engine import camera_for, draw, emptiness_of, with_values
 
         scene = vtk_data.scene_of(inputs[0])
         camera = camera_for(scene.rig, self.values)
-        drawn = draw(scene, camera, self.values, self.progress)
+        drawn, told = draw(scene, camera, self.values, self.progress), ""
+        if self.values["WithValues"] and not self.values["Moving"]:
+            added, told = with_values(scene, camera, self.values, self.progress)
+            drawn |= added
         vtk_data.put_drawn(outputs[0], drawn, camera)
         self.framed = " ".join(f"{number:.9g}" for number in vtk_data.numbers_of(camera, scene.rig.centre))
         self.get_or_make("shown", vtk_data.key_of_scene(inputs[0]), lambda: shown_in(inputs[0])).mark(outputs[0])
-        return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}"
+        return f"{camera.width} x {camera.height} pixels.{emptiness_of(scene, drawn['Depth'])}{told}"
 
 
 @smproxy.filter(label="StyleRF Place In View", support_reload=False)

@@ -237,6 +237,19 @@ def region_properties(region: int) -> Sequence[Property]:
     ])  # fmt: skip
 
 
+def value_properties() -> list[Property]:
+    """Return the properties for reading values off an image of a scene."""
+    return [
+        button("ClickValue", "Clicks in the image or the 3D view say below which region is there, where, and the "
+                             "volume's value, and how far it is from the last place, until the button is pressed "
+                             "again."),
+        switch("WithValues", False,
+               "Add the array Value: the volume's value where each pixel's region is most visible, NaN where none is "
+               "known, for Find Data and Hover Points; it takes a scene trained with Keep Values, or of the encoding "
+               "values.", True),
+    ]  # fmt: skip
+
+
 def part_properties() -> Sequence[Property]:
     """Return the properties for splitting regions into connected parts."""
     return group("Parts", [

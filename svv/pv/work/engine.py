@@ -327,3 +327,16 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
         rgba = region_map_overlay(shown.region, colours)
     rgba = as_seen_with(rgba, values.get("SeenWith", VISIONS[0]))
     return {"RGBA": rgba, "Depth": shown.depth, "Region": shown.region}
+
+
+def with_values(
+    scene: Scene, camera: Camera, values: Values, progress: Progress
+) -> tuple[dict[str, NDArray[np.number]], str]:  # fmt: skip
+    """Return the volume's values in an image of a scene as an array, or none and a sentence on why, after a space."""
+    from svv.fields.scene.probing import why_no_values
+
+    options = options_in(RenderOptions, values)
+    if options.variant is not None:
+        scene = scene.with_variant(options.variant)
+    image = scene.value_image(camera, options.network, progress)
+    return ({}, f" There are no values, because {why_no_values(scene)}.") if image is None else ({"Value": image}, "")

@@ -65,10 +65,40 @@ class Clickable(Picking):
     def _place(self, seen: Click) -> str:
         if self.values.get("Cut"):
             raise BadInput("Clicks do not see where a volume is cut open: turn Cut off, or click on an image.")
-        scene, options = scene_of(self.GetInputDataObject(0, 0)), options_in(RenderOptions, self.values)
-        if options.variant is not None:
-            scene = scene.with_variant(options.variant)
+        scene, options = self.shown_scene()
         return point_seen(scene, seen, options.network)
+
+    def shown_scene(self) -> tuple[Scene, RenderOptions]:
+        """Return the scene with the painting that is shown, and how; raises BadInput if there is none."""
+        scene, options = scene_of(self.GetInputDataObject(0, 0)), options_in(RenderOptions, self.values)
+        return scene if options.variant is None else scene.with_variant(options.variant), options
+
+
+class Telling(Clickable):
+    """A filter whose panel says what is where a click of its button was, with the volume's value there."""
+
+    _places: tuple[tuple[float, float, float], ...] = ()
+    """The last places, at most three."""
+
+    def ClickValue(self) -> None:
+        """Forget earlier places: the client, which handles this button, has started or stopped clicks."""
+        self._places = ()
+
+    def answer(self, seen: Click) -> str:
+        """Say in the panel what is there, and how far it is from the last place; other clicks are answered as ever."""
+        if seen.get("button") != "ClickValue":
+            return super().answer(seen)
+        from svv.fields.scene.probing import describe_measures
+        from svv.pv.work.engine import camera_for
+
+        scene, options = self.shown_scene()
+        found = scene.probe(camera_for(scene.rig, seen), seen["pixel"], options.network)
+        if found is None:
+            self._status = "Nothing is visible there."
+            return ""
+        self._places = (*self._places[-2:], found.point)
+        self._status = "; ".join(filter(None, [found.describe(), describe_measures(self._places)])) + "."
+        return ""
 
 
 def point_seen(scene: Scene, seen: Click, network: NetworkName | None = None) -> str:

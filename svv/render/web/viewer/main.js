@@ -18,6 +18,18 @@ function cannot(reason) {
   movie.load();
 }
 
+// Say how far the last of the places that were clicked on is from the one before, and the angle that three make there.
+function measured(places) {
+  if (places.length < 2) return "";
+  const [last, middle, first] = places.slice(-3).reverse(), from = (place) => place.map((v, k) => v - middle[k]);
+  const number = (v) => Number(v.toPrecision(5)), one = from(last), away = Math.hypot(...one), said = `, ${number(away)} from the last place`;
+  if (first === undefined) return said;
+  const other = from(first), across = Math.hypot(...one.map((_, k) => one[(k + 1) % 3] * other[(k + 2) % 3] - one[(k + 2) % 3] * other[(k + 1) % 3]));
+  if (away === 0 || Math.hypot(...other) === 0) return said;
+  const angle = Math.atan2(across, one.reduce((sum, v, k) => sum + v * other[k], 0));
+  return `${said}, angle there ${number((180 * angle) / Math.PI)}°`;
+}
+
 async function begin() {
   const header = JSON.parse(page("scene").textContent), canvas = page("picture");
   if (typeof DecompressionStream === "undefined") throw new Unable("this browser is too old; its newest version can");
@@ -27,7 +39,7 @@ async function begin() {
   const most = { side: gl.getParameter(gl.MAX_3D_TEXTURE_SIZE), bytes: MOST_BYTES };
   const { layers, said } = fitted(content.map(({ fields }) => fields), most);
   page("said").textContent = said;
-  const state = stateOf(header), orbit = new Orbit(header.camera), heard = [];
+  const state = stateOf(header), orbit = new Orbit(header.camera), heard = [], places = [];
   let show = start();
 
   function start() {
@@ -51,7 +63,8 @@ async function begin() {
     const camera = show.camera(), pixel = [x * camera.width, y * camera.height].map(Math.floor), found = show.placeAt(camera, ...pixel);
     if (found === null) return (page("said").textContent = "Nothing is visible there.");
     const told = header.regions[found.region], name = told.name ?? `Region ${told.number}`;
-    page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}`;
+    places.push(found.point);
+    page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}${measured(places)}`;
   }
   new Hands(canvas, orbit, changed, clicked);
   canvas.addEventListener("webglcontextlost", (event) => {

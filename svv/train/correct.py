@@ -143,7 +143,9 @@ def correct_palette(
         notes=[*notes, reason],
         learned_from="views only" if volume is None else "volume and views",
     )
-    made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
+    made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key", "confidence")}
+    if "warnings" in made:  # those about regions are about the old ones
+        made["warnings"] = [said for said in made["warnings"] if not said.startswith("Region ")]
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
 
 

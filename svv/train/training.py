@@ -226,7 +226,7 @@ class Training:
             self.notes.append(reason)
         if known is not None:
             palette, self.confidence = known.palette, known.confidence
-            self.warnings += [*doubts(palette.colours, known.confidence), *hues_within(known.mixed)]
+            self.warnings += [*doubts(palette.colours, known.confidence, known.questions), *hues_within(known.mixed)]
         assert palette is not None
         self.notes.extend(palette.steps)
         if self.chosen.fitted:

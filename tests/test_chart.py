@@ -138,7 +138,14 @@ def made_up(task: dict[str, Any], progress: Progress) -> None:
     folder = Path(task["folder"])
     if task["work"] == "train":
         run = task["run"]
-        seconds = {"hull": 1.0, "base": 0.6 * (run["limit"] or 99.0), "palette": 1.0, "pcn": 0.3, "sampling": 0.1}
+        seconds = {
+            "hull": 1.0,
+            "base": 0.6 * (run["limit"] or 99.0),
+            "palette": 1.0,
+            "pcn": 0.3,
+            "sampling": 0.1,
+            "doubt": 0.1,
+        }
         seconds["total"] = 9.0
         (folder / "scene.svv").write_bytes(b"x" * 5000)
         report = {"seconds": seconds, "peak_rss_bytes": 1, "parameters": 2, "device": run["device"], "kernels": "numba",
@@ -387,7 +394,10 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     assert min(run["train_cpu_seconds"], run["view_cpu_seconds"], run["dvr_cpu_seconds"]) > 0
     assert min(run["train_peak_bytes"], run["render_peak_bytes"]) > 50e6
     assert run["train_seconds"] == pytest.approx(
-        sum(run[f"{stage}_seconds"] for stage in ("check", "hull", "base", "palette", "lighting", "pcn", "sampling"))
+        sum(
+            run[f"{stage}_seconds"]
+            for stage in ("check", "hull", "base", "palette", "lighting", "pcn", "sampling", "doubt")
+        )
     )
     sources = Sources()
     sources.feed((out / "chart.html").read_text())

@@ -11,7 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
+from svv.cli.pointing import parse_pointed
 from svv.core.colour.shading import Shading
+from svv.core.geometry.box import Box
 from svv.core.geometry.surfaces import blurred, surface_normals
 from svv.core.two_groups import gap_of, weighted_quantile
 from svv.dvr.draw.views import make_views
@@ -20,10 +22,10 @@ from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.train.palette import regions_from_views
-from svv.train.palette.doubts import doubts, hues_within
+from svv.train.palette.doubts import Question, doubts, hues_within
 from svv.train.palette.ranges import KnownRegions, Owners
 from svv.train.palette.recolour import palette_of
-from svv.train.palette.regions_from_views import Labels, owners_of, regions_in
+from svv.train.palette.regions_from_views import Labels, _Points, owners_of, regions_in
 from svv.train.pipeline import train_scene
 from svv.train.run.batches import Batch, RayPool
 from svv.train.run.config import PRESETS, Preset, ReconstructSettings
@@ -143,6 +145,45 @@ def test_a_region_of_low_confidence_is_named_with_what_to_do() -> None:
     (said,) = doubts(colours, (0.9, 0.31))
     assert said.startswith("Region 1 (#0000ff) may be wrong") and "31%" in said and "svv palette" in said
     assert doubts(colours, (0.7, 1.0)) == [] and doubts(colours, ()) == []
+
+
+def test_what_would_settle_a_doubtful_region_is_asked_for() -> None:
+    colours = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
+    asked = (Question(1, 2, (0.25, -1.0, 3.0)),)
+    (said,) = doubts(colours, (0.9, 0.31, 0.8), asked)
+    assert "confused with region 2 (#ffff00)" in said and "svv palette --point 0.25,-1,3=1, or =2" in said
+    assert parse_pointed("0.25,-1,3=2") == ((0.25, -1.0, 3.0), 2)
+
+
+def told(colours: np.ndarray, hues: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, list[Question]]:
+    """Confidence of the regions (V,) of vertices in a row, each of which one ray shows in one of the colours."""
+    points = object.__new__(_Points)
+    places = np.stack([np.arange(len(region)), np.zeros_like(region), np.zeros_like(region)], axis=1)
+    points.vertex, points.weight = torch.arange(len(region)), torch.ones(len(region))
+    points.colour = torch.from_numpy(colours[hues].astype(np.float32))
+    points._device, points._places, points._cells = torch.device("cpu"), places, 8
+    points._box = Box((-1.0, 0.0, 0.0), 2.0, (1.0, 1.0, 1.0))
+    points._blurred = lambda values: values  # type: ignore[method-assign]
+    return points.confidence(region.astype(np.int64), colours)
+
+
+def test_regions_of_near_hues_are_as_certain_as_rays_tell_them() -> None:
+    """Hues 0.2 rad apart: noise confuses them, so what is told the other way counts."""
+    colours = np.array([[1.0, 0.0, 0.0], [np.cos(0.2), np.sin(0.2), 0.0], [0.0, 0.0, 1.0]])
+    region = np.array([0] * 6 + [1] * 6 + [2] * 4)
+    hues = region.copy()
+    hues[3:6] = 1
+    sure, (first, second) = told(colours, hues, region)
+    np.testing.assert_allclose(sure, [3 / 6, 6 / 9, 1.0])
+    assert (first.region, first.other, second.region, second.other) == (0, 1, 1, 0)
+    assert first.place == second.place and 3 <= (first.place[0] + 1.0) / 2.0 * 8 < 6
+
+
+def test_regions_that_only_brightness_tells_apart_are_not_doubted_for_their_hue() -> None:
+    colours = np.array([[0.9, 0.9, 0.9], [0.4, 0.4, 0.4]])
+    sure, asked = told(colours, np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1]))
+    np.testing.assert_allclose(sure, 1.0)
+    assert asked == []
 
 
 def test_a_region_of_two_hues_is_named_with_the_command_that_splits_it() -> None:

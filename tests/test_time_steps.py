@@ -109,6 +109,14 @@ def test_one_file_holds_all_time_steps(series: tuple[Path, Scene]) -> None:
     assert len(scene.steps.codes[1]) < 0.2 * (folder / "scene.svv").stat().st_size
 
 
+def test_time_steps_do_not_know_their_errors(followed: Scene, series: tuple[Path, Scene]) -> None:
+    scene = series[1]
+    assert scene.steps is not None and followed.expected is not None
+    for number in range(len(scene.steps)):
+        with pytest.raises(BadInput, match="time step"):
+            at_step(scene, number).doubt("xy")
+
+
 def test_paint_moves_with_the_matter(series: tuple[Path, Scene]) -> None:
     """The border between the colours stays in the middle of the ball."""
     for step, shift in enumerate(SHIFTS):

@@ -29,6 +29,7 @@ RENDER = (
     "svv render scene.svv --camera camera.json --size 1280x720 --out view.png",
     "svv render scene.svv --camera views/transforms_test.json --frame 3 --out view.vti",
     "svv render scene.svv --view 30,20 --out side.png",
+    "svv render scene.svv --what doubt --out doubt.png",
     "svv render scene.svv --view 0,0 --view 90,30 --view 150,0 --path 240 --out path.mp4",
     "svv render scene.svv --camera keys.json --path 240 --out path.mp4",
     "svv render painted.svv --orbit 181 --supersample 2 --out smooth.mp4",

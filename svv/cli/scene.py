@@ -160,12 +160,14 @@ def evaluate(
 
     If the folder contains the classified volume, region_overlap is the intersection over union of each region with its
     range of values, over all that the views show; regions found in views alone are matched to ranges first. LPIPS needs
-    weights (`svv features --get alexnet`).
+    weights (`svv features --get alexnet`). doubt_rank, doubt_area and doubt_ratio say how well the scene knows its
+    errors: rank correlation, sparsification error, and the mean expected error divided by the true one.
     """
     from svv.io.cinema.views import read_views
     from svv.io.files.atomic import write_json
     from svv.io.views.viewset import read_classified
     from svv.styles.weights import NO_LPIPS
+    from svv.train.doubt_scores import doubt_scores
     from svv.train.evaluate import check_views
     from svv.train.palette.ranges import region_overlaps
     from svv.train.pipeline import evaluate_scene
@@ -184,9 +186,13 @@ def evaluate(
         scores = evaluate_scene(loaded, view_set, scoring.network or "pcn", progress)
     if volume is not None and loaded.palette_network is not None:
         scores = replace(scores, region_overlap=tuple(region_overlaps(loaded, view_set, volume)))
+    told = scores.to_json()
+    if loaded.expected is not None and not loaded.layers:
+        with shown("Evaluating") as progress:
+            told |= doubt_scores(loaded, view_set, progress).to_json()
     if json is not None:
-        write_json(json, scores.to_json())
-    print_table(scores.to_json())
+        write_json(json, told)
+    print_table(told)
     if scores.lpips is None:
         print(NO_LPIPS, file=sys.stderr)
 

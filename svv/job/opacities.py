@@ -64,7 +64,7 @@ def with_opacities(scene: Scene, function: TransferFunction, volume: vtkImageDat
     else:
         result = _with_opacities(scene, before, function)
     made = {**result.made, "source": {**scene.made["source"], "tf": function.to_dict()}}
-    return replace(result, made=made)
+    return replace(result, made=made, expected=None)  # errors are those of the opacities that it was trained with
 
 
 def unit_for(function: TransferFunction, before: float, volume: vtkImageData | None) -> float:

@@ -81,7 +81,7 @@ def train_scene(
 
     >>> trained, report = svv.train_scene(views, "draft", time_limit=2.0)
     >>> trained.networks, sorted(report["seconds"])
-    (('base', 'pcn'), ['base', 'check', 'extinction', 'hull', 'palette', 'pcn', 'sampling', 'total'])
+    (('base', 'pcn'), ['base', 'check', 'doubt', 'extinction', 'hull', 'palette', 'pcn', 'sampling', 'total'])
     """
     if not background:
         return pipeline.train_scene(views, options, progress, checkpoint, **changes)

@@ -23,7 +23,7 @@ AskedHandName = Literal["auto", "oil", "watercolour", "dots", "ink-wash", "dry-b
 DivisionName = Literal["areas", "colours"]
 AskedDivisionName = Literal["auto", "areas", "colours", "no"]
 NetworkName = Literal["base", "pcn", "styled"]
-PictureName = Literal["rgba", "depth", "region"]
+PictureName = Literal["rgba", "depth", "region", "doubt"]
 
 Changes = Annotated[tuple[str, ...], Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True)]
 TimeLimit = Annotated[
@@ -251,7 +251,8 @@ class RenderOptions:
     )
     """white, black or '#rrggbb'; by default movies are over white, images are transparent."""
     what: Annotated[PictureName, Setting(panel="")] = "rgba"
-    """What to write; a .vti always holds all three, and the values that a scene keeps (--keep-values)."""
+    """What to write; doubt is the error to expect beside the volume rendering. A .vti always holds the first three, and
+    the values that a scene keeps (--keep-values)."""
     supersample: Annotated[int | None, Setting(least=1, most=4, metavar="N", unset="as needed", panel="")] = None
     """Average N x N rays a pixel, for smooth edges; by default 2 for one view of brush strokes, otherwise 1."""
     fps: Annotated[float, Setting(least=1, panel="")] = 30.0

@@ -19,12 +19,15 @@ from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.atomic import check_writable, make_folder
 from svv.io.files.keyed_results import digest, key_of
 from svv.io.pictures.output import (
+    darkest_from,
     depth_picture,
+    doubt_picture,
     made_of,
     region_picture,
     remove_other_frames,
     to_bytes,
     write_depth_png,
+    write_doubt_png,
     write_mp4,
     write_png,
     write_region_png,
@@ -53,7 +56,7 @@ class RenderSettings:
     background: Sequence[float] | None = None
     """RGB in [0, 1] behind colours; by default a PNG is transparent and a movie is over white."""
     what: str = "rgba"
-    """Content: ``rgba``, ``depth`` (16 bits in a PNG) or ``region`` (indexed colours)."""
+    """Content: ``rgba``, ``depth`` (16 bits in a PNG), ``region`` (indexed colours) or ``doubt`` (16 bits)."""
     samples: int | None = None
     """Rays along a pixel's side; by default one in movies and folders of frames, and in one view as many as
     :func:`svv.render.supersampled.samples_for` says."""
@@ -121,9 +124,9 @@ def write_view(
 ) -> str:
     """Render one view into a file; return why it shows nothing (:func:`why_empty`), '' if it shows something.
 
-    A .vti always contains colour, depth and regions, and the volume's values if the scene keeps them; of a PNG,
-    ``shown`` says what it shows. Raises BadInput if the scene does not have that network, or the file cannot be
-    written.
+    A .vti always contains colour, depth and regions, the volume's values if the scene keeps them, and doubt if
+    ``shown`` says so; of a PNG, that says what it shows. Raises BadInput if the scene does not have that network or
+    does not know its errors, or the file cannot be written.
     """
     view, write = _rendered(path, scene, camera, shown, progress, "")
     write()
@@ -138,16 +141,20 @@ def _rendered(
     samples = shown.samples
     if samples is None and path.suffix.lower() != ".vti" and shown.what != "rgba":
         samples = 1  # edges of regions and depths have nothing to smooth
+    doubt = scene.doubt(camera, progress) if shown.what == "doubt" else None
     view = supersampled(scene, camera, shown.network, None, progress, samples)
     value = scene.value_image(camera, shown.network) if path.suffix.lower() == ".vti" else None
-    return view, partial(_write, path, view, scene, shown, made, value)
+    return view, partial(_write, path, view, scene, shown, made, value, doubt)
 
 
 def _write(
-    path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str, value: NDArray[np.float32] | None
+    path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str, value: NDArray[np.float32] | None,
+    doubt: NDArray[np.float32] | None,
 ) -> None:  # fmt: skip
     if path.suffix.lower() == ".vti":
-        write_vti(path, view.rgba, view.depth, view.region, value)
+        write_vti(path, view.rgba, view.depth, view.region, value, doubt)
+    elif doubt is not None:
+        write_doubt_png(path, doubt, made)
     elif shown.what == "depth":
         write_depth_png(path, view.depth, made)
     elif shown.what == "region":
@@ -312,13 +319,16 @@ def write_movie(
     >>> svv.write_movie("path.mp4", scene, svv.camera_path(keys, 5))
     """
     whole, at, _ = _at_each(scene)
-    near_far = _depth_range(whole, cameras, shown.network) if shown.what == "depth" else (0.0, 1.0)
+    near_far = _range_of(whole, cameras, shown) if shown.what in ("depth", "doubt") else (0.0, 1.0)
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for index, camera in enumerate(cameras):
             each = part(progress, index / len(cameras), (index + 1) / len(cameras))
-            view = supersampled(at(index), camera, shown.network, None, each, shown.samples or 1)
-            picture = _shown(view, whole, shown.what, near_far)
+            if shown.what == "doubt":
+                picture = doubt_picture(at(index).doubt(camera, each), near_far[1])
+            else:
+                view = supersampled(at(index), camera, shown.network, None, each, shown.samples or 1)
+                picture = _shown(view, whole, shown.what, near_far)
             yield to_bytes(over(picture, shown.background or WHITE))
             progress((index + 1) / len(cameras), f"view {index + 1} of {len(cameras)}")
 
@@ -348,9 +358,11 @@ def _shown(view: Rendering, scene: Scene, what: str, near_far: tuple[float, floa
     return np.asarray(view.rgba, dtype=np.float32)
 
 
-def _depth_range(scene: Scene, cameras: Sequence[Camera], network: str | None) -> tuple[float, float]:
-    """Measure the range of depths in a few small views, to give greys the same meaning in all frames of a movie."""
-    some = cameras[:: max(1, len(cameras) // 5)]
-    depths = [scene.render(camera.resized(PREVIEW_SIZE, PREVIEW_SIZE), network).depth for camera in some]
+def _range_of(scene: Scene, cameras: Sequence[Camera], shown: RenderSettings) -> tuple[float, float]:
+    """Measure the range of depths or doubts in a few small views: a colour then means the same in all of a movie."""
+    some = [camera.resized(PREVIEW_SIZE, PREVIEW_SIZE) for camera in cameras[:: max(1, len(cameras) // 5)]]
+    if shown.what == "doubt":
+        return 0.0, max(darkest_from(scene.doubt(camera)) for camera in some)
+    depths = [scene.render(camera, shown.network).depth for camera in some]
     seen = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
     return (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)

@@ -29,6 +29,7 @@ from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
 from svv.train.base.sampling import with_fewest_samples
+from svv.train.expected_errors import expected_errors
 from svv.train.palette.pointed import InCells, pointed
 from svv.train.palette.ranges import Labelled, Owners, membership, regions_for
 from svv.train.palette.recolour import recolour
@@ -128,10 +129,13 @@ def correct_palette(
         reason = "images use the samples that they used before"
         if not kept:
             plain, reason = with_fewest_samples(plain, views.cameras)
+        expected = expected_errors(plain, views, how.iterations * how.rays, seed)
         progress(1.0, "palette colour network")
     notes += _not_followed(owners, network) + _dropped(scene)
     edits = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
-    result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, edits, strict=True)))
+    result = replace(
+        plain, expected=expected, regions=tuple(with_edits(r, e) for r, e in zip(regions, edits, strict=True))
+    )
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
     report = report_on(result, {**seconds, "total": sum(seconds.values())}, cost, chosen, seed)
     report |= Report(
@@ -139,7 +143,9 @@ def correct_palette(
         notes=[*notes, reason],
         learned_from="views only" if volume is None else "volume and views",
     )
-    made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
+    made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key", "confidence")}
+    if "warnings" in made:  # those about regions are about the old ones
+        made["warnings"] = [said for said in made["warnings"] if not said.startswith("Region ")]
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
 
 

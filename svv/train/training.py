@@ -30,6 +30,7 @@ from svv.train.base.from_values import ValueReconstruction, field_of
 from svv.train.base.reconstruct import Reconstruction, reconstruct
 from svv.train.base.resolutions import affordable_field, fitted_field
 from svv.train.base.sampling import with_fewest_samples
+from svv.train.expected_errors import expected_errors
 from svv.train.palette.doubts import doubts, hues_within, joined_ranges
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
 from svv.train.palette.ranges import KnownRegions, Labelled, regions_for, regions_of
@@ -120,7 +121,12 @@ class Training:
         with self._timed("sampling"):
             stride, joined, reason = ranks.once(lambda: self._samples(scene))
         self.notes.append(reason)
-        return replace(scene, stride=stride, joined=joined)
+        scene = replace(scene, stride=stride, joined=joined)
+        with self._timed("doubt"):
+            reconstructed, recoloured = self.chosen.reconstruct, self.chosen.recolour
+            trained = reconstructed.iterations * reconstructed.rays + recoloured.iterations * recoloured.rays
+            expected = ranks.once(lambda: expected_errors(scene, self.views, trained, self.seed))
+        return replace(scene, expected=expected)
 
     def _samples(self, scene: Scene) -> tuple[float, float, str]:
         """Return with which samples images of the scene are good enough, and why."""
@@ -220,7 +226,7 @@ class Training:
             self.notes.append(reason)
         if known is not None:
             palette, self.confidence = known.palette, known.confidence
-            self.warnings += [*doubts(palette.colours, known.confidence), *hues_within(known.mixed)]
+            self.warnings += [*doubts(palette.colours, known.confidence, known.questions), *hues_within(known.mixed)]
         assert palette is not None
         self.notes.extend(palette.steps)
         if self.chosen.fitted:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import sphere_cameras
+from svv.fields.scene.expected import ExpectedErrors
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import to_bytes
 from svv.io.views.viewset import ViewSet
@@ -195,6 +197,26 @@ for show in ("regions in their colours", "numbered regions"):
     assert said["regions in their colours"][1:] == colours
     assert said["regions in their colours"][0][3] == said["numbered regions"][0][3] == 0
     assert len({tuple(colour) for colour in said["numbered regions"]}) == 4
+
+
+def test_an_image_shows_its_expected_error_or_says_that_it_is_not_known(inside, tmp_path: Path) -> None:
+    level = np.full((32, 32, 32), 255, np.uint8)
+    known = ExpectedErrors(level, 0.25, 0.0, 0.1, 0.2, (0.0, 0.0, 0.0))
+    replace(cube_scene(), expected=known).save(tmp_path / "knows.svv")
+    said = inside("""
+for name in ("knows", "cube"):
+    image = StyleRFRender(Input=OpenDataFile(f"{folder}/{name}.svv"), ImageSize=[40, 40], Show="expected error")
+    found = arrays(image)
+    said[name] = [sorted(found), status(image)]
+    if "Doubt" in found:
+        said["most"] = float(np.nanmax(found["Doubt"]))
+        said["clear"] = int((found["RGBA"][..., 3] > 0).sum() - np.isfinite(found["Doubt"]).sum())
+    image.Show = "image"
+    said[name].append("Doubt" in arrays(image))
+""")
+    assert "Doubt" in said["knows"][0] and not said["knows"][2] and said["clear"] == 0
+    assert 0.0 < said["most"] <= 0.25 + 1e-6
+    assert "train it again" in said["cube"][1] and not said["cube"][2]
 
 
 def test_a_palette_is_corrected_and_learned_again(inside, tmp_path: Path) -> None:

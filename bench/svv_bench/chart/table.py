@@ -84,6 +84,8 @@ class Row:
     """Whether training was stopped and resumed; its peak memory is then that of the last part."""
     run: str
     """Name of its folder."""
+    doubt_seconds: float = 0.0
+    """Time in which the expected errors of pictures are learned."""
 
     @property
     def training_cost(self) -> float:
@@ -139,6 +141,7 @@ def read_row(training: Path, rendering: Path) -> Row:
         lighting_seconds=seconds.get("lighting", 0.0),
         pcn_seconds=seconds["pcn"],
         sampling_seconds=seconds["sampling"],
+        doubt_seconds=seconds["doubt"],
         view_seconds=view["median"],
         view_seconds_least=view["least"],
         view_seconds_most=view["most"],

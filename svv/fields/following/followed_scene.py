@@ -152,6 +152,7 @@ def _over(
         scene, occupancy=occupancy, base=base.requires_grad_(False).to(device), steps=steps, parts=None,
         settings=settings, marching=replace(scene.marching, step=scene.marching.step / finer),
         palette_network=moved.requires_grad_(False).to(device), made={**scene.made, FOLLOWED: True},
+        expected=None,  # they are those of the volume that the scene was trained on
     )  # fmt: skip
     return replace(
         result,

@@ -54,7 +54,7 @@ def on_cells(scene: S, occupancy: Occupancy, density: SparseLattice) -> S:
     device = scene.device
     result = replace(
         scene, occupancy=occupancy, base=base.requires_grad_(False).to(device), parts=None,
-        palette_network=moved.requires_grad_(False).to(device),
+        palette_network=moved.requires_grad_(False).to(device), expected=None,  # those of another extinction
     )  # fmt: skip
     paint = partial(at_rest, scene=scene, occupancy=occupancy, owners=partial(owners, result))
     return replace(

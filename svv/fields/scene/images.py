@@ -428,7 +428,7 @@ class Together:
         found = self.samples(pixels)
         if found is None:
             return pixels[:0], torch.zeros(0), pixels[:0]
-        samples, _, of, distance = found
+        samples, _, of, distance, _ = found
         _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
         ray, rays = samples.ray.long(), len(pixels)
         shares = weights.new_zeros(rays, max(self.count, 1)).index_put_((ray, of), weights, accumulate=True)

@@ -25,6 +25,7 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, RayCaster
 from svv.fields.radiance.time_steps import TimeSteps
 from svv.fields.radiance.value_function import ValueFunction
+from svv.fields.scene.expected import ExpectedErrors
 from svv.fields.scene.history import History
 from svv.fields.scene.parts import Parts
 from svv.fields.scene.region import Region, of_layer
@@ -82,6 +83,8 @@ class Model:
     camera_rig: CameraRig | None = None
     """Placement of the cameras of its training views."""
     made: dict[str, Any] = field(default_factory=dict)
+    expected: ExpectedErrors | None = None
+    """The errors that its pictures are expected to have; None for scenes of older files, and of other time steps."""
     stride: float = 1.0
     """Sample distance of images, as a multiple of the training step; chosen by :mod:`svv.train.base.sampling`."""
     joined: float = JOINED_WEIGHT

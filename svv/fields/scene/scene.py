@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from svv.fields.scene import edits, images, probing, variants
+from svv.fields.scene import doubt, edits, images, probing, variants
 from svv.fields.scene.images import Rendering as Rendering
 from svv.fields.scene.joined import split_at
 from svv.fields.scene.model import Model, on_device
@@ -70,6 +70,7 @@ class Scene(Model):
     value_image = probing.value_image
     visible_samples = images.visible_samples
     shade = images.shade
+    doubt = doubt.doubt
 
     def save(self, path: str | Path) -> None:
         """Write the scene to one ``.svv`` file, completely or not at all; raises BadInput if it cannot be written."""

@@ -23,6 +23,8 @@ from svv.fields.radiance.of_values import SLOPES, TABLES, VALUES, fill_base, fil
 from svv.fields.radiance.rendering import Marching
 from svv.fields.radiance.time_steps import TimeSteps
 from svv.fields.radiance.value_function import ValueFunction
+from svv.fields.scene.doubt import told_in_words
+from svv.fields.scene.expected import ExpectedErrors
 from svv.fields.scene.history import History, cuts_in
 from svv.fields.scene.joined import members
 from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
@@ -83,6 +85,9 @@ def arrays_of(scene: Model, packed: bool = True, whole: bool = True) -> tuple[di
     if scene.parts is not None:
         header["parts"] = {"cells": scene.parts.cells}
         tensors |= {f"parts.{name}": array for name, array in _packed(scene.parts, scene.occupancy).items()}
+    if scene.expected is not None:
+        header["expected"] = scene.expected.to_json()
+        tensors["expected.level"] = scene.expected.level
     named = own_networks(scene) + [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
     given = (*given, *_add_brushed(named, header, tensors, whole))
     for name, network in named:
@@ -222,13 +227,16 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
     images = values_of(Model, header.get("images", {}))
     if not (marching.step > 0.0 and images.get("stride", 1.0) > 0.0):
         raise ValueError("the distance of samples is not above 0")
+    expected = None
+    if "expected" in header:
+        expected = ExpectedErrors.from_file(header["expected"], tensors["expected.level"], occupancy)
     variants = [_variant_in(v, network, tensors) for v, network in zip(told, others, strict=True)]
     painting = None if header.get("painting") is None else text_in(header["painting"], "painting")
     if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
     return kind(
         settings, occupancy, marching, base, palette, styled, values, steps, rig, _made_in(header["made"], tensors),
-        regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
+        expected, regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
         cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), kept=kept, **images,
     )  # fmt: skip
 
@@ -362,6 +370,7 @@ def info_of(scene: Model) -> dict[str, Any]:
         "undo": [step.what for step in scene.history.past],
         "redo": [step.what for step in scene.history.future],
         "camera_rig": {} if scene.camera_rig is None else scene.camera_rig.to_json(),
+        "doubt": told_in_words(scene),
         "made": drop_styles(scene.made),
     }
 

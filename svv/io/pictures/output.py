@@ -144,16 +144,35 @@ def write_depth_png(path: str | Path, depth: ArrayLike, made: str = "") -> tuple
     :func:`write_png`.
     """
     values = np.asarray(depth, dtype=np.float64)
-    seen = np.isfinite(values)
-    near, far = (float(values[seen].min()), float(values[seen].max())) if seen.any() else (np.nan, np.nan)
-    levels = np.zeros(values.shape, np.uint16)
-    levels[seen] = 1 + np.rint(65534.0 * (values[seen] - near) / max(far - near, np.finfo(float).tiny))
+    seen = values[np.isfinite(values)]
+    near, far = (float(seen.min()), float(seen.max())) if seen.size else (np.nan, np.nan)
+    _write_grey(path, values, (near, far), {"svv:near": near, "svv:far": far}, made)
+    return near, far
+
+
+def write_doubt_png(path: str | Path, doubt: ArrayLike, made: str = "") -> float:
+    """Write expected errors (h, w) in [0, 1], NaN where empty, as 16-bit greyscale PNG.
+
+    Level 0 means empty; levels 1 ... 65535 are linear from 0 to the largest error, which is stored in the text of the
+    file under ``svv:largest``, and returned, 0 if there is none. For ``made``, see :func:`write_png`.
+    """
+    values = np.asarray(doubt, dtype=np.float64)
+    largest = float(np.nan_to_num(values).max(initial=0.0))
+    _write_grey(path, values, (0.0, largest), {"svv:largest": largest}, made)
+    return largest
+
+
+def _write_grey(
+    path: str | Path, values: NDArray[np.float64], span: tuple[float, float], told: Mapping[str, float], made: str
+) -> None:
+    """Write values in a span, NaN where empty, as levels of 16 bits, 0 where empty."""
+    seen, levels = np.isfinite(values), np.zeros(values.shape, np.uint16)
+    levels[seen] = 1 + np.rint(65534.0 * (values[seen] - span[0]) / max(span[1] - span[0], np.finfo(float).tiny))
     text = _text(made)
-    text.add_text("svv:near", repr(near))
-    text.add_text("svv:far", repr(far))
+    for name, value in told.items():
+        text.add_text(name, repr(value))
     with atomic_path(path) as temporary:
         Image.fromarray(levels).save(temporary, format="PNG", pnginfo=text)
-    return near, far
 
 
 def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike, made: str = "") -> None:
@@ -186,15 +205,39 @@ def depth_picture(depth: ArrayLike, near: float, far: float) -> NDArray[np.float
     return np.stack([grey, grey, grey, np.isfinite(values)], axis=-1).astype(np.float32)
 
 
+HEAT = np.array([[1.0, 0.98, 0.82], [0.99, 0.75, 0.29], [0.89, 0.25, 0.13], [0.35, 0.0, 0.12]])
+"""Colours of expected errors, from none to the largest: ever darker, so that a grey print shows them, too. (4, 3)"""
+
+
+def darkest_from(doubt: ArrayLike) -> float:
+    """Return the expected error that 1 % of the pixels of an image exceed, NaN where empty; 0 if it shows nothing."""
+    values = np.asarray(doubt, dtype=np.float64)
+    seen = values[np.isfinite(values)]
+    return float(np.quantile(seen, 0.99)) if seen.size else 0.0
+
+
+def doubt_picture(doubt: ArrayLike, largest: float) -> NDArray[np.float32]:
+    """Return expected errors (h, w) as an RGBA picture (h, w, 4), transparent where NaN: dark red from ``largest`` on.
+
+    >>> doubt_picture([[0.0, np.nan]], 0.1)[0, :, 3].tolist()
+    [1.0, 0.0]
+    """
+    values = np.asarray(doubt, dtype=np.float64)
+    at = np.clip(np.nan_to_num(values) / max(largest, 1e-12), 0.0, 1.0)
+    colours = [np.interp(at, np.linspace(0.0, 1.0, len(HEAT)), column) for column in HEAT.T]
+    return np.stack([*colours, np.isfinite(values)], axis=-1).astype(np.float32)
+
+
 def write_vti(
-    path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: ArrayLike, value: ArrayLike | None = None
+    path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: ArrayLike, value: ArrayLike | None = None,
+    doubt: ArrayLike | None = None,
 ) -> None:  # fmt: skip
-    """Write one view as VTK image data: one slice of point scalars ``RGBA``, with ``Depth``, ``Region`` and ``Value``.
+    """Write one view as VTK image data: a slice of scalars ``RGBA``, with ``Depth``, ``Region``, ``Value``, ``Doubt``.
 
     It uses VTK's XML format with appended, zlib-compressed arrays. Row 0 is at the bottom; the spacing is one pixel.
     Colour (h, w, 4) in [0, 1] with straight alpha is stored as uint8, depth (h, w) in world units, NaN where empty, as
     float32, and the number of the region (h, w), -1 where empty, as int16; the volume's value (h, w), NaN where it is
-    not known, as float32, if it is given. Raises BadInput as :func:`write_png`.
+    not known, and expected errors, as float32, if they are given. Raises BadInput as :func:`write_png`.
     """
     arrays: dict[str, NDArray[np.generic]] = {
         "RGBA": to_bytes(rgba),
@@ -203,6 +246,8 @@ def write_vti(
     }
     if value is not None:
         arrays["Value"] = np.asarray(value, dtype=np.float32)
+    if doubt is not None:
+        arrays["Doubt"] = np.asarray(doubt, dtype=np.float32)
     write_volume(path, {name: np.flipud(array)[None] for name, array in arrays.items()})
 
 

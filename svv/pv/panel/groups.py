@@ -58,7 +58,7 @@ OFFERED = (*GALLERY, *(DRAWN + kind for kind in INKS))
 """Styles that need no picture from the user."""
 AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
 """Places where StyleRF Edit can put the light."""
-COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
+COLOURS, FALSE_COLOURS, IN_COLOUR, DOUBT = "image", "numbered regions", "regions in their colours", "expected error"
 OF_SCENE = '<InputArrayDomain name="of_scene" attribute_type="field" number_of_components="16"/>'
 """Domain of data that are of a scene (:data:`svv.pv.work.shown_scene.KEY`)."""
 ADDED = 3
@@ -189,8 +189,9 @@ def image_properties(size: int) -> list[Property]:
                       "Follow the camera of the volume's view: the image stands in a view to the right, where the "
                       "mouse turns the same camera, or in the same by StyleRF Place In View."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
-        choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
-               "The scene, or its numbered regions in false colours or their own."),
+        choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR, DOUBT), COLOURS,
+               "The scene, its numbered regions in false colours or their own, or how far its image may be off, light "
+               "to dark red, as the array Doubt."),
         seen_with(),
         *properties_of(RenderOptions(), skip=("device",)),
         switch("Background", False, "Give the image a background; otherwise it is transparent."),

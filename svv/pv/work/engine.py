@@ -25,7 +25,7 @@ from svv.options.figures import VISIONS, VisionName
 from svv.options.making import DeviceOptions, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.display.shown import CROPS_INDICES, DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.failed import check_there, pressing
-from svv.pv.panel.groups import COLOURS, IN_COLOUR
+from svv.pv.panel.groups import COLOURS, DOUBT, IN_COLOUR
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values
 from svv.pv.results.keys import key_of
@@ -310,7 +310,7 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     """Render RGBA (uint8), depth and regions of a scene from a camera; raise BadInput without network or device."""
     from svv.fields.devices.gpu import device_named
     from svv.io.pictures.mask_pictures import region_map_overlay
-    from svv.io.pictures.output import to_bytes
+    from svv.io.pictures.output import darkest_from, doubt_picture, to_bytes
     from svv.render.frames import region_colours
     from svv.render.supersampled import supersampled
 
@@ -320,13 +320,18 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
         scene = scene.with_variant(options.variant)
     if values["Moving"]:
         scene = scene.while_moving()
-    shown = supersampled(scene.on(device_named(options.device)), camera, options.network, background, progress)
+    drawn = scene.on(device_named(options.device))
+    shown = supersampled(drawn, camera, options.network, background, progress)
     rgba = to_bytes(shown.rgba)
-    if values.get("Show", COLOURS) != COLOURS:
+    arrays: dict[str, NDArray[np.number]] = {"Depth": shown.depth, "Region": shown.region}
+    if values.get("Show", COLOURS) == DOUBT:
+        arrays["Doubt"] = drawn.doubt(camera, progress)
+        rgba = to_bytes(doubt_picture(arrays["Doubt"], darkest_from(arrays["Doubt"])))
+    elif values.get("Show", COLOURS) != COLOURS:
         colours = region_colours(scene) if values["Show"] == IN_COLOUR else None
         rgba = region_map_overlay(shown.region, colours)
     rgba = as_seen_with(rgba, values.get("SeenWith", VISIONS[0]))
-    return {"RGBA": rgba, "Depth": shown.depth, "Region": shown.region}
+    return {"RGBA": rgba, **arrays}
 
 
 def with_values(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +16,39 @@ SURE = 0.7
 """Confidence below which a region is said to be doubtful."""
 
 
-def doubts(colours: NDArray[np.floating], confidence: Sequence[float]) -> list[str]:
-    """Return a sentence for each region, of a colour (P, 3), whose confidence is below :data:`SURE`."""
+@dataclass(frozen=True)
+class Question:
+    """Which of two regions a place belongs to: the one where most light of a doubtful region is told both ways."""
+
+    region: int
+    """The doubtful region."""
+    other: int
+    """The one that single views tell instead of it, or it instead of that."""
+    place: tuple[float, float, float]
+    """The place, in world units."""
+
+
+def doubts(
+    colours: NDArray[np.floating], confidence: Sequence[float], questions: Sequence[Question] = ()
+) -> list[str]:  # fmt: skip
+    """Return a sentence for each region, of a colour (P, 3), whose confidence is below :data:`SURE`, and what to do."""
+    asked = {question.region: question for question in questions}
     return [
         f"Region {number} ({to_hex(colour)}) may be wrong: single views and the scene agree on only {sure:.0%} of it. "
-        "Look at it (svv render --what region), and correct it with svv palette if need be."
+        + (_ask(asked[number], colours) if number in asked else "Look at it (svv render --what region), and correct it "
+           "with svv palette if need be.")
         for number, (colour, sure) in enumerate(zip(colours, confidence))
         if sure < SURE
-    ]
+    ]  # fmt: skip
+
+
+def _ask(question: Question, colours: NDArray[np.floating]) -> str:
+    """Return what to point at to tell two regions apart."""
+    place, other = ",".join(f"{value:.4g}" for value in question.place), question.other
+    return (
+        f"It is confused with region {other} ({to_hex(colours[other])}): look at both (svv render --what region), and "
+        f"say which of them {place} belongs to: svv palette --point {place}={question.region}, or ={other}."
+    )
 
 
 def hues_within(mixed: Sequence[tuple[int, NDArray[np.floating]]]) -> list[str]:

@@ -21,6 +21,7 @@ from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.kernels.types import Samples
+from svv.train.palette.doubts import Question
 from svv.train.run.batches import RayPool
 
 LOOKED_AT = 16384
@@ -86,6 +87,8 @@ class KnownRegions:
     """How far single rays agree with each region, in [0, 1]; none where the volume tells the regions."""
     mixed: tuple[tuple[int, NDArray[np.float64]], ...] = ()
     """Regions that hold light of another hue than their own, RGB (3,), because there are too many to divide them."""
+    questions: tuple[Question, ...] = ()
+    """What would settle the regions of low confidence."""
 
 
 @torch.no_grad()

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +34,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import moved
 from svv.kernels.dispatch import kernels_for
 from svv.train.palette.along_rays import Seen, agreement, divided, joined, summed, unmixed
+from svv.train.palette.doubts import SURE, Question
 from svv.train.palette.ranges import KnownRegions, Labelled
 from svv.train.run.batches import RayPool
 
@@ -74,9 +76,6 @@ LEAST_SOLID = 0.1
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of the grid of regions, which is worked on whole."""
 
-UNTOLD = 3.0
-"""Multiple of :data:`ANGLE` below which two regions' hues are too near for a single ray to tell which it shows."""
-
 SAME_HUE = 0.06
 """Angle in radians between two colours' directions up to which only their brightness tells them apart."""
 
@@ -113,8 +112,8 @@ class _Points:
         occupancy, settings = scene.occupancy, scene.settings
         self._shading = views.meta.shading
         assert scene.base.density is not None
-        cells = _cells_for(scene)
-        self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
+        self._cells, self._box = _cells_for(scene), occupancy.box
+        self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, self._cells)
         self._device = scene.device
         self._at, self._shape = moved(self._places, self._device), field.shape
         empty = self.labels(np.zeros(len(self._places), np.int64))
@@ -212,16 +211,27 @@ class _Points:
             hues = np.concatenate((hues, hues[number : number + 1]))
         return found, hues, said, [(number, light[half].sum(axis=0)) for number, half in left]
 
-    def confidence(self, region: NDArray[np.int64], colours: Array) -> Array:
-        """Return how far single rays agree with the regions (V,) of their points, in [0, 1]; ``colours`` (P, 3). (P,)
+    def confidence(self, region: NDArray[np.int64], colours: Array) -> tuple[Array, list[Question]]:
+        """Return how far single rays agree with the regions (V,) of their points, in [0, 1] (P,), and what to ask.
 
-        The hue of a point in a ray tells a region as well: the intersection over union of both, by light. Regions of
-        nearly one hue are not told apart.
+        The hue of a point in a ray, nearest to one of ``colours`` (P, 3), tells a region as well: intersection over
+        union of both, by light. Only regions of one hue, which brightness tells apart, count as told right. Regions
+        below :data:`svv.train.palette.doubts.SURE` are asked about where most light is told both ways.
         """
         unit, own, count = _unit(colours), self._own(region), len(colours)
-        light = [summed(own, self.weight * told, count) for told in _likeness(self.colour, colours)]
-        alike = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < UNTOLD * ANGLE
-        return agreement(torch.stack(light, dim=1).cpu().numpy(), alike)
+        hue = _likeness(self.colour, colours).argmax(dim=0)
+        both = summed(own * count + hue, self.weight, count**2).view(count, count).cpu().numpy()
+        alike = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < SAME_HUE
+        sure = agreement(both, alike)
+        contested = np.where(alike | np.eye(count, dtype=np.bool_), 0.0, both + both.T)
+        asked = []
+        for number in np.flatnonzero((sure < SURE) & (contested.max(axis=1) > 0.0)).tolist():
+            other = int(contested[number].argmax())
+            between = ((own == number) & (hue == other)) | ((own == other) & (hue == number))
+            light = self._blurred(summed(self.vertex, self.weight * between, len(self._places))[:, None])[:, 0]
+            place = self._places[int(light.argmax())] / self._cells
+            asked.append(Question(number, other, tuple(self._box.to_world(place).tolist())))
+        return sure, asked
 
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
@@ -350,12 +360,14 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, second
         gained += [*divided, *again]
     region, kept = points.without_the_faint(region, hues)
     colours, share = points.colours(region, hues[kept]), points.shares(region, len(kept))
-    sure, order = points.confidence(region, colours), np.argsort(-share, kind="stable")
+    (sure, asked), order = points.confidence(region, colours), np.argsort(-share, kind="stable")
+    number_of = np.argsort(order)
     colours, share, sure = colours[order], share[order], sure[order]
     steps += [*gained, "palette " + ", ".join(f"{to_hex(c)} ({p:.1%})" for c, p in zip(colours, share, strict=True))]
     return KnownRegions(
-        Palette(colours, share, tuple(steps)), ((),) * len(order), points.labels(np.argsort(order)[region]),
+        Palette(colours, share, tuple(steps)), ((),) * len(order), points.labels(number_of[region]),
         tuple(sure.tolist()), tuple((int(np.flatnonzero(kept[order] == k)[0]), c) for k, c in mixed if k in kept),
+        tuple(replace(q, region=int(number_of[q.region]), other=int(number_of[q.other])) for q in asked),
     )  # fmt: skip
 
 

@@ -26,6 +26,7 @@ from svv.options.editing import (
     PartEdit,
     RegionEdit,
     SceneEdit,
+    ShadowEdit,
     VisibilityEdit,
 )
 from svv.options.making import DeviceOptions, PaletteOptions
@@ -57,6 +58,8 @@ EDIT = (
     "svv edit scene.svv --cut 'x>50%' --out half.svv",
     "svv edit scene.svv --cut '0=x>50%&y>50%&z>50%' --out open.svv",
     "svv edit open.svv --uncut --cut sphere:32,32,32:10 --out hollow.svv",
+    "svv edit scene.svv --shadow 0.7 --out shadows.svv",
+    "svv edit scene.svv --shadow 0.7 --shadow-light 1,2,1 --shadow-softness 15 --out soft.svv",
     "svv edit scene.svv --occlusion 0.8 --out deep.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
@@ -110,6 +113,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
+    shadow: ShadowEdit = ShadowEdit(),
     occlusion: OcclusionEdit = OcclusionEdit(),
     paint: PaintEdit = PaintEdit(),
     outline: OutlineEdit = OutlineEdit(),
@@ -131,7 +135,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     chosen = () if region is None else (region,)
     regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name))
     regions = _with(regions, "matcap", parse_names(asked.matcap, "--matcap 0=jade"))
-    request = SceneEdit(regions, light, occlusion, paint, outline, visibility, cuts, part, chosen, chosen)
+    request = SceneEdit(regions, light, shadow, occlusion, paint, outline, visibility, cuts, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."

@@ -362,8 +362,8 @@ def info_of(scene: Model) -> dict[str, Any]:
 def _light_of(scene: Model) -> dict[str, object]:
     every = [member.coefficients() for member in members(scene)]
     if any(coefficients is None for coefficients in every):
-        shadows = {"shadows": scene.lamp.describe_shadow()} if scene.lamp.shadow else {}
-        return {"lighting": scene.settings.lighting} | shadows
+        plain: dict[str, object] = {"lighting": scene.settings.lighting}
+        return plain | ({"shadows": scene.lamp.describe_shadow()} if scene.lamp.shadow else {})
     rows = [row for coefficients in every if coefficients is not None for row in coefficients.tolist()]
     reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in rows]
     return {"lighting": scene.settings.lighting, "light": scene.lamp.describe(), "reflects": reflects}

@@ -133,9 +133,6 @@ def with_shadow(
 
     Raises:
         BadInput: Something is out of range, or the extinction is in a hash grid.
-
-    >>> scene.with_shadow(0.6, light=(1, 2, 1)).lamp.shadow_light
-    (1.0, 2.0, 1.0)
     """
     for layer in scene.every_layer:
         check_has_extinction(layer, "shadow")

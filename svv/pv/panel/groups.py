@@ -281,7 +281,8 @@ def edit_properties() -> Sequence[Property]:
             *properties_of(LightEdit()),
             *properties_of(ShadowEdit()),
             choice("ShadowFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
-                   "Where shadows come from; as it came, from the light that was moved, or the camera's upper left.", True),
+                   "Where shadows come from; as it came, from the light that was moved, or the camera's upper left.",
+                   True),
             *shown_where("ShadowFrom", 1, [
                 number("ShadowAzimuth", -35.0, "Degrees to the right of the camera, which the shadows follow.",
                        -180.0, 180.0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,6 +28,7 @@ from svv.fields.scene.shadows import cast_shadows, cone
 from svv.job.looks.file import from_json, to_json
 from svv.job.looks.look import Look
 from svv.options.baking import BakeOptions
+from svv.options.editing import ShadowEdit
 from svv.render.baking.baked import bake
 from svv.render.figures.swatches import swatch
 from svv.render.web.page import write_html
@@ -348,3 +350,20 @@ def test_the_command(cube: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert run("b.svv", "--undo") == Lamp()
     with pytest.raises(BadInput, match="--shadow-light needs two angles"):
         run("a.svv", "--shadow-light", "left")
+
+
+def test_the_panel_asks_for_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("vtkmodules", reason="the reader of filters needs VTK: install svv[standalone]")
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "docs"))
+    importlib.import_module("generated")._decorated()  # stands in for ParaView
+    groups, editing = (importlib.import_module(f"svv.pv.{name}") for name in ("panel.groups", "work.editing"))
+
+    def asked(**values: object) -> ShadowEdit:
+        found: ShadowEdit = editing.edit_in({**groups.EDITS, **values}).shadow
+        return found
+
+    world, beside = groups.IN_WORLD, groups.BESIDE
+    assert not asked() and not asked(ShadowSoftness=20.0, ShadowFrom=world), "nothing without an amount"
+    assert asked(Shadow=0.5) == ShadowEdit(0.5)
+    assert asked(Shadow=0.5, ShadowFrom=beside) == ShadowEdit(0.5, (-35.0, 40.0))
+    assert asked(Shadow=1.0, ShadowFrom=world, ShadowSoftness=20.0) == ShadowEdit(1.0, (-1.0, 2.0, 1.0), 20.0)

@@ -221,6 +221,13 @@ def occlusion(studio: Studio) -> None:
     write("occlusion.jpg", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_occlusion(1.0))])
 
 
+def shadow(studio: Studio) -> None:
+    """The demo's scene without and with shadows."""
+    scene = studio.scene("demo").hidden(SHELL)
+    camera = view_of(scene, FRAMES["demo"], 2 * SIZE)
+    write("shadow.jpg", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_shadow(0.75))])
+
+
 def parts(studio: Studio) -> None:
     """The orbital; one of its lobes, which a click makes a region of its own, alone; without it; in green."""
     scene, size = studio.scene("orbital"), 2 * SIZE
@@ -350,6 +357,7 @@ PICTURES: dict[str, Callable[[Studio], None]] = {
         ink,
         outlines,
         occlusion,
+        shadow,
         parts,
         journal_figure,
         colour_vision,

@@ -27,6 +27,7 @@ from svv.options.editing import (
     RegionEdit,
     SceneEdit,
     SectionEdit,
+    ShadowEdit,
     VisibilityEdit,
 )
 from svv.options.making import DeviceOptions, PaletteOptions
@@ -59,6 +60,8 @@ EDIT = (
     "svv edit scene.svv --cut '0=x>50%&y>50%&z>50%' --out open.svv",
     "svv edit open.svv --uncut --cut sphere:32,32,32:10 --out hollow.svv",
     "svv edit half.svv --section hatched --section-line 2 --out drawn.svv",
+    "svv edit scene.svv --shadow 0.7 --out shadows.svv",
+    "svv edit scene.svv --shadow 0.7 --shadow-light 1,2,1 --shadow-softness 15 --out soft.svv",
     "svv edit scene.svv --occlusion 0.8 --out deep.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
@@ -114,6 +117,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     asked: Asked = Asked(),
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
+    shadow: ShadowEdit = ShadowEdit(),
     occlusion: OcclusionEdit = OcclusionEdit(),
     paint: PaintEdit = PaintEdit(),
     outline: OutlineEdit = OutlineEdit(),
@@ -136,7 +140,9 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     chosen = () if region is None else (region,)
     regions = _with(dict.fromkeys(chosen, own), "name", parse_names(asked.name))
     regions = _with(regions, "matcap", parse_names(asked.matcap, "--matcap 0=jade"))
-    request = SceneEdit(regions, light, occlusion, paint, outline, visibility, cuts, sections, part, chosen, chosen)
+    request = SceneEdit(
+        regions, light, shadow, occlusion, paint, outline, visibility, cuts, sections, part, chosen, chosen
+    )
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."

@@ -23,6 +23,7 @@ SYNTAX: dict[str, Callable[[str, str], object]] = {
     "colour": lambda text, _: options.parse_colour(text),
     "dims": lambda text, _: options.parse_dims(text),
     "light": lambda text, _: options.parse_light(text),
+    "light of shadows": options.parse_shadow_light,
     "light on strokes": options.parse_stroke_light,
     "mapping": lambda text, _: options.parse_mapping(text),
     "pairs": options.parse_pairs,

@@ -168,6 +168,22 @@ def parse_stroke_light(text: str, option: str) -> tuple[float, ...]:
     )
 
 
+def parse_shadow_light(text: str, option: str) -> tuple[float, ...]:
+    """Return '-35,40', '-1,2,1' or 'own' as two angles relative to the camera, a direction in the world, or nothing.
+
+    Raises BadInput for another form.
+    """
+    if text == "own":
+        return ()
+    numbers = numbers_in(text)
+    if len(numbers) in (2, 3):
+        return numbers
+    raise BadInput(
+        f"{option} needs two angles relative to the camera ('-35,40': 35 degrees left, 40 up), a direction in the "
+        f"world ('-1,2,1') or 'own', not '{text}'."
+    )
+
+
 def parse_stroke_palette(text: str) -> tuple[tuple[float, float, float], ...]:
     """Return the palette of a picture or of colours; raises BadInput as :func:`.stroke_palette.palette_named` does."""
     from svv.progress import shown

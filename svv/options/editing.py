@@ -25,6 +25,8 @@ LEARNED: SectionName = "learned"
 """Default way to show the faces of cuts: as the scene learned what is there."""
 WIDEST_LINE = 16.0
 """Largest width of the line around sections, in pixels of an 800 x 800 image."""
+SHADOW = 0.7
+"""How far shadows darken where only their light or their softness is given."""
 
 SPLIT_LEVEL = 0.5
 """Default fraction of a region's mean opacity from which its cells are connected when it is split."""
@@ -84,6 +86,23 @@ class LightEdit(Request):
     """The light: degrees right of and above the camera, or a vector in the world; needs lighting phong."""
     intensity: Annotated[float | None, Setting(least=0, panel="LightIntensity", slider=(0.0, 4.0), unset=1.0)] = None
     """Factor on the light's brightness; needs lighting phong."""
+
+
+@dataclass(frozen=True)
+class ShadowEdit(Request):
+    """Shadows that the scene casts on itself."""
+
+    shadow: Annotated[float | None, Setting(least=0, most=1, advanced=True, unset=0.0)] = None
+    """How far cast shadows darken: 0 not at all, 1 fully; 0.7 if only another option of shadows is given."""
+    shadow_light: Annotated[
+        tuple[float, ...] | None, Setting(metavar="AZ,EL|X,Y,Z|own", syntax="light of shadows", panel="")
+    ] = None
+    """Where shadows come from: degrees right of and above the camera, or a vector in the world; own is the scene's
+    moved light, or the camera's upper left."""
+    shadow_softness: Annotated[float | None, Setting(least=0, most=60, metavar="DEGREES", advanced=True, unset=6.0)] = (
+        None
+    )
+    """Opening angle of the light that casts shadows, from 0 to 60 degrees: more makes edges softer; 6 by default."""
 
 
 @dataclass(frozen=True)
@@ -204,6 +223,7 @@ class SceneEdit:
     regions: Mapping[int, RegionEdit] = field(default_factory=dict)
     """Changes of each region, by its number."""
     light: LightEdit = LightEdit()
+    shadow: ShadowEdit = ShadowEdit()
     occlusion: OcclusionEdit = OcclusionEdit()
     paint: PaintEdit = PaintEdit()
     outline: OutlineEdit = OutlineEdit()
@@ -218,14 +238,5 @@ class SceneEdit:
     """Regions whose outlines are changed; empty means all."""
 
     def __bool__(self) -> bool:
-        of_all = (
-            self.light,
-            self.occlusion,
-            self.paint,
-            self.outline,
-            self.visibility,
-            self.cuts,
-            self.sections,
-            self.part,
-        )
-        return any((*self.regions.values(), *of_all))
+        looks = self.light, self.shadow, self.occlusion, self.paint, self.outline
+        return any((*self.regions.values(), *looks, self.visibility, self.cuts, self.sections, self.part))

@@ -6,7 +6,16 @@ import re
 from functools import cache
 
 from svv.options.described import Described, described
-from svv.options.editing import LightEdit, OcclusionEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit, SectionEdit
+from svv.options.editing import (
+    LightEdit,
+    OcclusionEdit,
+    OutlineEdit,
+    PaintEdit,
+    PartEdit,
+    RegionEdit,
+    SectionEdit,
+    ShadowEdit,
+)
 from svv.options.figures import FigureOptions
 from svv.options.making import PaintOptions, PaletteOptions, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.panel_values import label_of
@@ -15,7 +24,10 @@ FILTERS: dict[str, tuple[str, tuple[type, ...]]] = {
     "views": ("StyleRF Views", (ViewOptions,)),
     "train": ("StyleRF Train", (TrainOptions, PaletteOptions)),
     "stylize": ("StyleRF Stylize", (PaintOptions,)),
-    "edit": ("StyleRF Edit", (RegionEdit, LightEdit, OcclusionEdit, PaintEdit, OutlineEdit, SectionEdit, PartEdit)),
+    "edit": (
+        "StyleRF Edit",
+        (RegionEdit, LightEdit, ShadowEdit, OcclusionEdit, PaintEdit, OutlineEdit, SectionEdit, PartEdit),
+    ),
     "render": ("StyleRF Render", (RenderOptions,)),
     "figure": ("StyleRF Figure", (FigureOptions,)),
 }

@@ -97,6 +97,10 @@ class Values(DisplayValues, total=False):
     LightAzimuth: float
     LightElevation: float
     LightDirection: Triple
+    ShadowFrom: str
+    ShadowAzimuth: float
+    ShadowElevation: float
+    ShadowDirection: Triple
     MoveStrokeLight: bool
     StrokeLight: Triple
     StrokePalette: str

@@ -5,8 +5,9 @@ Letters: S samples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,6 +30,16 @@ LEAST_COSINE = 1e-4
 NORMAL_SCALE = 10.0
 """Factor from the values in the normals' lattice to vectors; with it normals learn at the rate of features."""
 
+UPPER_LEFT = (-35.0, 40.0)
+"""Degrees to the right of the camera and above it from which shadows come if nothing else is asked for: a light at the
+camera, and one that a network learned, would hide them behind what casts them."""
+
+SHADOW_SOFTNESS = 6.0
+"""Default opening angle of the light that casts shadows, in degrees; the sun has half a degree."""
+
+MOST_SOFTNESS = 60.0
+"""Largest opening angle: with more, cast shadows cannot be told from ambient occlusion."""
+
 NORMAL_SOFTNESS = 0.1
 """Length of a vector whose normal is 1 / sqrt(2) long; much shorter vectors belong to no surface and stay unlit."""
 
@@ -48,6 +59,13 @@ class Lamp:
     """World direction from which the light comes, whatever the camera does; of any length but 0."""
     intensity: float = 1.0
     """Factor on the brightness, >= 0; 1 is the light under which the views were rendered."""
+    shadow: float = 0.0
+    """How far cast shadows darken, in [0, 1]; 0 casts none."""
+    shadow_softness: float = SHADOW_SOFTNESS
+    """Opening angle in degrees, in [0, 60], under which the light that casts them is seen; 0 gives sharp edges."""
+    shadow_light: tuple[float, ...] | None = None
+    """Where shadows come from instead: azimuth and elevation, which follow the camera, or a world direction of any
+    length but 0. None for this light if it was moved, and otherwise :data:`UPPER_LEFT`."""
 
     def __post_init__(self) -> None:
         if not (-180.0 <= self.azimuth <= 180.0 and -90.0 <= self.elevation <= 90.0):
@@ -58,13 +76,24 @@ class Lamp:
         if not (np.isfinite(self.intensity) and self.intensity >= 0):
             raise BadInput(f"The light's intensity must be a number of at least 0, not {self.intensity}.")
         if self.direction is not None:
-            direction = np.asarray(self.direction, np.float64)
-            if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-                raise BadInput(f"Light cannot come from {self.direction}: give a direction x, y and z, not all 0.")
-            largest = np.abs(direction).max()
-            if not 1e-100 < largest < 1e100:  # its square would be infinite, or 0
-                direction = direction / largest
-            object.__setattr__(self, "direction", tuple(float(v) for v in direction))
+            object.__setattr__(self, "direction", _validate_direction(self.direction))
+        self._check_shadow()
+
+    def _check_shadow(self) -> None:
+        if not 0.0 <= self.shadow <= 1.0:
+            raise BadInput(f"Shadows must lie between 0, none, and 1, fully dark, not {self.shadow}.")
+        if not 0.0 <= self.shadow_softness <= MOST_SOFTNESS:
+            raise BadInput(
+                f"The softness of shadows must lie between 0 and {MOST_SOFTNESS:g} degrees, not {self.shadow_softness}."
+            )
+        if self.shadow_light is None:
+            return
+        if len(self.shadow_light) == 2:
+            azimuth, elevation = map(float, self.shadow_light)
+            Lamp(azimuth, elevation)
+            object.__setattr__(self, "shadow_light", (azimuth, elevation))
+        else:
+            object.__setattr__(self, "shadow_light", _validate_direction(self.shadow_light))
 
     @property
     def moved(self) -> bool:
@@ -81,13 +110,65 @@ class Lamp:
         right = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         return np.asarray(rotation @ right @ up @ rotation.T)
 
+    @property
+    def casting(self) -> Lamp:
+        """The light from which shadows come."""
+        if self.shadow_light is None:
+            return self if self.moved else Lamp(*UPPER_LEFT)
+        if len(self.shadow_light) == 2:
+            return Lamp(*self.shadow_light)
+        x, y, z = self.shadow_light
+        return Lamp(direction=(x, y, z))
+
+    @property
+    def shadows_follow(self) -> bool:
+        """Whether it casts shadows that follow the camera."""
+        return self.shadow > 0.0 and self.casting.direction is None
+
+    @property
+    def casts(self) -> dict[str, Any]:
+        """Its fields about shadows alone."""
+        return {name: getattr(self, name) for name in ("shadow", "shadow_softness", "shadow_light")}
+
+    def towards(self, rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the world direction towards the light, for all that a camera sees alike; of length 1. (3,)
+
+        ``rotation``: as for :meth:`turn`.
+        """
+        if self.direction is None:
+            return np.asarray(self.turn(rotation) @ rotation[:, 2])
+        return np.asarray(self.direction) / np.linalg.norm(self.direction)
+
     def describe(self) -> str:
         """Return a short description."""
+        bright = "" if self.intensity == 1.0 else f", intensity {self.intensity:g}"
+        return f"light {self._where()}{bright}" + (f", {self.describe_shadow()}" if self.shadow else "")
+
+    def describe_shadow(self) -> str:
+        """Return a short description of its shadows alone."""
+        return f"shadows {self.shadow:g} from a light {self.casting._where()}, {self.shadow_softness:g} degrees wide"
+
+    def _where(self) -> str:
         if self.direction is not None:
-            where = "from " + ", ".join(f"{v:g}" for v in self.direction)
-        else:
-            where = f"{self.azimuth:g} degrees right, {self.elevation:g} up" if self.moved else "at the camera"
-        return f"light {where}" + ("" if self.intensity == 1.0 else f", intensity {self.intensity:g}")
+            return "from " + ", ".join(f"{v:g}" for v in self.direction)
+        return f"{self.azimuth:g} degrees right, {self.elevation:g} up" if self.moved else "at the camera"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values for files: those of shadows only where they were set, so that older versions read it."""
+        values = {f.name: (getattr(self, f.name), f.default) for f in fields(self)}
+        return {name: value for name, (value, plain) in values.items() if value != plain or "shadow" not in name}
+
+
+def _validate_direction(given: Sequence[float]) -> tuple[float, float, float]:
+    """Return a direction whose square is finite and not 0; raises BadInput if it is none."""
+    direction = np.asarray(given, np.float64)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise BadInput(f"Light cannot come from {given}: give a direction x, y and z, not all 0.")
+    largest = np.abs(direction).max()
+    if not 1e-100 < largest < 1e100:
+        direction = direction / largest
+    x, y, z = direction.tolist()
+    return x, y, z
 
 
 def validate_coefficients(given: Mapping[str, float | None]) -> dict[str, float]:

@@ -6,7 +6,7 @@ Letters: S samples, R rays, P palette colours.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -52,6 +52,8 @@ class Beams:
     intensity: float = 1.0
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
     """The camera's axis up in the world."""
+    shadows_from: tuple[float, float, float] | None = None
+    """World direction, of length 1, from which shadows come; None where none are cast, or no camera is known."""
 
     @classmethod
     def headlight(cls, facing: Tensor) -> Beams:
@@ -64,18 +66,23 @@ class Beams:
         rotation = camera.camera_to_world[:3, :3]
         facing = -rays.lit_along
         up = float(rotation[0, 1]), float(rotation[1, 1]), float(rotation[2, 1])
-        if not lamp.moved:
-            return cls(facing, facing, lamp.intensity, up)
+        shadows = None
+        if lamp.shadow > 0.0:
+            x, y, z = lamp.casting.towards(rotation).tolist()
+            shadows = x, y, z
+        toward = facing
         if lamp.direction is not None:
-            direction = np.asarray(lamp.direction) / np.linalg.norm(lamp.direction)
-            return cls(facing, numbers_on(direction, facing.device).expand_as(facing), lamp.intensity, up)
-        return cls(facing, facing @ numbers_on(lamp.turn(rotation).T, facing.device), lamp.intensity, up)
+            toward = numbers_on(lamp.towards(rotation), facing.device).expand_as(facing)
+        elif lamp.moved:
+            toward = facing @ numbers_on(lamp.turn(rotation).T, facing.device)
+        return cls(facing, toward, lamp.intensity, up, shadows)
 
     def at(self, ray: Tensor) -> Beams:
         """Return the beams of each sample's ray. (S,) -> S beams"""
         ray = ray.long()
         facing = self.facing[ray]
-        return Beams(facing, facing if self.toward is self.facing else self.toward[ray], self.intensity, self.up)
+        toward = facing if self.toward is self.facing else self.toward[ray]
+        return replace(self, facing=facing, toward=toward)
 
 
 class PhongLight(nn.Module):

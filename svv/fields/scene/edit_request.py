@@ -10,7 +10,8 @@ from svv.options.editing import SPLIT_LEVEL, SceneEdit
 def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Scene:
     """Return the scene with everything in the request applied, as one step that can be undone; BadInput as its edits.
 
-    Resets are applied first, then a split, visibility, cuts, regions, light, occlusion, paint, sections and outlines.
+    Resets are applied first, then a split, visibility, cuts, regions, light, shadows, occlusion, paint, sections and
+    outlines.
     """
     result, seen = scene, edit.visibility
     if seen.reset is not None:
@@ -32,8 +33,13 @@ def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Sce
         if change:
             result = result.edited(region, **change.given())
     if edit.light:
-        place = vars(result.lamp) if edit.light.light is None else edit.light.light
+        lamp = result.lamp
+        kept = {"azimuth": lamp.azimuth, "elevation": lamp.elevation, "direction": lamp.direction}
+        place = kept if edit.light.light is None else edit.light.light
         result = result.with_light(**(place | {"intensity": edit.light.intensity}))
+    if edit.shadow:
+        cast = edit.shadow
+        result = result.with_shadow(cast.shadow, cast.shadow_light, cast.shadow_softness)
     if edit.occlusion.occlusion is not None:
         result = result.with_occlusion(edit.occlusion.occlusion, *edit.of)
     if edit.paint.strength is not None:

@@ -20,13 +20,13 @@ from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress
 from svv.fields.scene.history import MOST_CUTS, Edits, History, Step, edits_of, named_alone, restyled, with_edits
 from svv.fields.scene.matcaps import check_has_normals, describe_matcap, validate_matcap
+from svv.fields.scene.matter import check_has_extinction
 from svv.fields.scene.model import Model, S
-from svv.fields.scene.occlusion import check_has_extinction
 from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, validate_name, validate_space
 from svv.fields.scene.splitting import piece_at
 from svv.fields.scene.stroke_edits import describe_stroke_edits, validate_stroke_edits
-from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, WIDEST_LINE, RecolourName, SectionName
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SHADOW, WIDEST_LINE, RecolourName, SectionName
 
 
 def edited(
@@ -110,8 +110,40 @@ def with_light(
         raise BadInput("Give the light either angles relative to the camera or a direction in the world, not both.")
     fixed: Any = None if direction is None else tuple(direction)  # Lamp checks that they are three
     bright = scene.lamp.intensity if intensity is None else intensity
-    lamp = Lamp(float(azimuth), float(elevation), fixed, float(bright))
-    return after(scene, lamp.describe(), scene.regions, lamp)
+    place = {"azimuth": float(azimuth), "elevation": float(elevation), "direction": fixed}
+    lamp = replace(scene.lamp, **place, intensity=float(bright))
+    return after(scene, replace(lamp, shadow=0.0).describe(), scene.regions, lamp)
+
+
+def with_shadow(
+    scene: S,
+    amount: float | None = None,
+    light: Sequence[float] | None = None,
+    softness: float | None = None,
+) -> S:
+    """Return a scene that casts shadows, or casts others; what is None does not change.
+
+    Args:
+        scene: The scene.
+        amount: How far they darken, in [0, 1]; 0 casts none. Unchanged by default, or 0.7 where it is 0.
+        light: Where they come from: degrees to the right of the camera, in [-180, 180], and above it, in [-90, 90],
+            which they follow; or a world direction x, y and z. Empty for the light that :meth:`svv.Scene.with_light`
+            moved, and the upper left of the camera where none was moved, as at first.
+        softness: Opening angle of the light in degrees, in [0, 60]; 0 gives sharp edges. Initially 6.
+
+    Raises:
+        BadInput: Something is out of range, or the extinction is in a hash grid.
+    """
+    for layer in scene.every_layer:
+        check_has_extinction(layer, "shadow")
+    check_regions(scene, 0)
+    changes: dict[str, Any] = {"shadow": (scene.lamp.shadow or SHADOW) if amount is None else float(amount)}
+    if light is not None:
+        changes["shadow_light"] = tuple(float(v) for v in light) or None
+    if softness is not None:
+        changes["shadow_softness"] = float(softness)
+    lamp = replace(scene.lamp, **changes)
+    return after(scene, lamp.describe_shadow() if lamp.shadow else "no shadows", scene.regions, lamp)
 
 
 def hidden(scene: S, *regions: int) -> S:
@@ -195,7 +227,7 @@ def with_occlusion(scene: S, amount: float, *regions: int) -> S:
     Raises BadInput if the amount is outside [0, 1], a region does not exist, or the extinction is in a hash grid.
     """
     for layer in scene.every_layer:
-        check_has_extinction(layer)
+        check_has_extinction(layer, "ambient occlusion")
     return _with_amount(scene, "occlusion", amount, regions, "The ambient occlusion")
 
 

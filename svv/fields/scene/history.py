@@ -110,7 +110,7 @@ class History:
         """Return plain values for the scene's header."""
         named = {"past": self.past, "future": self.future}
         return {
-            name: [{**vars(s), "lamp": vars(s.lamp), "cuts": list(map(vars, s.cuts))} for s in steps]
+            name: [{**vars(s), "lamp": s.lamp.to_json(), "cuts": list(map(vars, s.cuts))} for s in steps]
             for name, steps in named.items()
         }
 

@@ -22,6 +22,7 @@ from svv.fields.scene.model import Model, for_colours, of_colour
 from svv.fields.scene.occlusion import occlude
 from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.sections import face_shares, show_sections
+from svv.fields.scene.shadows import cast_shadows
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.fields.scene.view_cache import Look, key_of_paint
 from svv.kernels.constants import numbers_on
@@ -80,6 +81,8 @@ def draw(
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):
         dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams())
+    if scene.lamp.shadow > 0.0:
+        cast_shadows(scene, surface.colour, samples.position, network, beams().shadows_from)
     show_sections(scene, surface.colour, samples, region, network)
     opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)

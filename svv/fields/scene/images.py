@@ -45,6 +45,7 @@ from svv.fields.scene.occlusion import occlude
 from svv.fields.scene.open_cells import open_cells_of
 from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.sections import face_shares, faces, has_section_lines, show_sections, with_lines
+from svv.fields.scene.shadows import cast_shadows
 from svv.fields.scene.stroke_opacity import fade_of, followed
 from svv.fields.scene.view_cache import View, key_of
 from svv.fields.strokes.stroke_paint import shared_width
@@ -81,9 +82,13 @@ class Rendering:
 
 
 def while_moving(scene: S) -> S:
-    """Return the scene as it is drawn while a camera moves, with fewer colours along each ray."""
+    """Return the scene as it is drawn while a camera moves, with fewer colours along each ray.
+
+    Shadows that follow the camera are computed for every frame, and therefore have sharp edges.
+    """
     layers = tuple(while_moving(layer) for layer in scene.layers)
-    return replace(scene, joined=max(scene.joined, MOVING_JOINED), layers=layers, still=False)
+    lamp = replace(scene.lamp, shadow_softness=0.0) if scene.lamp.shadows_follow else scene.lamp
+    return replace(scene, joined=max(scene.joined, MOVING_JOINED), lamp=lamp, layers=layers, still=False)
 
 
 def resolving(scene: S, camera: Camera) -> S:
@@ -322,6 +327,7 @@ def shade(
     colour = light(scene, parts, diffuse, region, network)
     if any(r.matcap is not None for r in scene.regions):
         dress(scene, colour, samples.position, region, samples.ray, seen)
+    cast_shadows(scene, colour, samples.position, network, seen.shadows_from)
     show_sections(scene, colour, samples, region, network)
     return colour, region, sigma
 

@@ -20,6 +20,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.edits import split_at as split_alone
 from svv.fields.scene.edits import with_part, without_undone_splits
 from svv.fields.scene.history import MOST_CUTS, History
+from svv.fields.scene.matter import check_has_extinction
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
 from svv.io.views.view_meta import VolumeGrid
@@ -33,8 +34,9 @@ def joined(scenes: Sequence[S]) -> S:
     """Return one scene of several of one place, whose regions are those of all, in their order.
 
     Each keeps its edits, its parts and the painting that it shows; histories are dropped, and all are lit by the light
-    of the first whose light can be moved (:func:`relit`). Raises BadInput if there are fewer than two or more than
-    ``MOST`` scenes, one has no palette network, or they are of different places or have other time steps.
+    of the first whose light can be moved, with the shadows of the first that casts any (:func:`relit`). Raises BadInput
+    if there are fewer than two or more than ``MOST`` scenes, one has no palette network or cannot have the shadows, or
+    they are of different places or have other time steps.
     """
     scenes = [member for scene in scenes for member in members(without_undone_splits(scene))]
     if not 2 <= len(scenes) <= MOST:
@@ -61,19 +63,30 @@ def joined(scenes: Sequence[S]) -> S:
         for region in scene.regions:
             parent = None if region.part_of is None else count + region.part_of
             regions.append(replace(region, layer=number, part_of=parent))
-    plain = [replace(scene, history=History(), others=(), cuts=()) for scene in scenes]
-    first = replace(plain[0], camera_rig=_rig_around(scenes), lamp=_lamp_of(scenes), cuts=_cuts_together(scenes))
+    plain = [replace(scene, history=History(), others=(), cuts=(), casters=()) for scene in scenes]
+    lamp = _lamp_of(scenes)
+    for scene in scenes if lamp.shadow > 0.0 else ():
+        check_has_extinction(scene, "shadow")
+    first = replace(plain[0], camera_rig=_rig_around(scenes), lamp=lamp, cuts=_cuts_together(scenes))
     return replace(first, regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
 
 
 def relit(scenes: Sequence[Model]) -> list[int]:
-    """Return the numbers of the scenes whose light :func:`joined` replaces by that of another."""
+    """Return the numbers of the scenes whose light, or shadows, :func:`joined` replaces by those of another."""
     lamp = _lamp_of(scenes)
-    return [number for number, scene in enumerate(scenes) if _has_lamp(scene) and scene.lamp != lamp]
+    return [
+        number
+        for number, scene in enumerate(scenes)
+        if (_has_lamp(scene) and scene.lamp != lamp) or (scene.lamp.shadow > 0.0 and scene.lamp.casts != lamp.casts)
+    ]
 
 
 def _lamp_of(scenes: Sequence[Model]) -> Lamp:
-    return next(scene.lamp for scene in (*filter(_has_lamp, scenes), scenes[0]))
+    """Return the first light that can be moved, with the shadows of the first scene that casts any."""
+    lamp = next(scene.lamp for scene in (*filter(_has_lamp, scenes), scenes[0]))
+    if lamp.shadow > 0.0:
+        return lamp
+    return next((replace(lamp, **s.lamp.casts) for s in scenes if s.lamp.shadow > 0.0), lamp)
 
 
 def _has_lamp(scene: Model) -> bool:
@@ -140,6 +153,8 @@ def members(scene: S) -> tuple[S, ...]:
         cuts = _cuts_of(scene, number)
         own = replace(member, lamp=scene.lamp, cuts=cuts, history=History())
         found.append(replace(own, regions=every[:count], unsplit=every[count:]))
+    if scene.lamp.shadow > 0.0:
+        found = [replace(own, casters=tuple(found)) for own in found]
     return tuple(found)
 
 
@@ -173,13 +188,13 @@ def with_members(scene: S, changed: Sequence[S]) -> S:
     count, history = len(scene.regions), scene.history.rebased(scene.every_region, every)
     shared = changed[0].steps
     layers = tuple(
-        replace(s, regions=(), unsplit=(), cuts=(), steps=None if s.steps is shared else s.steps, others=())
+        replace(s, regions=(), unsplit=(), cuts=(), casters=(), steps=None if s.steps is shared else s.steps, others=())
         for s in changed[1:]
     )
     return replace(
         changed[0],
         regions=every[:count], unsplit=every[count:], lamp=scene.lamp, cuts=scene.cuts, history=history, others=(),
-        layers=layers,
+        layers=layers, casters=(),
     )  # fmt: skip
 
 

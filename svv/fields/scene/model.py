@@ -99,7 +99,7 @@ class Model:
     parts: Parts | None = None
     """Where regions that are parts of others are; None if no region was ever split."""
     lamp: Lamp = field(default_factory=Lamp)
-    """The light of a scene whose lighting is ``phong``."""
+    """The light of a scene whose lighting is ``phong``, and of the shadows of any."""
     cuts: tuple[Cut, ...] = ()
     """What is cut off, in world units."""
     history: History = field(default_factory=History)
@@ -116,6 +116,8 @@ class Model:
     """Further scenes that are drawn with it, without regions of their own; see :mod:`svv.fields.scene.joined`."""
 
     # --- how it is drawn now ---
+    casters: tuple[Self, ...] = ()
+    """Members of a joined scene, itself among them, that cast shadows on it; only itself if there are none."""
     still: bool = True
     """Whether an image may take longer to show strokes in full detail."""
     resolved: float = 0.0

@@ -8,7 +8,7 @@ regions cast no shade, and fainter ones less. Letters: S samples, V vertices, D 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary, ref
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from svv.core.rays.extinction import MOST_LOG_EXTINCTION
-from svv.errors import BadInput
-from svv.fields.radiance.encodings import SparseLattice, places_of, vertices_of
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.scene.matter import Matter, matter_of, seen_depth
 from svv.fields.scene.model import Model
 from svv.fields.scene.occlusion_kernels import mean_transmittance
 from svv.kernels.constants import numbers_on
@@ -35,9 +34,6 @@ START = 0.02
 STEPS = 12
 """Least number of samples in each direction; on fine grids, there is one a cell."""
 
-FINEST = 128
-"""Most cells per box unit: every halving costs a place on a smooth surface a visible unevenness."""
-
 STOP = 6.0
 """Optical depth at which a direction is dark."""
 
@@ -48,35 +44,17 @@ more, by its square, so surfaces do not take on the dark of their inside, which 
 POWER = 1.5
 """Power of the openness that is shown: deep places darken more than shallow ones."""
 
-PIECE = 1 << 17
-"""Vertices whose regions are found together."""
-
 
 @dataclass
 class _Shade:
-    """What is known of a scene's light: its matter, whatever its edits, and the openness for some opacities."""
+    """The openness of a scene's matter, whatever its edits, for some opacities."""
 
-    matter_key: object
-    vertices: NDArray[np.int64]
-    """(V, 3)"""
-    depth: NDArray[np.float32]
-    """Optical depth of one cell at each vertex. (V,)"""
-    region: NDArray[np.int64]
-    """(V,)"""
+    matter: Matter
     key: object = None
     openness: SparseLattice | None = None
 
 
 _known: WeakKeyDictionary[SparseLattice, _Shade] = WeakKeyDictionary()
-
-
-def check_has_extinction(scene: Model) -> None:
-    """Raise BadInput if ambient occlusion cannot be computed for the scene."""
-    if scene.base.density is None:
-        raise BadInput(
-            "This scene's ambient occlusion cannot be computed, because its extinction is in a hash grid: train it "
-            "again with --encoding lattice."
-        )
 
 
 def is_occluded(scene: Model) -> bool:
@@ -95,52 +73,29 @@ def occlude(scene: Model, colour: Tensor, position: Tensor, region: Tensor) -> N
 
 def _openness(scene: Model) -> SparseLattice:
     """Return the lattice of the openness in [0, 1], remembered until extinction or opacities change."""
-    check_has_extinction(scene)
-    density, palette = scene.base.density, scene.palette_network
-    assert density is not None and palette is not None
-    parts = None if scene.parts is None else (scene.parts.digest, scene.parts.active)
-    matter_key = density.table._version, ref(palette), palette.encoding.table._version, parts
+    matter, density = matter_of(scene), scene.base.density
+    assert density is not None
     shade = _known.get(density)
-    if shade is None or shade.matter_key != matter_key:
-        shade = _known[density] = _matter(scene, density, matter_key)
+    if shade is None or shade.matter is not matter:
+        shade = _known[density] = _Shade(matter)
     key = tuple(r.seen_opacity for r in scene.regions), density.table.device
     if shade.key != key or shade.openness is None:
-        shade.openness = _lattice(scene, shade).to(density.table.device)
+        shade.openness = _lattice(scene, matter).to(density.table.device)
         shade.key = key
     return shade.openness
 
 
-def _resolution(scene: Model) -> int:
-    cells = scene.occupancy.cells
-    return max(r for r in range(1, min(cells, FINEST) + 1) if cells % r == 0)
-
-
-def _matter(scene: Model, density: SparseLattice, key: object) -> _Shade:
-    """Return the optical depth and the region of each vertex of the occupied cells."""
-    occupancy, resolution, palette = scene.occupancy, _resolution(scene), scene.palette_network
-    assert palette is not None
-    where = occupancy.occupied, occupancy.cells, resolution
-    vertices, end = np.ascontiguousarray(vertices_of(*where)), np.asarray(occupancy.box.extent, np.float32)
-    logs, regions = [np.zeros(0, np.float32)], [np.zeros(0, np.int64)]
-    for piece in torch.from_numpy(np.minimum(places_of(*where, vertices), end)).split(PIECE):
-        position = piece.to(density.table.device)
-        logs.append(density.look_up(position).sum(dim=1).clamp(max=MOST_LOG_EXTINCTION).cpu().numpy())
-        regions.append(scene.region_of(position, palette.material(position)[1]).cpu().numpy())
-    depth = (np.exp(np.concatenate(logs)) / resolution).astype(np.float32)
-    return _Shade(key, vertices, depth, np.concatenate(regions))
-
-
-def _lattice(scene: Model, shade: _Shade) -> SparseLattice:
+def _lattice(scene: Model, matter: Matter) -> SparseLattice:
     """Return the openness of the vertices for the opacities that the regions have."""
-    occupancy, resolution = scene.occupancy, _resolution(scene)
+    occupancy, resolution = scene.occupancy, matter.resolution
     lattice = SparseLattice(occupancy.occupied, occupancy.cells, (resolution,), 1).requires_grad_(False)
-    depth = shade.depth * np.array([r.seen_opacity for r in scene.regions], np.float32)[shade.region]
-    at, field = tuple(shade.vertices.T), np.zeros(tuple(lattice.shapes[0].tolist()), np.float32)
+    depth = seen_depth(scene, matter)
+    at, field = tuple(matter.vertices.T), np.zeros(tuple(lattice.shapes[0].tolist()), np.float32)
     field[at] = depth
     light = np.zeros(len(depth), np.float32)
     reach, start = REACH * resolution, START * resolution
     step = min(1.0, (reach - start) / STEPS)
-    mean_transmittance(field, shade.vertices, _directions(), start, reach, step, STOP, light)
+    mean_transmittance(field, matter.vertices, _directions(), start, reach, step, STOP, light)
     light = _smoothed(light, at, field, SMOOTHING * resolution)
     most = _median(light, light * -np.expm1(-depth))
     lattice.table.copy_(torch.from_numpy(np.minimum(light / max(most, 1e-3), 1.0) ** POWER)[:, None])

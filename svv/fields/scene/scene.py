@@ -36,6 +36,7 @@ class Scene(Model):
 
     edited = edits.edited
     with_light = edits.with_light
+    with_shadow = edits.with_shadow
     cut = edits.cut
     uncut = edits.uncut
     hidden = edits.hidden

@@ -53,7 +53,7 @@ def arrays_of(scene: Model, packed: bool = True, whole: bool = True) -> tuple[di
         "marching": {k: getattr(scene.marching, k) for k in ("step", "least_weight", "stop")},
         "images": {"stride": scene.stride, "joined": scene.joined},
         "normal_resolutions": _normal_resolutions(scene),
-        "lamp": vars(scene.lamp),
+        "lamp": scene.lamp.to_json(),
         "cuts": [vars(cut) for cut in scene.cuts],
         "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
         "networks": [name for name, network in own_networks(scene) if network is not None],
@@ -378,7 +378,8 @@ def info_of(scene: Model) -> dict[str, Any]:
 def _light_of(scene: Model) -> dict[str, object]:
     every = [member.coefficients() for member in members(scene)]
     if any(coefficients is None for coefficients in every):
-        return {"lighting": scene.settings.lighting}
+        plain: dict[str, object] = {"lighting": scene.settings.lighting}
+        return plain | ({"shadows": scene.lamp.describe_shadow()} if scene.lamp.shadow else {})
     rows = [row for coefficients in every if coefficients is not None for row in coefficients.tolist()]
     reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in rows]
     return {"lighting": scene.settings.lighting, "light": scene.lamp.describe(), "reflects": reflects}

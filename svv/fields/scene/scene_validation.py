@@ -56,6 +56,7 @@ _KINDS: Mapping[str, Callable[[object, str], object]] = {
     "bool": switch_in,
     "str": text_in,
     "tuple[float, float]": pair_in,
+    "tuple[float, ...]": lambda value, name: tuple(float(v) for v in each_in(value, number_in, name)),
     "tuple[float, float, float]": vector_in,
     "tuple[tuple[float, float], ...]": lambda value, name: each_in(value, pair_in, name),
     "tuple[tuple[float, float, float], ...]": lambda value, name: each_in(value, vector_in, name),

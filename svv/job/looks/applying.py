@@ -56,7 +56,12 @@ def applied(
     if phong and look.lamp is not None:
         lamp = look.lamp
     elif look.lamp is not None and look.lamp != Lamp():
-        notes.append("The light of the look was left out, because the light of this scene cannot be moved.")
+        if scene.base.density is not None:
+            lamp = replace(lamp, **look.lamp.casts)
+        elif look.lamp.shadow > 0.0:
+            notes.append("The shadows of the look were left out, because this scene's extinction is in a hash grid.")
+        if replace(look.lamp, **Lamp().casts) != Lamp():
+            notes.append("The light of the look was left out, because the light of this scene cannot be moved.")
     if tuple(regions) != result.regions or lamp != result.lamp:
         history = result.history.after(result.as_step("look" + (f" {look.title}" if look.title else "")))
         result = replace(result, regions=tuple(regions), lamp=lamp, history=history)

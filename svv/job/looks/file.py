@@ -85,7 +85,7 @@ def to_json(look: LookContent) -> dict[str, Any]:
     content["regions"] = [_region_to_json(region) for region in look.regions]
     content["styles"] = {name: _style_to_json(style) for name, style in look.styles.items()}
     if look.lamp is not None:
-        content["lamp"] = vars(look.lamp)
+        content["lamp"] = look.lamp.to_json()
     if look.camera is not None:
         camera = look.camera
         told: dict[str, object] = {"camera_to_world": camera.camera_to_world.tolist()}

@@ -71,7 +71,8 @@ class Look(LookContent):
                 found[style] = _style_of(style, region.style, kept["styles"], styles or {})
             regions.append(LookRegion(edits_of(region), region.colour, region.values, style, laid))
         return cls(
-            tuple(regions), found, scene.lamp if scene.settings.lighting == "phong" else None,
+            tuple(regions), found,
+            scene.lamp if scene.settings.lighting == "phong" or scene.lamp.shadow > 0.0 else None,
             None if camera is None else moved(camera_of(camera, scene), scene, to_box=True),
             changed_settings(figure), title,
         )  # fmt: skip

@@ -7,7 +7,16 @@ from dataclasses import replace
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
-from svv.options.editing import LightEdit, OcclusionEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit, SectionEdit
+from svv.options.editing import (
+    LightEdit,
+    OcclusionEdit,
+    OutlineEdit,
+    PaintEdit,
+    PartEdit,
+    RegionEdit,
+    SectionEdit,
+    ShadowEdit,
+)
 from svv.options.figures import VISIONS
 from svv.options.making import (
     DRAWN,
@@ -293,6 +302,18 @@ def edit_properties() -> Sequence[Property]:
                 numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in the world."),
             ]),
             *properties_of(LightEdit()),
+            *properties_of(ShadowEdit()),
+            choice("ShadowFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
+                   "Where shadows come from; as it came, from the light that was moved, or the camera's upper left.",
+                   True),
+            *shown_where("ShadowFrom", 1, [
+                number("ShadowAzimuth", -35.0, "Degrees to the right of the camera, which the shadows follow.",
+                       -180.0, 180.0),
+                number("ShadowElevation", 40.0, "Degrees above the camera.", -90.0, 90.0),
+            ]),
+            *shown_where("ShadowFrom", 2, [
+                numbers("ShadowDirection", (-1.0, 2.0, 1.0), "Direction (x, y, z) in the world from which they come."),
+            ]),
             *properties_of(OcclusionEdit()),
         ]),
         *(p for region in range(REGIONS) for p in region_properties(region)),

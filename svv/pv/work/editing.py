@@ -17,6 +17,7 @@ from svv.options.editing import (
     RegionEdit,
     SceneEdit,
     SectionEdit,
+    ShadowEdit,
     VisibilityEdit,
 )
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
@@ -68,10 +69,18 @@ def edit_in(values: Values) -> SceneEdit:
         BESIDE: {"azimuth": values["LightAzimuth"], "elevation": values["LightElevation"]},
         IN_WORLD: {"direction": values["LightDirection"]},
     }
+    shadows_from = {
+        AS_IT_CAME: None,
+        BESIDE: (values["ShadowAzimuth"], values["ShadowElevation"]),
+        IN_WORLD: tuple(values["ShadowDirection"]),
+    }
     outline = options_in(OutlineEdit, values)
+    shadow = options_in(ShadowEdit, values, shadow_light=shadows_from[values["ShadowFrom"]])
     return SceneEdit(
         {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
         options_in(LightEdit, values, light=places[values["LightFrom"]]),
+        # Softness and place have no meaning without shadows.
+        shadow if shadow.shadow is not None else ShadowEdit(),
         options_in(OcclusionEdit, values),
         options_in(PaintEdit, values, "", **_strokes_in(values)),
         # Width and colour have no meaning without an outline.
@@ -109,6 +118,8 @@ def describe_edits(scene: Scene) -> str:
     lines += [cut.describe() for cut in scene.cuts]
     if scene.settings.lighting == "phong":
         lines.append(scene.lamp.describe())
+    elif scene.lamp.shadow > 0.0:
+        lines.append(scene.lamp.describe_shadow())
     if scene.variants:
         lines.append(f"paintings: {', '.join(scene.variants)}, shown: {scene.variant}")
     return "; ".join(lines) + "."

@@ -27,6 +27,7 @@ from svv.fields.scene.model import for_colours, of_colour
 from svv.fields.scene.occlusion import occlude
 from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.shadows import cast_shadows, check_shadows_stay, shadows_from
 from svv.fields.scene.stroke_opacity import followed
 from svv.options.baking import BakeOptions
 from svv.options.making import NetworkName
@@ -56,7 +57,10 @@ class Baker:
 
     @torch.no_grad()
     def bake(self, scene: Scene, options: BakeOptions, progress: Progress = silent) -> BakedVolume:
-        """Bake a scene with its edits; BadInput if it lacks network, palette or regions, or memory does not suffice."""
+        """Bake a scene with its edits; BadInput if it lacks network, palette or regions, or memory does not suffice.
+
+        BadInput as well if its shadows follow the camera.
+        """
         network = network_of(scene, options)
         if options.regions is not None:
             scene = scene.isolated(*options.regions)
@@ -66,6 +70,7 @@ class Baker:
                     f"Region {number} has a MatCap, whose colours follow the viewer, so no volume can hold them: "
                     f"take it off with svv edit --matcap {number}=none, or render pictures."
                 )
+        check_shadows_stay(scene, "A baked volume")
         if scene.layers:
             return self._together(scene, options, progress)
         grid = grid_of(scene, options, network)
@@ -94,7 +99,8 @@ class Baker:
         for done, number in enumerate(shown):
             member, own = every[number], network_in(every[number], network_of(scene, options))
             of_scene = member.base, member.palette_network, member.styled, member.regions, member.parts
-            key = *of_scene, member.lamp, member.cuts, options
+            shaded_by = tuple((one.base, one.regions, one.parts, one.cuts) for one in member.casters)
+            key = *of_scene, member.lamp, member.cuts, shaded_by, options
             baker, known, volume = self._layers.get(number, (Baker(), None, None))
             if volume is None or known != key:
                 share = part(progress, done / len(shown), (done + 1) / len(shown))
@@ -225,10 +231,11 @@ def _colour(
             diffuse += matter.shares[rows, k, None] * change[:, k]
     diffuse = scene.with_style(diffuse, region, paint)
     occlude(scene, diffuse, matter.position[rows], region)
-    if lights is None:
-        return diffuse
-    specular, shade = lights[rows].unbind(1)
-    return palette_shading.lit(diffuse, specular, shade, *lights_of(scene, network)[region].unbind(1))
+    if lights is not None:
+        specular, shade = lights[rows].unbind(1)
+        diffuse = palette_shading.lit(diffuse, specular, shade, *lights_of(scene, network)[region].unbind(1))
+    cast_shadows(scene, diffuse, matter.position[rows], network, shadows_from(scene))
+    return diffuse
 
 
 def _mean_light(scene: Scene, matter: Matter, logs: Tensor, visible: NDArray[np.bool_], progress: Progress) -> Tensor:

@@ -125,7 +125,7 @@ def _alone(scene: Scene, number: int, camera: Camera, network: str, light: bool)
         replace(r, hidden=k != number, outline=0.0, occlusion=0.0, lighting=r.lighting if light else 0.0)
         for k, r in enumerate(scene.regions)
     )
-    return replace(scene, regions=regions).render(camera, network)
+    return replace(scene, regions=regions, lamp=replace(scene.lamp, shadow=0.0)).render(camera, network)
 
 
 def _sphere(size: int) -> tuple[Picture, Picture, Picture, Picture]:

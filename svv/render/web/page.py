@@ -44,6 +44,7 @@ from svv.fields.scene.sections import (
     flat_colours,
     is_sectioned,
 )
+from svv.fields.scene.shadows import check_shadows_stay
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
@@ -111,12 +112,13 @@ def html_of(
 ) -> bytes:
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
-    Raises BadInput if the scene has no palette network, occlusion beside what hides it from a page, or too many regions
+    Raises BadInput if the scene has no palette network, occlusion or shadows that no page can show, or too many regions
     for its cuts.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
-    _check_occlusion(scene)
+    _check_shade(scene)
+    check_shadows_stay(scene, "A page")
     _check_cuts(scene)
     scene = scene.on(torch.device("cpu"))
     rig = _closer(replace(scene, cuts=()))
@@ -130,19 +132,24 @@ def html_of(
     return page
 
 
-def _check_occlusion(scene: Scene) -> None:
-    """Raise BadInput if a page, whose colours hold the ambient occlusion, would look otherwise than the scene."""
+def _check_shade(scene: Scene) -> None:
+    """Raise BadInput if a page, whose colours hold occlusion and shadows, would look otherwise than the scene."""
     painted = "styled" in scene.networks  # opacity follows strokes only where there are some
     for number, region in enumerate(scene.regions):
-        if region.occlusion > 0.0 and (region.matcap is not None or (painted and region.stroke_opacity != 0.0)):
+        has, off = "ambient occlusion", f"--region {number} --occlusion 0"
+        if region.occlusion == 0.0:
+            has, off = "shadows", "--shadow 0"
+            if scene.lamp.shadow == 0.0:
+                continue
+        if region.matcap is not None or (painted and region.stroke_opacity != 0.0):
             what, take = (
                 ("a MatCap", f"--matcap {number}=none")
                 if region.matcap is not None
                 else ("opacity that follows its strokes", f"--region {number} --stroke-opacity 0")
             )
             raise BadInput(
-                f"Region {number} has ambient occlusion and {what}, and no page can show both: take one of them off, "
-                f"with svv edit --region {number} --occlusion 0 or svv edit {take}."
+                f"Region {number} has {has} and {what}, and no page can show both: take one of them off, with svv "
+                f"edit {off} or svv edit {take}."
             )
 
 
@@ -223,7 +230,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
         },
         "normal_softness": NORMAL_SOFTNESS,
         "rim_cosine": RIM_COSINE,
-        "lamp": vars(scene.lamp),
+        "lamp": scene.lamp.to_json(),
         "matcaps": _matcaps(scene),
         "visions": MATRICES,
         "bounds": scene.bounds.tolist(),

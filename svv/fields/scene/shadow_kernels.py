@@ -1,0 +1,82 @@
+"""Optical depth towards a light that is far away, compiled with numba."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+
+@njit(parallel=True, cache=True)
+def depth_in_columns(field, p, q, first, nearer, found):  # type: ignore[no-untyped-def]
+    """Write the optical depth between points of sheared columns and the light, ``found`` (U, K, V).
+
+    ``field`` (K, I, J): optical depth of one step along a column, at vertices; the light is on the side of slice 0.
+    Point k of column (u, v) lies in slice k at i = u + first[0] - k p and j = v + first[1] - k q, so a column is a ray
+    to the light. ``nearer`` (M,): weights of the point itself and of those between it and the light that count in part.
+    """
+    depths, rows, columns = field.shape
+    for u in prange(found.shape[0]):
+        own = np.zeros((depths, found.shape[2]), np.float32)
+        for k in range(depths):
+            x, y = u + first[0] - k * p, first[1] - k * q
+            i, j = int(np.floor(x)), int(np.floor(y))
+            f, g = np.float32(x - i), np.float32(y - j)
+            for side in range(2):
+                row, share = i + side, f if side else np.float32(1.0) - f
+                if 0 <= row < rows:
+                    for v in range(max(0, -j), min(found.shape[2], columns - j)):
+                        own[k, v] += share * (np.float32(1.0) - g) * field[k, row, j + v]
+                    for v in range(max(0, -j - 1), min(found.shape[2], columns - j - 1)):
+                        own[k, v] += share * g * field[k, row, j + v + 1]
+        total = np.zeros(found.shape[2], np.float32)
+        for k in range(depths):
+            if k >= len(nearer):
+                total += own[k - len(nearer)]
+            found[u, k] = total
+            for m in range(min(len(nearer), k + 1)):
+                found[u, k] += nearer[m] * own[k - m]
+
+
+@njit(parallel=True, cache=True)
+def add_transmittance(columns, p, q, first, where, share, found):  # type: ignore[no-untyped-def]
+    """Add ``share`` of the transmittance to the light to ``found`` (K, I, J), at those vertices that ``where`` marks.
+
+    ``columns`` (U, K, V), ``p``, ``q`` and ``first`` are those of :func:`depth_in_columns`.
+    """
+    for k in prange(found.shape[0]):
+        x, y = k * p - first[0], k * q - first[1]
+        a, b = int(np.floor(x)), int(np.floor(y))
+        f, g = np.float32(x - a), np.float32(y - b)
+        for i in range(found.shape[1]):
+            low, high = columns[i + a, k], columns[i + a + 1, k]
+            for j in range(found.shape[2]):
+                if where[k, i, j]:
+                    v = j + b
+                    depth = (np.float32(1.0) - f) * ((np.float32(1.0) - g) * low[v] + g * low[v + 1])
+                    depth += f * ((np.float32(1.0) - g) * high[v] + g * high[v + 1])
+                    found[k, i, j] += share * (np.exp(-depth) if depth > 0.0 else np.float32(1.0))
+
+
+@njit(parallel=True, cache=True)
+def carry_inside(light, clear, light_after, clear_after):  # type: ignore[no-untyped-def]
+    """Let vertices that are not clear take part of the mean ``light`` (X, Y, Z) of clearer ones around them.
+
+    ``clear`` (X, Y, Z): how far a vertex keeps its own, in [0, 1], and how much it counts for others; both are 0 where
+    nothing is known, or wanted. ``light_after`` and ``clear_after`` come to hold what to call it again with: each call
+    reaches one vertex deeper into matter. Neighbours count half as much for each axis along which they lie apart.
+    """
+    for x in prange(1, light.shape[0] - 1):
+        for y in range(1, light.shape[1] - 1):
+            for z in range(1, light.shape[2] - 1):
+                own = clear[x, y, z]
+                light_after[x, y, z], clear_after[x, y, z] = light[x, y, z], own
+                if 0.0 < own < 0.99:
+                    total, weights = 0.0, 0.0
+                    for i in range(-1, 2):
+                        for j in range(-1, 2):
+                            for k in range(-1, 2):
+                                weight = clear[x + i, y + j, z + k] * 0.5 ** (abs(i) + abs(j) + abs(k))
+                                total += weight * light[x + i, y + j, z + k]
+                                weights += weight
+                    light_after[x, y, z] = own * light[x, y, z] + (1.0 - own) * total / weights
+                    clear_after[x, y, z] = own + (1.0 - own) * weights / 8.0

@@ -39,9 +39,9 @@ DIGITS = 5
 class Probe:
     """What a pixel of a scene's picture shows.
 
-    >>> found = scene.probe(svv.orbit(scene, 8, 64, 64)[0], (32, 32))
-    >>> found.region, len(found.point), found.why
-    (1, 3, 'the scene was learned from views only, which have no values')
+    >>> found = Probe((4, 2), 0, "bone", 1.0, (1.0, 2.0, 3.0), 50.0, 1.0, (1.0, 1.0, 1.0), why=VIEWS_ONLY)
+    >>> found.value, found.why
+    (None, 'the scene was learned from views only, which have no values')
     """
 
     pixel: tuple[int, int]

@@ -77,8 +77,15 @@ def test_hues_that_were_one_region_are_told_apart_by_the_colour_that_was_missing
     alike: tuple[Scene, ViewSet, ViewSet, np.ndarray],
 ) -> None:
     both, train, test, classes = alike
-    scene, _ = correct_palette(both, train, Correction(merge=((0, 1),)), SHORT)
+    assert len(both.made["confidence"]) == 2
+    about = [*both.made["warnings"], "Region 1 may be wrong"]
+    scene, _ = correct_palette(
+        replace(both, made={**both.made, "warnings": about}), train, Correction(merge=((0, 1),)), SHORT
+    )
     assert len(scene.regions) == 1
+    assert "confidence" not in scene.made and about[-1] not in scene.made["warnings"]  # they were about the old regions
+    assert scene.expected is not None and both.expected is not None
+    assert scene.expected.to_json() != both.expected.to_json()
     edited = scene.edited(0, opacity=0.9)
     painted = edited.painted(cube_paint(scene, 1), {0: "ink"}, {}, "ink")
     correction = Correction(colours={0: ORANGE}, add=(LIKE_ORANGE,))

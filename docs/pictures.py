@@ -67,6 +67,9 @@ OTHERS = {"glass": volumes.glass, "nested": volumes.nested}
 FRAMES = {"demo": 104, "gyroid": 125, "orbital": 125, "plume": 112}
 """View of each scene on the path of 181."""
 
+CUT_FRAME = 65
+"""View in which a cut across x lies open."""
+
 ZOOM = 0.56
 """Fraction of the field of view that the pictures show, because the views leave a margin around the volume."""
 
@@ -228,6 +231,15 @@ def shadow(studio: Studio) -> None:
     write("shadow.jpg", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_shadow(0.75))])
 
 
+def sections(studio: Studio) -> None:
+    """The demo's scene cut open, as learned and hatched with a line, and its painting with flat faces."""
+    plain, painted = (Scene.load(studio.demo / f"{name}.svv").cut("x>50%") for name in ("scene", "styled"))
+    camera = view_of(plain, CUT_FRAME, 2 * SIZE)
+    drawn_in = ((plain, "pcn"), (plain.with_section("hatched", line=2.5), "pcn"),
+                (painted.with_section("flat", line=2.5), "styled"))  # fmt: skip
+    write("sections.jpg", [halved(drawn(one, camera, network)) for one, network in drawn_in])
+
+
 def parts(studio: Studio) -> None:
     """The orbital; one of its lobes, which a click makes a region of its own, alone; without it; in green."""
     scene, size = studio.scene("orbital"), 2 * SIZE
@@ -358,6 +370,7 @@ PICTURES: dict[str, Callable[[Studio], None]] = {
         outlines,
         occlusion,
         shadow,
+        sections,
         parts,
         journal_figure,
         colour_vision,

@@ -23,8 +23,8 @@ from svv.core.colour.colour import (
     rgb_array,
     rgb_to_hsb,
     shift_colours,
-    to_hex,
 )
+from svv.core.colour.hex_codes import to_hex
 
 TIGHT = 1e-12  # float64
 unit = st.floats(0, 1)

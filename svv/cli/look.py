@@ -173,7 +173,7 @@ def show(look: LookFile) -> None:
 
 def described(look: Look) -> dict[str, object]:
     """Return what a look holds, for people to read."""
-    from svv.core.colour.colour import to_hex
+    from svv.core.colour.hex_codes import to_hex
     from svv.train.paint.ink import Ink
 
     regions = {}

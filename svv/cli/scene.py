@@ -199,23 +199,29 @@ def evaluate(
 
 def info(scene: SceneFile, json: Json = None) -> None:
     """Show what a scene contains: its regions, networks and size, and how it was made."""
-    from svv.core.colour.colour import to_hex
+    from svv.core.colour.hex_codes import to_hex
     from svv.fields.scene.region import Region
     from svv.io.files.atomic import write_json
+    from svv.io.scene_file import read_scene_info
 
-    content = load(scene).info()
+    content = read_scene_info(scene) or load(scene).info()
     if json is not None:
         write_json(json, content)
-    colours, usual = ("colour", "edited_colour"), {field.name: field.default for field in fields(Region)}
+    colours, usual = ("colour", "edited_colour"), {field.name: _plain(field.default) for field in fields(Region)}
     regions = [
         {
             k: to_hex(v) if k in colours else v
             for k, v in {"name": None, **r}.items()
-            if v not in (None, "", usual.get(k))
+            if _plain(v) not in (None, "", usual.get(k))
         }
         for r in content["regions"]
     ]
     print_table(_axis_by_axis({**content, "regions": regions}))
+
+
+def _plain(value: object) -> object:
+    """Return a value as JSON has it: tuples are lists."""
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _axis_by_axis(content: Mapping[str, Any]) -> dict[str, Any]:

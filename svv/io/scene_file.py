@@ -17,7 +17,8 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load
 
-from svv.core.json_values import list_in, parsed, whole_in
+from svv._version import __version__
+from svv.core.json_values import each_in, list_in, object_in, parsed, vector_in, whole_in
 from svv.errors import BadInput
 from svv.io.files.atomic import atomic_path, to_json
 from svv.io.files.declared_sizes import MOST_INFLATED, check_fits
@@ -47,7 +48,7 @@ TYPES = {
 }  # fmt: skip
 """Name in a safetensors file of each of NumPy's types, in the order in which arrays lie there: all are aligned."""
 
-_KEY = "svv"
+_KEY, _TOLD = "svv", "told"
 _REMEDY = "copy it again, or train the scene again"
 _OUR_START = b'{"__metadata__":{"svv":'
 _START = 8 + len(_OUR_START)
@@ -126,6 +127,33 @@ def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndar
 def read_scene_header(path: str | Path) -> dict[str, Any]:
     """Read a scene's header alone, which takes no time however large its arrays are; raises BadInput if that fails."""
     return header_in(_content_of(Path(path), whole=False), str(path))
+
+
+def told_of(info: Mapping[str, object]) -> dict[str, object]:
+    """Return what a scene file's header says of a scene in words and numbers, for :func:`read_scene_info`."""
+    return {_TOLD: {"svv": __version__, "info": info}}
+
+
+def read_scene_info(path: str | Path) -> dict[str, Any] | None:
+    """Return what this version of svv wrote into a scene file of the scene (:meth:`svv.Scene.info`).
+
+    It takes neither the arrays nor the libraries that they need. None if the file does not say it, or is not whole;
+    raises BadInput as :func:`read_scene_header`.
+    """
+    content = _content_of(Path(path), whole=False)
+    told, arrays = header_in(content, str(path)).get(_TOLD), parsed(content[8 : 8 + _length(content, str(path))])
+    try:
+        ends = (array["data_offsets"][1] for name, array in arrays.items() if name != "__metadata__")
+        whole = Path(path).stat().st_size == 8 + _length(content, str(path)) + max(ends, default=0)
+        told = object_in(told, "what is told")
+        info = dict(object_in(told["info"], "the information"))
+        for region in each_in(info["regions"], object_in, "regions"):
+            for colour in ("colour", "edited_colour"):
+                if region.get(colour) is not None:
+                    vector_in(region[colour], "a colour")
+    except (BadInput, KeyError, TypeError, ValueError, IndexError):  # of an older version, or damaged
+        return None
+    return info if whole and told["svv"] == __version__ else None
 
 
 def header_in(content: bytes, name: str) -> dict[str, Any]:

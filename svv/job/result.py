@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from svv.core.colour.colour import to_hex
+from svv.core.colour.hex_codes import to_hex
 from svv.core.interval_text import interval_text
 from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Scene

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
 
-from svv.core.colour.colour import lab_to_rgb, rgb_to_lab, to_hex
+from svv.core.colour.colour import lab_to_rgb, rgb_to_lab
 from svv.core.colour.colour_names import colour_name
 from svv.core.colour.colour_vision import oklab
+from svv.core.colour.hex_codes import to_hex
 from svv.core.images.segmentation import partitions
 from svv.options.making import DivisionName
 from svv.styles.hand import Hand

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from svv.core.colour.colour import to_hex
 from svv.core.colour.correction import Correction, Entry, corrected
+from svv.core.colour.hex_codes import to_hex
 from svv.core.colour.palette import PaletteSettings
 from svv.core.geometry.cameras import CameraRig
 from svv.core.volumes.classified import ClassifiedVolume, ValueGrid

@@ -108,11 +108,6 @@ def with_change(colours: Tensor, change: Tensor) -> Tensor:
     return torch.where(same, colours, hsb_to_rgb(torch.cat((hue, rest), -1)))
 
 
-def to_hex(rgb: NDArray[np.floating] | Sequence[float]) -> str:
-    """Return an RGB colour as '#rrggbb', rounded and clamped to [0, 1]."""
-    return "#" + bytes(np.rint(np.clip(rgb, 0, 1) * np.float64(255)).astype(np.uint8)).hex()
-
-
 def over(rgba: NDArray[np.floating], background: Sequence[float] = WHITE) -> NDArray[np.floating]:
     """Blend straight-alpha RGBA over an opaque background, all in [0, 1]. (..., 4) -> (..., 3)."""
     alpha = rgba[..., 3:]

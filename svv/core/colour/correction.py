@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from svv.core.colour.colour import to_hex
+from svv.core.colour.hex_codes import to_hex
 from svv.core.colour.palette import PaletteSettings
 from svv.core.volumes.classified import ValueRange
 from svv.errors import BadInput

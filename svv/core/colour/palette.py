@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from svv.core.colour.colour import hsb_array, hue_distance, to_hex
+from svv.core.colour.colour import hsb_array, hue_distance
+from svv.core.colour.hex_codes import to_hex
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]

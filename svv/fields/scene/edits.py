@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from svv.core.colour.colour import to_hex
+from svv.core.colour.hex_codes import to_hex
 from svv.core.colour.light import Lamp, validate_coefficients
 from svv.core.geometry.cuts import Cut
 from svv.core.images.outlines import Pen

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import to_hex
+from svv.core.colour.hex_codes import to_hex
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.core.volumes.classified import ALIKE
 from svv.errors import BadInput, Progress, silent

@@ -11,7 +11,7 @@ from svv.fields.scene.images import Rendering as Rendering
 from svv.fields.scene.joined import split_at
 from svv.fields.scene.model import Model, on_device
 from svv.fields.scene.scene_arrays import Arrays, arrays_of, info_of, restored, scene_of
-from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
+from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, told_of, write_scene_file
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -76,7 +76,7 @@ class Scene(Model):
     def save(self, path: str | Path) -> None:
         """Write the scene to one ``.svv`` file, completely or not at all; raises BadInput if it cannot be written."""
         header, tensors = arrays_of(self, packed=True, whole=False)
-        write_scene_file(path, header, tensors)
+        write_scene_file(path, header | told_of(info_of(self)), tensors)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from svv.core.colour.colour import to_hex
+from svv.core.colour.hex_codes import to_hex
 from svv.core.colour.matcaps import MATCAPS
 from svv.errors import BadInput
 from svv.fields.scene.region import Region

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from svv.core.colour.colour import over, to_hex
+from svv.core.colour.colour import over
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE, VISIONS, simulated
+from svv.core.colour.hex_codes import to_hex
 from svv.core.colour.palette import extract_palette
 from svv.core.json_values import object_in, parsed
 from svv.errors import BadInput

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import over, to_hex
+from svv.core.colour.colour import over
 from svv.core.colour.colour_vision import LEAST_DIFFERENCE
+from svv.core.colour.hex_codes import to_hex
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, part, silent, warn_caller

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import to_hex
+from svv.core.colour.hex_codes import to_hex
 from svv.core.interval_text import interval_text
 from svv.core.volumes.classified import MOST_RANGES, ValueRange
 

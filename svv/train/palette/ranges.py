@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
-from svv.core.colour.colour import to_hex
+from svv.core.colour.hex_codes import to_hex
 from svv.core.colour.palette import Palette, PaletteSettings
 from svv.core.volumes.classified import ClassifiedVolume
 from svv.fields.radiance.networks import PaletteField

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from svv.core.colour.colour import hsb_array, to_hex
+from svv.core.colour.colour import hsb_array
+from svv.core.colour.hex_codes import to_hex
 from svv.core.colour.palette import Palette, PaletteSettings
 from svv.core.rays.encodings import stored_rows
 from svv.core.two_groups import gap_of, weighted_quantile

@@ -59,10 +59,6 @@ def doubt(scene: Model, camera: GivenCamera, progress: Progress = silent) -> NDA
 
     Raises:
         BadInput: The scene does not know its errors (:func:`expected_of`), or the camera is none.
-
-    >>> doubted = scene.doubt(svv.orbit(scene, 8, 64, 48)[0])
-    >>> doubted.shape, bool(np.nanmax(doubted) < 0.5)
-    ((48, 64), True)
     """
     expected, camera = expected_of(scene), camera_of(camera, scene)
     with gpu_errors(scene.device):

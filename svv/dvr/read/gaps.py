@@ -10,7 +10,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 
 from svv.errors import BadInput
 
@@ -49,6 +48,8 @@ def without_gaps(
 
 def _fill_layer(values: NDArray[np.number], left: NDArray[np.bool_]) -> None:
     """Give the voxels that are left, and border on others, the value of the nearest of these."""
+    from scipy.ndimage import binary_dilation  # not before it is needed: ParaView's window imports this module
+
     here = np.argwhere(left & binary_dilation(~left, np.ones((3, 3, 3), bool)))
     last, found = np.array(values.shape) - 1, np.zeros(len(here), bool)
     for step in NEIGHBOURS:

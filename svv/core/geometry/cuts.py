@@ -99,14 +99,16 @@ class Cut:
             regions = tuple(int(k) for k in of.split(",")) if of else ()
             if min(regions, default=0) < 0:
                 raise ValueError
-            kind, *rest = shape.split(":")
-            parts = [tuple(float(v) for v in part.split(",")) for part in rest]
-            found = _sides(kind, np.asarray(bounds, np.float64)) if not parts else _shape(kind, parts)
+            shapes = [_shape(one, np.asarray(bounds, np.float64)) for one in shape.split("&")]
+            round_ones = [one for one in shapes if one.centre is not None]
+            if len(round_ones) > 1:
+                raise BadInput(f"A cut may have one ball or cylinder, but '{text}' has {len(round_ones)}.")
+            found, planes = [*round_ones, *shapes][0], tuple(plane for one in shapes for plane in one.planes)
         except BadInput:
             raise
         except (ValueError, IndexError):
             raise BadInput(f"'{text}' is no cut: {HOW}.") from None
-        return replace(found, outside=outside, regions=regions)
+        return replace(found, planes=planes, outside=outside, regions=regions)
 
     def in_box(self, box: Box) -> Cut:
         """Return the cut in box coordinates."""
@@ -178,26 +180,27 @@ def _describe_plane(x: float, y: float, z: float, d: float) -> str:
     return f"{x:.3g} x + {y:.3g} y + {z:.3g} z > {d:.4g}"
 
 
-def _sides(text: str, bounds: NDArray[np.float64]) -> Cut:
-    """Return the shape in which all of some comparisons hold; raises ValueError if it is not one."""
-    planes = []
-    for part in text.split("&"):
-        found = _SIDE.fullmatch(part)
-        if found is None:
-            raise ValueError
-        axis, sign, number, percent = found.groups()
-        k, side = "xyz".index(axis), 1.0 if sign == ">" else -1.0
-        value = float(number)
-        if percent:
-            value = float(bounds[0, k] + 0.01 * value * (bounds[1, k] - bounds[0, k]))
-        normal = [0.0, 0.0, 0.0]
-        normal[k] = side
-        planes.append((normal[0], normal[1], normal[2], side * value))
-    return Cut(tuple(planes))
+def _side(text: str, bounds: NDArray[np.float64]) -> Cut:
+    """Return the shape in which a comparison holds; raises ValueError if it is not one."""
+    found = _SIDE.fullmatch(text)
+    if found is None:
+        raise ValueError
+    axis, sign, number, percent = found.groups()
+    k, side = "xyz".index(axis), 1.0 if sign == ">" else -1.0
+    value = float(number)
+    if percent:
+        value = float(bounds[0, k] + 0.01 * value * (bounds[1, k] - bounds[0, k]))
+    normal = [0.0, 0.0, 0.0]
+    normal[k] = side
+    return Cut(((normal[0], normal[1], normal[2], side * value),))
 
 
-def _shape(kind: str, parts: Sequence[tuple[float, ...]]) -> Cut:
-    """Return a shape from its name and numbers; raises ValueError if they do not fit."""
+def _shape(text: str, bounds: NDArray[np.float64]) -> Cut:
+    """Return a shape from a comparison, or from its name and numbers; raises ValueError if they do not fit."""
+    kind, *rest = text.split(":")
+    if not rest:
+        return _side(kind, bounds)
+    parts = [tuple(float(v) for v in part.split(",")) for part in rest]
     lengths = tuple(len(part) for part in parts)
     if kind == "plane" and lengths == (3, 3):
         at, normal = parts

@@ -18,6 +18,7 @@ from svv.options.making import (
     TrainOptions,
     ViewOptions,
 )
+from svv.pv.panel.cutting_shapes import cutting_shape
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import (
     Class,
@@ -289,6 +290,12 @@ def edit_properties() -> Sequence[Property]:
             "plane:x,y,z:nx,ny,nz; box:x,y,z:x,y,z; sphere:x,y,z:r; cylinder:x,y,z:dx,dy,dz:r; outside sphere:x,y,z:r "
             "for all but the ball.",
         ),
+        switch("CutOpen", False, "Cut the scene open at a surface with handles in the view, too."),
+        *shown_where("CutOpen", 1, [
+            cutting_shape("CutOpenBy", "Plane, box, sphere or cylinder at which the scene is cut."),
+            switch("InvertCut", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
+            text("CutRegions", "The only regions that it cuts, such as 0, 2. Empty: all."),
+        ]),
         *properties_of(SectionEdit()),
         *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),
         *group("Strokes", [

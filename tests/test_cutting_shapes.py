@@ -120,7 +120,7 @@ def test_shapes_that_are_joined_hold_together() -> None:
     joined = Cut.parse("1=outside x>50%&plane:0,0,0:0,1,0&sphere:0,0,0:2", UNITS)
     assert joined.planes == ((1.0, 0.0, 0.0, 0.5), (0.0, 1.0, 0.0, 0.0))
     assert (joined.radius, joined.outside, joined.regions) == (2.0, True, (1,))
-    with pytest.raises(BadInput, match="may have one ball or cylinder, but 'sphere:.*' has 2"):
+    with pytest.raises(BadInput, match=r"may have one ball or cylinder, but 'sphere:.*' has 2"):
         Cut.parse("sphere:0,0,0:2&x>1&cylinder:0,0,0:1,0,0:1", UNITS)
     with pytest.raises(BadInput, match="is no cut: give"):
         Cut.parse("x>1&", UNITS)

@@ -50,10 +50,10 @@ def cutting_shape(name: str, help: str) -> Property:
 
 
 def text_of(function: vtkImplicitFunction) -> str:
-    """Return the text of a shape: of what is inside a box, sphere or cylinder, or of the side where a plane's normal
-    points; '' for a box whose length along an axis is 0, which has no inside.
+    """Return the text of a plane's side to which its normal points, or of a box, a sphere or a cylinder.
 
-    ParaView turns boxes and cylinders by the function's transform, which leads from the world to where it is evaluated.
+    It is empty for a box without inside, whose length along an axis is 0. ParaView turns boxes and cylinders by the
+    function's transform, which leads from the world to where it is evaluated.
     """
     to_own = np.eye(4)
     if function.GetTransform() is not None:

@@ -217,6 +217,11 @@ def seen_with() -> Property:
     )  # fmt: skip
 
 
+def scene_bounds() -> Property:
+    """Return the bounds of the scene, for the surfaces that cut it (:class:`svv.pv.work.bounded.Bounded`)."""
+    return hidden_text("SceneBounds", "GetSceneBounds", "Lowest and highest corner of the scene: x y z x y z.")
+
+
 def cut_properties() -> Sequence[Property]:
     """Return the properties for cutting a volume open."""
     return [
@@ -226,6 +231,7 @@ def cut_properties() -> Sequence[Property]:
             shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
             switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
         ]),
+        scene_bounds(),
     ]  # fmt: skip
 
 

@@ -27,8 +27,8 @@ __all__ = ["StyleRFEdit", "StyleRFJoin"]
 @smproxy.filter(label="StyleRF Edit", support_reload=False)
 @menu
 @panel(*few_first(
-    (*(f"Region{k}{what}" for k in range(3) for what in ("Recolour", "Opacity", "Hide")), "CutOpen", "Say",
-     "Strength", "SaveFile"),
+    (*(f"Region{k}{what}" for k in range(3) for what in ("Recolour", "Opacity", "Hide")), "Say", "Strength",
+     "SaveFile"),
     button("UndoEdit", "Undo the last change that was applied."),
     button("RedoEdit", "Redo the last change that was undone."),
     button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),

@@ -70,10 +70,10 @@ def text_of(function: vtkImplicitFunction) -> str:
     if isinstance(function, vtkBox):
         return _text_of_box(function, turn, placed)
     if isinstance(function, vtkSphere):
-        return f"sphere:{_numbers(placed(function.GetCenter()))}:{function.GetRadius()!r}"
+        return f"sphere:{_numbers(function.GetCenter())}:{function.GetRadius()!r}"
     if isinstance(function, vtkCylinder):
-        axis = _numbers(world @ np.array(function.GetAxis()))
-        return f"cylinder:{_numbers(placed(function.GetCenter()))}:{axis}:{function.GetRadius()!r}"
+        axis = _numbers(world @ np.array(function.GetAxis()))  # turned around the centre
+        return f"cylinder:{_numbers(function.GetCenter())}:{axis}:{function.GetRadius()!r}"
     assert isinstance(function, vtkPlane)
     # ParaView's own plane has an offset, which Python sees in its values alone.
     origin, normal = np.array(function.GetOrigin()), np.array(function.GetNormal())

@@ -225,11 +225,10 @@ def scene_bounds() -> Property:
 def cut_properties() -> Sequence[Property]:
     """Return the properties for cutting a volume open."""
     return [
-        switch("Cut", False, "Cut the volume open at the surface below; ParaView does not draw a Clip of it in its "
-                             "colours."),
+        switch("Cut", False, "Cut the volume open; ParaView draws a Clip of it without its colours."),
         *shown_where("Cut", 1, [
-            shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
-            switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
+            shape("CutBy", "Plane, box, sphere or cylinder."),
+            switch("Invert", True, "Keep what is behind or inside it; otherwise the rest."),
         ]),
         scene_bounds(),
     ]  # fmt: skip
@@ -296,11 +295,11 @@ def edit_properties() -> Sequence[Property]:
             "plane:x,y,z:nx,ny,nz; box:x,y,z:x,y,z; sphere:x,y,z:r; cylinder:x,y,z:dx,dy,dz:r; outside sphere:x,y,z:r "
             "for all but the ball.",
         ),
-        switch("CutOpen", False, "Cut the scene open at a surface with handles in the view, too."),
+        switch("CutOpen", False, "Cut the scene at a surface with handles."),
         *shown_where("CutOpen", 1, [
-            cutting_shape("CutOpenBy", "Plane, box, sphere or cylinder at which the scene is cut."),
-            switch("InvertCut", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
-            text("CutRegions", "The only regions that it cuts, such as 0, 2. Empty: all."),
+            cutting_shape("CutOpenBy", "Plane, box, sphere or cylinder."),
+            switch("InvertCut", True, "Keep what is behind or inside it; otherwise the rest."),
+            text("CutRegions", "Regions, such as 0, 2; empty: all."),
         ]),
         *properties_of(SectionEdit()),
         *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),

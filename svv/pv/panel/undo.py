@@ -22,6 +22,7 @@ STEPS = 50
 PanelValues = dict[str, object]
 """The applied settings of a panel, by property: numbers, texts, or lists of them, and shapes."""
 
+
 @dataclass(frozen=True)
 class Shape:
     """A surface with handles, as it was applied."""

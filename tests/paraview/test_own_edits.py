@@ -45,7 +45,7 @@ assert seen(again) == shown_first
 press(edit, "SaveScene")
 SaveData(f"{folder}/written.svv", proxy=view)
 told = give(view, CutOpen=1)
-assert "Edited: cut x > " in told and "Learning" not in told, told
+assert "cut x > " in told and "Learning" not in told, told
 told = give(view, CutOpen=0, **{f"Region{top}Hide": 0, f"Region{top}Name": ""})
 for name, values in image(view)[1].items():
     assert np.array_equal(values, first[name], equal_nan=name == "Depth"), name

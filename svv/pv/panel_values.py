@@ -92,6 +92,11 @@ class Values(DisplayValues, total=False):
     Say: str
     Isolate: str
     Cuts: str
+    CutOpen: bool
+    CutOpenBy: str
+    """The text of the shape (:mod:`svv.pv.panel.cutting_shapes`)."""
+    InvertCut: bool
+    CutRegions: str
     OutlineRegions: str
     LightFrom: str
     LightAzimuth: float

@@ -44,7 +44,9 @@ edit.ShowHidden = 1
 assert seen(again) == shown_first
 press(edit, "SaveScene")
 SaveData(f"{folder}/written.svv", proxy=view)
-told = give(view, **{f"Region{top}Hide": 0, f"Region{top}Name": ""})
+told = give(view, CutOpen=1)
+assert "cut x > " in told and "Learning" not in told, told
+told = give(view, CutOpen=0, **{f"Region{top}Hide": 0, f"Region{top}Name": ""})
 for name, values in image(view)[1].items():
     assert np.array_equal(values, first[name], equal_nan=name == "Depth"), name
 told = give(view, Region7Opacity=0.5)
@@ -55,7 +57,8 @@ view.Say = ""
 # A sketch, which may have fewer regions, has the edits that it can have, and what it cannot have is told.
 from svv.fields.scene.scene import Scene
 from svv.pv.panel.groups import EDITS
-from svv.pv.work.own_edits import sketch_as_edited
+from svv.pv.work.own_edits import edits_of, sketch_as_edited
+assert edits_of({**EDITS, "Variant": "", "CutOpenBy": "sphere:0,0,0:1"}) == {}, "a surface that cuts nothing"
 asked = {**EDITS, "Variant": "", f"Region{top}Hide": True, "Region7Hide": True}
 sketch, told = sketch_as_edited(Scene.load(f"{folder}/own.svv").shown(), asked)
 assert sketch.regions[top].hidden and told.startswith(" Not in the sketch: There is no region 7"), told

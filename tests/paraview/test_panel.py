@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from svv.core.colour.light import Lamp
-from svv.core.geometry.cameras import sphere_cameras
+from svv.core.geometry.box import Box
+from svv.core.geometry.cameras import CameraRig, sphere_cameras
 from svv.fields.scene.expected import ExpectedErrors
 from svv.fields.scene.scene import Scene
 from svv.io.pictures.output import to_bytes
@@ -47,6 +48,88 @@ said["undone"] = [edit.Cuts, visible()]
     assert [cut.describe() for cut in Scene.load(tmp_path / "open.svv").cuts] == told
     assert said["no cut"].startswith("'x=5' is no cut: give sides of planes")
     assert said["undone"] == ["", said["whole"]]
+
+
+def test_surfaces_with_handles_cut_a_scene_open(inside, tmp_path: Path) -> None:
+    cube = cube_scene()
+    there = replace(cube.occupancy, box=Box((9.5, -0.5, -0.5), 1.0, (1.0, 1.0, 1.0)))
+    rig = CameraRig((10.0, 0.0, 0.0), 3.0, 0.5, (24, 24))
+    replace(cube, occupancy=there, camera_rig=rig).save(tmp_path / "moved.svv")
+    said = inside("""
+import torch
+from svv.core.geometry.cuts import Cut
+from svv.pv.panel.cutting_shapes import text_of
+reader = OpenDataFile(folder + "/moved.svv")
+reader.UpdatePipeline()
+edit = StyleRFEdit(Input=reader)
+image = StyleRFRender(Input=edit, ImageSize=[24, 24])
+visible = lambda: float((arrays(image)["RGBA"][..., 3] > 100).mean())
+last = lambda: status(edit).split("last edit: ")[-1].split(" (")[0]
+said["whole"] = visible()
+edit.CutOpen = 1
+said["first"] = [last(), visible()]
+# ParaView's own functions, at the numbers of its panels.
+numbers = {
+    "Plane": {"Origin": [10.1, 0.2, 0.0], "Normal": [1.0, 2.0, -1.0], "Offset": 0.05},
+    "Box": {"Position": [9.9, -0.3, -0.2], "Rotation": [20.0, -50.0, 35.0], "Length": [0.4, 0.7, 0.5]},
+    "Sphere": {"Center": [10.1, 0.0, 0.1], "Radius": 0.4},
+    "Cylinder": {"Center": [10.0, 0.1, 0.0], "Axis": [1.0, -2.0, 0.5], "Radius": 0.3},
+}
+points = np.random.default_rng(3).uniform(-0.6, 0.6, (150, 3)) + [10.0, 0.0, 0.0]
+said["placed"], said["agree"], said["inside"], steps = {}, {}, {}, []
+for kind, values in numbers.items():
+    edit.CutOpenBy = kind
+    said["placed"][kind] = [visible(), last()]
+    for name, value in values.items():
+        setattr(edit.CutOpenBy, name, value)
+    visible()
+    function = edit.CutOpenBy.SMProxy.GetClientSideObject()
+    depth = Cut.parse(text_of(function), [[0] * 3, [1] * 3]).depth(torch.from_numpy(points)).numpy()
+    signs = np.array([function.FunctionValue(*point) for point in points]) * (1 if kind == "Plane" else -1)
+    said["agree"][kind] = bool(((signs > 0) == (depth > 0))[abs(depth) > 1e-6].all())
+    said["inside"][kind] = float((depth > 0).mean())
+    if kind == "Box":
+        edit.CutOpenBy.UseReferenceBounds, edit.CutOpenBy.Bounds = 1, [-0.5, 0.5, 0.0, 2.0, 0.0, 1.0]
+        edit.UpdatePipeline()
+        depth = Cut.parse(text_of(function), [[0] * 3, [1] * 3]).depth(torch.from_numpy(points)).numpy()
+        signs = -np.array([function.FunctionValue(*point) for point in points])
+        said["agree"]["bounds"] = bool(((signs > 0) == (depth > 0))[abs(depth) > 1e-6].all())
+        edit.CutOpenBy.UseReferenceBounds = 0
+        SaveState(folder + "/open.pvsm")
+    steps.append([last(), visible()])
+edit.InvertCut, edit.CutRegions, edit.Cuts = 0, "1", "z<0"
+said["both"] = status(edit)
+edit.InvertCut, edit.CutRegions, edit.Cuts = 1, "", ""
+said["again"] = [last(), visible()]
+edit.CutOpenBy.Radius = 0.2
+said["smaller"] = [last(), visible()]
+edit.UndoEdit()
+said["undone"] = [last(), visible()]
+edit.RedoEdit()
+said["redone"] = [last(), visible()]
+edit.ResetEdits()
+said["reset"] = [status(edit), visible()]
+edit.CutOpen, edit.CutOpenBy = 1, "Box"
+edit.CutOpenBy.Length = [1.0, 0.0, 1.0]
+said["flat"] = status(edit)
+ResetSession()
+LoadState(folder + "/open.pvsm")
+edit, image = FindSource("StyleRFEdit1"), FindSource("StyleRFRender1")
+said["loaded"], said["steps"] = [last(), visible()], steps
+said["volume"] = StyleRFVolume(Input=edit).CutBy.Origin[0]
+""")
+    assert said["first"][0] == "cut x > 10" and 0.3 < said["first"][1] / said["whole"] < 0.7
+    assert said["agree"] == dict.fromkeys((*said["placed"], "bounds"), True)
+    assert all(0.02 < share < 0.98 for share in said["inside"].values()), said["inside"]
+    # New surfaces stand in the scene, not where ParaView puts them for an input without bounds.
+    assert said["placed"]["Sphere"][1] == "cut all but ball of radius 0.25 at 10, 0, 0"
+    assert all(0.02 < shown / said["whole"] < 0.9 for shown, _ in said["placed"].values()), said["placed"]
+    assert "cut z < 0; cut cylinder of radius 0.3 at 10, 0.1, 0 of region 1" in said["both"]
+    assert said["again"] == said["undone"] == said["steps"][3] and said["smaller"] == said["redone"] != said["undone"]
+    assert said["reset"] == ["3 regions.", said["whole"]]
+    assert said["flat"].startswith("Cut Open By has no inside: choose a shape, and for a box lengths that are not 0.")
+    assert said["loaded"] == said["steps"][1] and said["loaded"][0].startswith("cut all but ")
+    assert said["volume"] == 10.0
 
 
 def test_regions_are_hidden_isolated_and_edits_taken_back(inside, tmp_path: Path) -> None:

@@ -99,14 +99,16 @@ class Cut:
             regions = tuple(int(k) for k in of.split(",")) if of else ()
             if min(regions, default=0) < 0:
                 raise ValueError
-            kind, *rest = shape.split(":")
-            parts = [tuple(float(v) for v in part.split(",")) for part in rest]
-            found = _sides(kind, np.asarray(bounds, np.float64)) if not parts else _shape(kind, parts)
+            shapes = [_shape(one, np.asarray(bounds, np.float64)) for one in shape.split("&")]
+            round_ones = [one for one in shapes if one.centre is not None]
+            if len(round_ones) > 1:
+                raise BadInput(f"A cut may have one ball or cylinder, but '{text}' has {len(round_ones)}.")
+            found, planes = [*round_ones, *shapes][0], tuple(plane for one in shapes for plane in one.planes)
         except BadInput:
             raise
         except (ValueError, IndexError):
             raise BadInput(f"'{text}' is no cut: {HOW}.") from None
-        return replace(found, outside=outside, regions=regions)
+        return replace(found, planes=planes, outside=outside, regions=regions)
 
     def in_box(self, box: Box) -> Cut:
         """Return the cut in box coordinates."""
@@ -160,29 +162,29 @@ class Cut:
             depth = torch.minimum(depth, (self.radius or 0.0) - away.norm(dim=1))
         return -depth if self.outside else depth
 
-    def to_text(self) -> str | None:
-        """Return the text from which :meth:`parse` makes the cut, in world units; None if there is none.
+    def to_text(self) -> str:
+        """Return the text from which :meth:`parse` makes the cut, in world units.
 
         >>> Cut(planes=((1.0, 0.0, 0.0, 5.0),)).to_text()
         'x>5.0'
         """
 
-        def listed(numbers: Sequence[float]) -> str:
+        def listed(*numbers: float) -> str:
             return ",".join(map(repr, numbers))
 
-        along = [(plane, axis) for plane in self.planes for axis in range(3) if abs(plane[axis]) == 1.0]
-        before = ",".join(map(str, self.regions)) + "=" * bool(self.regions) + (OUTSIDE + " ") * self.outside
-        if self.centre is not None and not self.planes and self.radius is not None:
-            if self.axis is None:
-                return f"{before}sphere:{listed(self.centre)}:{self.radius!r}"
-            return f"{before}cylinder:{listed(self.centre)}:{listed(self.axis)}:{self.radius!r}"
-        if self.centre is None and len(along) == len(self.planes):
-            sides = [f"{'xyz'[axis]}{'>' if p[axis] > 0 else '<'}{p[axis] * p[3]!r}" for p, axis in along]
-            return before + "&".join(sides)
-        if self.centre is None and len(self.planes) == 1:
-            x, y, z, d = self.planes[0]
-            return f"{before}plane:{listed((x * d, y * d, z * d))}:{listed((x, y, z))}"
-        return None
+        shapes = []
+        for *normal, distance in self.planes:
+            if 1.0 in map(abs, normal):
+                axis = int(np.argmax(np.abs(normal)))
+                shapes.append(f"{'xyz'[axis]}{'>' if normal[axis] > 0 else '<'}{normal[axis] * distance!r}")
+            else:
+                shapes.append(f"plane:{listed(*(v * distance for v in normal))}:{listed(*normal)}")
+        if self.centre is not None and self.radius is not None:
+            kind = "sphere" if self.axis is None else "cylinder"
+            axes = "" if self.axis is None else f"{listed(*self.axis)}:"
+            shapes.append(f"{kind}:{listed(*self.centre)}:{axes}{self.radius!r}")
+        of = ",".join(map(str, self.regions)) + "=" * bool(self.regions)
+        return f"{of}{OUTSIDE + ' ' if self.outside else ''}{'&'.join(shapes)}"
 
     def describe(self) -> str:
         """Return a short description."""
@@ -202,26 +204,27 @@ def _describe_plane(x: float, y: float, z: float, d: float) -> str:
     return f"{x:.3g} x + {y:.3g} y + {z:.3g} z > {d:.4g}"
 
 
-def _sides(text: str, bounds: NDArray[np.float64]) -> Cut:
-    """Return the shape in which all of some comparisons hold; raises ValueError if it is not one."""
-    planes = []
-    for part in text.split("&"):
-        found = _SIDE.fullmatch(part)
-        if found is None:
-            raise ValueError
-        axis, sign, number, percent = found.groups()
-        k, side = "xyz".index(axis), 1.0 if sign == ">" else -1.0
-        value = float(number)
-        if percent:
-            value = float(bounds[0, k] + 0.01 * value * (bounds[1, k] - bounds[0, k]))
-        normal = [0.0, 0.0, 0.0]
-        normal[k] = side
-        planes.append((normal[0], normal[1], normal[2], side * value))
-    return Cut(tuple(planes))
+def _side(text: str, bounds: NDArray[np.float64]) -> Cut:
+    """Return the shape in which a comparison holds; raises ValueError if it is not one."""
+    found = _SIDE.fullmatch(text)
+    if found is None:
+        raise ValueError
+    axis, sign, number, percent = found.groups()
+    k, side = "xyz".index(axis), 1.0 if sign == ">" else -1.0
+    value = float(number)
+    if percent:
+        value = float(bounds[0, k] + 0.01 * value * (bounds[1, k] - bounds[0, k]))
+    normal = [0.0, 0.0, 0.0]
+    normal[k] = side
+    return Cut(((normal[0], normal[1], normal[2], side * value),))
 
 
-def _shape(kind: str, parts: Sequence[tuple[float, ...]]) -> Cut:
-    """Return a shape from its name and numbers; raises ValueError if they do not fit."""
+def _shape(text: str, bounds: NDArray[np.float64]) -> Cut:
+    """Return a shape from a comparison, or from its name and numbers; raises ValueError if they do not fit."""
+    kind, *rest = text.split(":")
+    if not rest:
+        return _side(kind, bounds)
+    parts = [tuple(float(v) for v in part.split(",")) for part in rest]
     lengths = tuple(len(part) for part in parts)
     if kind == "plane" and lengths == (3, 3):
         at, normal = parts

@@ -13,7 +13,7 @@ from typing import Any
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
-from svv.pv.client import follow_property, mask_points, part_picking, placing, strict
+from svv.pv.client import follow_property, mask_points, part_picking, placed_shapes, placing, strict
 from svv.pv.client.strict import failure_of
 from svv.pv.display import linked_camera
 from svv.pv.display.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
@@ -259,6 +259,8 @@ def _registered(session: SMSessionProxyManager, *_: object) -> None:
         watch_learning(filter, loading)
     for filter in _proxies(session, linked_camera.IMAGES):
         follow_property.begin(filter, loading)
+    for filter in _proxies(session, tuple(placed_shapes.SHAPED)):
+        placed_shapes.place(filter, loading)
     for view in _proxies(session, ("RenderView",), "views"):
         for event, do in OF_VIEWS:
             observe(view.SMProxy, event, do)

@@ -5,9 +5,18 @@ from __future__ import annotations
 from paraview.util.vtkAlgorithm import smproxy
 
 from svv.pv.panel.first_screen import few_first
-from svv.pv.panel.groups import edit_properties, menu, part_properties, save_properties, takes_scene, takes_scenes
+from svv.pv.panel.groups import (
+    edit_properties,
+    menu,
+    part_properties,
+    save_properties,
+    scene_bounds,
+    takes_scene,
+    takes_scenes,
+)
 from svv.pv.panel.properties import button, integer, panel, status, switch, text
 from svv.pv.vtk_types import Data, OutInfo, Request
+from svv.pv.work.bounded import Bounded
 from svv.pv.work.cached import SceneOutput
 from svv.pv.work.picking import Click, Picking, point_seen
 from svv.pv.work.vtk_data import finished_scene_of, key_of_scene, scene_of
@@ -25,6 +34,7 @@ __all__ = ["StyleRFEdit", "StyleRFJoin"]
     button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
     *part_properties(),
     *edit_properties(),
+    scene_bounds(),
     switch("ShowHidden", False, "Show regions that were hidden before this filter."),
     text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
     integer("Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50,
@@ -34,7 +44,7 @@ __all__ = ["StyleRFEdit", "StyleRFJoin"]
     status(),
 ))  # fmt: skip
 @takes_scene
-class StyleRFEdit(SceneOutput, Picking):
+class StyleRFEdit(SceneOutput, Picking, Bounded):
     """Edit a scene at once, without training. The rows of the input's table are the regions."""
 
     def UndoEdit(self) -> None:

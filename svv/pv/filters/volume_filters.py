@@ -29,6 +29,7 @@ from svv.pv.results.time_steps import Moment, Steps
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 from svv.pv.work import vtk_data
 from svv.pv.work.base import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
+from svv.pv.work.bounded import Bounded
 from svv.pv.work.cached import FILE, LOST, Keeping, SceneOutput, Views, views_in
 from svv.pv.work.default_function import describe_default_function
 from svv.pv.work.own_edits import edits_of, painted_as_edited, put_edited
@@ -247,7 +248,7 @@ class StyleRFPlaceInView(Filter):
 @smhint.xml('<RepresentationType view="RenderView" type="Volume"/>')
 @panel(*properties_of(BakeOptions()), *groups.cut_properties(), *picked(), status())
 @groups.takes_scene
-class StyleRFVolume(VolumeOutput, Clickable):
+class StyleRFVolume(VolumeOutput, Clickable, Bounded):
     """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, and
     that can be cut open.
     """

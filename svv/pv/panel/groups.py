@@ -27,6 +27,7 @@ from svv.options.making import (
     TrainOptions,
     ViewOptions,
 )
+from svv.pv.panel.cutting_shapes import cutting_shape
 from svv.pv.panel.option_panel import properties_of
 from svv.pv.panel.properties import (
     Class,
@@ -226,15 +227,20 @@ def seen_with() -> Property:
     )  # fmt: skip
 
 
+def scene_bounds() -> Property:
+    """Return the bounds of the scene, for the surfaces that cut it (:class:`svv.pv.work.bounded.Bounded`)."""
+    return hidden_text("SceneBounds", "GetSceneBounds", "Lowest and highest corner of the scene: x y z x y z.")
+
+
 def cut_properties() -> Sequence[Property]:
     """Return the properties for cutting a volume open."""
     return [
-        switch("Cut", False, "Cut the volume open at the surface below; ParaView does not draw a Clip of it in its "
-                             "colours."),
+        switch("Cut", False, "Cut the volume open; ParaView draws a Clip of it without its colours."),
         *shown_where("Cut", 1, [
-            shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
-            switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
+            shape("CutBy", "Plane, box, sphere or cylinder."),
+            switch("Invert", True, "Keep what is behind or inside it; otherwise the rest."),
         ]),
+        scene_bounds(),
     ]  # fmt: skip
 
 
@@ -324,6 +330,12 @@ def edit_properties() -> Sequence[Property]:
             "plane:x,y,z:nx,ny,nz; box:x,y,z:x,y,z; sphere:x,y,z:r; cylinder:x,y,z:dx,dy,dz:r; outside sphere:x,y,z:r "
             "for all but the ball.",
         ),
+        switch("CutOpen", False, "Cut the scene at a surface with handles."),
+        *shown_where("CutOpen", 1, [
+            cutting_shape("CutOpenBy", "Plane, box, sphere or cylinder."),
+            switch("InvertCut", True, "Keep what is behind or inside it; otherwise the rest."),
+            text("CutRegions", "Regions, such as 0, 2; empty: all."),
+        ]),
         *properties_of(SectionEdit()),
         *(made for made in properties_of(PaintEdit()) if made.name == "Strength"),
         *group("Strokes", [

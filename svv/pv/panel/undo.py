@@ -5,6 +5,8 @@ Client code: the filter runs on the server and knows only its current values; th
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from svv.pv.observers import Watched, python_proxy, with_data
 from svv.pv.paraview_types import Proxy, SMProxy
 
@@ -18,7 +20,18 @@ STEPS = 50
 """Maximum number of a panel's states that are remembered."""
 
 PanelValues = dict[str, object]
-"""The applied settings of a panel, by property: numbers, texts, proxies, or lists of them."""
+"""The applied settings of a panel, by property: numbers, texts, or lists of them, and shapes."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A surface with handles, as it was applied."""
+
+    kind: str
+    """Plane, Box, Sphere or Cylinder."""
+    values: PanelValues
+    """Its settings."""
+
 
 _watched: Watched[PanelHistory] = Watched()
 """Histories of the filters; without this reference Python would collect them, because VTK holds none."""
@@ -34,7 +47,7 @@ class PanelHistory:
 
     def applied(self, proxy: SMProxy, event: str) -> None:
         """Remember the values that were applied before the current ones."""
-        values = values_of(proxy)
+        values = values_of(proxy) | shapes_of(proxy)
         if self.now is not None and values != self.now:
             self.past = [*self.past, self.now][-STEPS:]
             self.future = []
@@ -86,12 +99,34 @@ def values_of(proxy: SMProxy) -> PanelValues:
     return found
 
 
+def shapes_of(proxy: SMProxy) -> dict[str, Shape]:
+    """Return a proxy's surfaces with handles, by property."""
+    filter, found = python_proxy(proxy), {}
+    for name in filter.ListProperties():
+        own = filter.GetProperty(name)
+        if own.SMProperty.FindDomain("vtkSMProxyListDomain") is not None and (chosen := own.GetData()) is not None:
+            found[name] = Shape(chosen.SMProxy.GetXMLName(), values_of(chosen.SMProxy))
+    return found
+
+
 def give(proxy: SMProxy, values: PanelValues) -> None:
     """Set a panel's values, and show the result."""
     filter = python_proxy(proxy)
     for name, value in values.items():
-        filter.GetProperty(name).SetData(value)
+        own = filter.GetProperty(name)
+        if isinstance(value, Shape):
+            own.SetData(value.kind)
+            give_values(own.GetData(), value.values)
+        else:
+            own.SetData(value)
     _show(proxy)
+
+
+def give_values(shape: Proxy, values: PanelValues) -> None:
+    """Set a shape's values."""
+    for name, value in values.items():
+        shape.GetProperty(name).SetData(value)
+    shape.SMProxy.UpdateVTKObjects()
 
 
 def reset(proxy: SMProxy) -> None:

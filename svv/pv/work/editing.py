@@ -20,6 +20,7 @@ from svv.options.editing import (
     ShadowEdit,
     VisibilityEdit,
 )
+from svv.pv.panel.cutting_shapes import cut_at
 from svv.pv.panel.groups import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 from svv.pv.panel.option_panel import options_in
 from svv.pv.panel_values import Values, colour_row, points_in, region_row
@@ -89,10 +90,19 @@ def edit_in(values: Values) -> SceneEdit:
             isolate=tuple(whole_numbers_in(values["Isolate"], "Isolate")) if values["Isolate"].strip() else None,
             hide=hide or None,
         ),
-        CutEdit(tuple(text.strip() for text in values["Cuts"].split(";") if text.strip()) or None),
+        CutEdit(cuts_in(values) or None),
         options_in(SectionEdit, values),
         outlined=tuple(whole_numbers_in(values["OutlineRegions"], "Outline Regions")),
     )
+
+
+def cuts_in(values: Values) -> tuple[str, ...]:
+    """Return the texts of a panel's cuts; raise BadInput for a surface without inside, or a text of no regions."""
+    cuts = tuple(text.strip() for text in values["Cuts"].split(";") if text.strip())
+    if not values["CutOpen"]:
+        return cuts
+    regions = whole_numbers_in(values["CutRegions"], "Cut Regions")
+    return (*cuts, cut_at(values["CutOpenBy"], values["InvertCut"], regions))
 
 
 def _strokes_in(values: Values) -> dict[str, object]:

@@ -32,6 +32,8 @@ def edits_of(values: Values) -> Values:
     """Return the values of the panel of StyleRF Stylized View that edit what it has painted; empty if none does."""
     held = by_name(values)
     chosen = {name: _plain(held[name]) for name in EDITS}
+    if not chosen["CutOpen"]:
+        chosen["CutOpenBy"] = EDITS["CutOpenBy"]  # ParaView has one as soon as there is a panel
     if chosen == EDITS and not values["Variant"]:
         return {}
     return with_names({**chosen, "Variant": values["Variant"]})

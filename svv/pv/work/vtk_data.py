@@ -24,11 +24,13 @@ from vtkmodules.vtkCommonDataModel import (
     vtkTable,
 )
 
+from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.depth_mesh import DepthMesh
 from svv.dvr.read.appearance import named, named_text
 from svv.errors import BadInput
 from svv.io.files.keyed_results import digest
+from svv.io.scene_file import header_in
 from svv.pv.failed import check_there
 from svv.pv.results.keys import digest_of_views
 from svv.pv.work.connected import BAKED, CAMERA, SCENE, VIEWS, what_is
@@ -121,6 +123,24 @@ def scene_of(data: vtkDataObject | None) -> Scene:
 def content_of(data: vtkDataObject) -> bytes:
     """Return the content of the scene file that a table carries, or of the scene that an image shows."""
     return vtk_to_numpy(_table(data).GetFieldData().GetArray(SCENE)).tobytes()
+
+
+def bounds_of_scene(data: vtkDataObject | None) -> NDArray[np.float64] | None:
+    """Return the bounds of the scene that a table carries or an image shows, from its header; None without one. (2, 3)
+
+    Raises BadInput as :func:`table_of`, or if the header is damaged.
+    """
+    table = table_of(data)
+    array = None if table is None else table.GetFieldData().GetArray(SCENE)
+    if array is None:
+        return None
+    content, name = vtk_to_numpy(array), "The scene in the input"
+    header = header_in(content[: int.from_bytes(content[:8].tobytes(), "little") + 8].tobytes(), name)
+    try:
+        boxes = np.stack([Box(**told["box"]).bounds for told in (header, *header.get("layers", []))])
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"The header of {name[0].lower()}{name[1:]} is damaged.") from error
+    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
 def key_of_scene(data: vtkDataObject) -> str:

@@ -71,6 +71,9 @@ FRONT_SIZE, FRONT_QUALITY = 720, 88
 MOST_CUT = 31
 """Most regions of a scene with cuts of some of them: a page holds these as bits of a number."""
 
+MOST_PLANES = 6
+"""Most planes of a cut on a page, as many as a box has (``cuts.js``)."""
+
 MOVIE_FRAMES, MOVIE_FPS, MOVIE_SIZE, MOVIE_CRF = 30, 7.5, 240, 30
 """Frames, frames per second, side in pixels and rate factor of the orbit for browsers that cannot draw the scene."""
 
@@ -154,7 +157,12 @@ def _check_shade(scene: Scene) -> None:
 
 
 def _check_cuts(scene: Scene) -> None:
-    """Raise BadInput if a page has no room for the cuts of some regions."""
+    """Raise BadInput if a page has no room for the cuts."""
+    if any(len(cut.planes) > MOST_PLANES for cut in scene.cuts):
+        raise BadInput(
+            f"A page shows cuts of at most {MOST_PLANES} planes: take the others away (svv edit --uncut), or write "
+            "pictures or a movie of the scene."
+        )
     if len(scene.regions) > MOST_CUT and (any(cut.regions for cut in scene.cuts) or is_sectioned(scene)):
         raise BadInput(
             f"A page shows cuts of some regions and sections in scenes of at most {MOST_CUT} regions, not "

@@ -38,8 +38,6 @@ class Film {
     if (paintings.size > 1) return this.say("A shot shows one painting: choose the same one in all key frames, or none.");
     if (new Set(keys.map(({ edits }) => edits.lamp.direction === null)).size > 1)
       return this.say("The light has angles in some key frames and the file's direction in others: move it in all of them.");
-    if (keys.some(({ edits }) => cutsOf(edits, header).some(({ text }) => text === null)) && this.cutsVary())
-      return this.say("A cut of the file has no text, so a shot cannot move cuts: show the file's cuts alone in all key frames.");
     const [painting] = paintings, [width, height] = this.size();
     const shot = { size: [width, height], background: keys.at(-1).edits.background, keys: this.frames() };
     if (painting !== undefined && header.layers.length === 1) shot.painting = header.paintings[painting].name;

@@ -143,7 +143,7 @@ def test_cuts_are_edits() -> None:
     scene = cube_scene()
     half = scene.cut("x>50%")
     corner = half.cut("0,2=y>50%", "x>50%")  # there already
-    assert [cut.describe() for cut in corner.cuts] == ["cut x > 0", "cut y > 0 of region 0, 2"]
+    assert [cut.describe() for cut in corner.cuts] == ["cut x > 0", "cut y > 0 of regions 0, 2"]
     assert corner.undone().cuts == half.cuts and corner.undone().undone().cuts == ()
     assert corner.undone().redone() == replace(corner, history=corner.undone().redone().history)
     assert corner.uncut().cuts == () and corner.uncut().undone().cuts == corner.cuts

@@ -163,7 +163,7 @@ class Cut:
     def to_text(self) -> str | None:
         """Return the text from which :meth:`parse` makes the cut, in world units; None if there is none.
 
-        >>> svv.Cut(planes=((1.0, 0.0, 0.0, 5.0),)).to_text()
+        >>> Cut(planes=((1.0, 0.0, 0.0, 5.0),)).to_text()
         'x>5.0'
         """
 

@@ -22,6 +22,7 @@ from svv.errors import BadInput
 from svv.fields.scene.joined import joined, members
 from svv.fields.scene.scene import Scene
 from svv.options.baking import BakeOptions
+from svv.render.emptiness import why_empty
 from svv.render.web.page import html_of
 from tests.cube import cube_camera, cube_scene, faint, hash_cube_scene, lit_cube_scene
 
@@ -138,14 +139,15 @@ def test_a_cut_opens_the_view_of_what_was_hidden() -> None:
 def test_what_is_cut_away_wholly_shows_nothing() -> None:
     scene = cube_scene()
     for one in (scene.cut("x>-10"), scene.cut("x>50%", "x<50%"), cut_with(scene, "sphere:9,9,9:1", outside=True)):
-        assert not one.render(cube_camera()).rgba.any()
+        empty = one.render(cube_camera())
+        assert not empty.rgba.any() and "its cuts take away all" in why_empty(one, empty.depth)
 
 
 def test_cuts_are_edits() -> None:
     scene = cube_scene()
     half = scene.cut("x>50%")
     corner = half.cut("0,2=y>50%", "x>50%")  # there already
-    assert [cut.describe() for cut in corner.cuts] == ["cut x > 0", "cut y > 0 of region 0, 2"]
+    assert [cut.describe() for cut in corner.cuts] == ["cut x > 0", "cut y > 0 of regions 0, 2"]
     assert corner.undone().cuts == half.cuts and corner.undone().undone().cuts == ()
     assert corner.undone().redone() == replace(corner, history=corner.undone().redone().history)
     assert corner.uncut().cuts == () and corner.uncut().undone().cuts == corner.cuts

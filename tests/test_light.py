@@ -172,6 +172,7 @@ def test_files_keep_the_light_and_undo_takes_it_back(lit_cube: Scene) -> None:
     assert back.reset().lamp == Lamp() and back.reset().regions == lit_cube.regions
     assert back.reset(2).lamp == back.lamp
     assert "light from 0, 1, 0, intensity 0.7" in back.info()["light"]
+    assert "30 degrees right, 10 down" in once.info()["light"]
     assert back.info()["reflects"][2]["specular"] == pytest.approx(0.4)
 
 

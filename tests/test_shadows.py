@@ -263,7 +263,7 @@ def test_members_of_a_joined_scene_shade_each_other(apart: bool) -> None:
 
 def test_it_is_an_edit_kept_in_file_history_and_look(cube: Scene, tmp_path: Path) -> None:
     scene = cube.with_shadow(0.7, (-1, 2, 1), 12.0)
-    assert [step.what for step in scene.history.past] == ["shadows 0.7 from a light from -1, 2, 1, 12 degrees wide"]
+    assert [step.what for step in scene.history.past] == ["shadows 0.7 by a light 12 degrees wide, from -1, 2, 1"]
     scene.save(tmp_path / "a.svv")
     assert Scene.load(tmp_path / "a.svv").lamp == scene.lamp
     assert "shadows" in scene.info() and "shadows" not in cube.info()

@@ -163,6 +163,9 @@ def test_lights_turn_evenly(cube: Scene) -> None:
         with pytest.raises(BadInput, match=said):
             film(lit, {"keys": [{"time": 0, "light": one}, {"time": 1, "light": other}]})
     shine = film(lit, {"keys": [{"time": 0}, {"time": 2, "regions": {"0": {"specular": 1.5}}}]})
+    shadowed = lit.with_shadow(0.8, (1.0, 2.0, 1.0), 3.0)
+    for told in (keys, [{"time": 0, "light": {"azimuth": 10}}, {"time": 1, "light": {"azimuth": 70}}]):
+        assert all(film(shadowed, {"keys": told}).at(k).lamp.casts == shadowed.lamp.casts for k in (0, 5, 10))
     held = lit.coefficients()
     assert held is not None and shine.at(0).regions[0].specular == pytest.approx(float(held[0, 2]))
 

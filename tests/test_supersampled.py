@@ -13,6 +13,7 @@ from PIL import Image
 
 from svv.core.colour.colour import over
 from svv.errors import BadInput
+from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Rendering, Scene
 from svv.render.frames import RenderSettings, orbit, write_view
 from svv.render.supersampled import averaged, samples_for, supersampled
@@ -59,6 +60,7 @@ def test_images_of_strokes_have_four_rays_a_pixel_and_others_one(balls: Scene, t
     pieces, _ = painted(balls, manner="pieces")
     assert samples_for(strokes, camera) == 2
     assert samples_for(strokes, camera, "pcn") == samples_for(pieces, camera) == 1
+    assert samples_for(joined([balls, strokes]), camera) == 2 and samples_for(joined([balls, pieces]), camera) == 1
     assert samples_for(strokes.while_moving(), camera) == 1
     assert samples_for(strokes, camera.resized(3000, 3000)) == 1, "a pixel is a small part of a stroke"
     fine, background = strokes.render(camera.resized(120, 80)), (0.2, 0.4, 0.6)

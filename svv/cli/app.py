@@ -204,7 +204,8 @@ def main() -> NoReturn:
             if place().rank:
                 raise Elsewhere(2) from None  # the first process was given the same arguments
             command = error.ctx.command_path if error.ctx else "svv"
-            raise BadInput(f"{error.format_message()} Try: {command} --help") from None
+            said = error.format_message().replace("Value error, ", "").rstrip(".")
+            raise BadInput(f"{said}. Try: {command} --help") from None
         except typer.Abort:
             raise Cancelled from None
 

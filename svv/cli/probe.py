@@ -31,7 +31,7 @@ class Probed:
     """In which picture of a scene pixels are read off, and in which units."""
 
     at: Annotated[tuple[str, ...], Setting(metavar="X,Y")] = ()
-    """Read off the pixel in this column from the left and row from the top; may be repeated."""
+    """Read off the pixel in this column from the left and row from the top."""
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
     """Camera of the picture, as in `svv render`; by default the orbit's middle, from the front."""
     frame: Annotated[int | None, Setting(least=0)] = None

@@ -55,7 +55,7 @@ class Shown:
     orbit: Annotated[int | None, Setting(least=2)] = None
     """Number of frames on the path around the scene."""
     view: Annotated[tuple[str, ...], Setting(metavar="AZ,EL")] = ()
-    """Render the view from this many degrees to the right of the front and above it; may be repeated."""
+    """Render the view from this many degrees to the right of the front and above it."""
     camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
     """Render the views of a file: a camera_to_world (4 x 4) and fov, a list of them as frames, or a transforms file."""
     frame: Annotated[int | None, Setting(least=0)] = None

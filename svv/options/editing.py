@@ -195,8 +195,8 @@ class CutEdit(Request):
 
     cut: Annotated[tuple[str, ...] | None, Setting(metavar="SHAPE", panel="")] = None
     """Cut off what is inside a shape: 'x>50%', 'x>50%&y<12.5', plane:X,Y,Z:NX,NY,NZ, box:X,Y,Z:X,Y,Z, sphere:X,Y,Z:R or
-    cylinder:X,Y,Z:DX,DY,DZ:R; of some regions only as '0,2=x>50%'; what is outside as 'outside sphere:X,Y,Z:R'. May be
-    repeated."""
+    cylinder:X,Y,Z:U,V,W:R along U,V,W; of some regions only as '0,2=x>50%'; what is outside as
+    'outside sphere:X,Y,Z:R'."""
     uncut: Annotated[bool | None, Setting(panel="")] = None
     """Take away all cuts first."""
 

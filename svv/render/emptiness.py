@@ -26,4 +26,4 @@ def why_empty(scene: Scene, depth: NDArray[np.floating]) -> str:
     """Return why a picture whose depth (h, w) is all NaN shows nothing, without a full stop; '' for others."""
     if np.isfinite(depth).any():
         return ""
-    return HIDDEN if hides_all(scene) else PAST
+    return HIDDEN if hides_all(scene) else PAST + ", or its cuts take away all that is there" * bool(scene.cuts)

@@ -38,7 +38,7 @@ def samples_for(scene: Scene, camera: Camera, network: str | None = None) -> int
 
 def shows_strokes(scene: Scene) -> bool:
     """Return whether the painting that a scene shows has brush strokes."""
-    return bool(scene.stroked) or any(bool(layer.stroked) for layer in scene.layers)
+    return bool(scene.regions_with_strokes)
 
 
 def supersampled(

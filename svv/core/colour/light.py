@@ -146,12 +146,15 @@ class Lamp:
 
     def describe_shadow(self) -> str:
         """Return a short description of its shadows alone."""
-        return f"shadows {self.shadow:g} from a light {self.casting._where()}, {self.shadow_softness:g} degrees wide"
+        return f"shadows {self.shadow:g} by a light {self.shadow_softness:g} degrees wide, {self.casting._where()}"
 
     def _where(self) -> str:
         if self.direction is not None:
             return "from " + ", ".join(f"{v:g}" for v in self.direction)
-        return f"{self.azimuth:g} degrees right, {self.elevation:g} up" if self.moved else "at the camera"
+        if not self.moved:
+            return "at the camera"
+        aside, above = "right" if self.azimuth >= 0.0 else "left", "up" if self.elevation >= 0.0 else "down"
+        return f"{abs(self.azimuth):g} degrees {aside}, {abs(self.elevation):g} {above}"
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values for files: those of shadows only where they were set, so that older versions read it."""

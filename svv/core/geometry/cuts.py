@@ -193,7 +193,7 @@ class Cut:
             place = ", ".join(f"{v:.4g}" for v in self.centre)
             kind = "ball" if self.axis is None else "cylinder"
             parts.append(f"{kind} of radius {self.radius:.4g} at {place}")
-        of = f" of region {', '.join(map(str, self.regions))}" if self.regions else ""
+        of = f" of region{'s' * (len(self.regions) > 1)} {', '.join(map(str, self.regions))}" if self.regions else ""
         return f"cut {'all but ' if self.outside else ''}{' and '.join(parts)}{of}"
 
 

@@ -231,20 +231,21 @@ class KeyFrames:
             self._lamp(0.5 * (told[0][0] + told[1][0]))  # says now if it is not known which way round the light turns
 
     def _lamp(self, time: float) -> Lamp:
-        """Return the light at a time."""
+        """Return the light at a time, with the scene's shadows."""
         if not self._lights:
             return self._scene.lamp
+        casts = self._scene.lamp.casts
         times, intensity = self._bright.times, self._bright.at(time)
         if time in times or len(times) == 1:
             light = self._lights[times.index(time) if time in times else 0][1]
-            return Lamp(light.azimuth, light.elevation, light.direction, intensity)
+            return Lamp(light.azimuth, light.elevation, light.direction, intensity, **casts)
         turned = partial(directed, times=times, at=time, what="The light")
         if self._lights[0][1].direction is not None:
             x, y, z = (float(v) for v in turned([_unit(light.direction) for _, light in self._lights]))
-            return Lamp(direction=(x, y, z), intensity=intensity)
+            return Lamp(direction=(x, y, z), intensity=intensity, **casts)
         x, y, z = turned([direction_of(light.azimuth, light.elevation) for _, light in self._lights])
         above = float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
-        return Lamp(float(np.degrees(np.arctan2(x, z))), above, None, intensity)
+        return Lamp(float(np.degrees(np.arctan2(x, z))), above, None, intensity, **casts)
 
 
 def _unit(vector: Sequence[float] | None) -> Array:

@@ -270,7 +270,7 @@ def test_what_goes_wrong_inside_a_command_ends_as_promised(
     def fail(path: Path) -> None:
         raise raised
 
-    monkeypatch.setattr("svv.cli.scene.load", fail)
+    monkeypatch.setattr("svv.io.scene_file.read_scene_info", fail)
     ended, error = call("info", "x.svv", monkeypatch=monkeypatch, capsys=capsys)
     assert ended == code
     assert said is None or error == said
@@ -280,7 +280,7 @@ def test_a_defect_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(path: Path) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("svv.cli.scene.load", fail)
+    monkeypatch.setattr("svv.io.scene_file.read_scene_info", fail)
     monkeypatch.setattr(sys, "argv", ["svv", "info", "x.svv"])
     with pytest.raises(ZeroDivisionError):
         cli.main()

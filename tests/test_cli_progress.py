@@ -59,14 +59,14 @@ def test_an_error_passes_through() -> None:
 WORK = """
 import sys, time
 from svv.cli import app
-from svv.cli import scene
+from svv.io import scene_file
 from svv.progress import shown
 def work(path):
     with shown("Working [1/2]") as progress:
         for step in range(10**6):
             progress(step / 10**6, "x [y]")
             time.sleep(0.01)
-scene.load = work
+scene_file.read_scene_info = work
 sys.argv = ["svv", "info", "scene.svv"]
 app.main()
 """

@@ -61,7 +61,14 @@ def open_cells_of(scene: Model) -> OpenCells | None:
     if key is None or palette is None:
         return None
     parts = None if scene.parts is None else (scene.parts.digest, scene.parts.active)
-    matter = ref(scene.base), id(scene.occupancy), palette.encoding.table._version, scene.device, parts, len(scene.regions)
+    matter = (
+        ref(scene.base),
+        id(scene.occupancy),
+        palette.encoding.table._version,
+        scene.device,
+        parts,
+        len(scene.regions),
+    )
     known = _known.get(palette)
     if known is None or known.matter != matter:
         known = _known[palette] = _Known(matter, *_regions_in_cells(scene, palette))

@@ -21,7 +21,8 @@ from svv.pv.display.display_table import COLOURS, OPACITIES, REPRESENTATION
 ROOT = Path(__file__).resolve().parents[1]
 
 PARAVIEW = {
-    "Abort", "Apply", "Clip", "Color Map Editor", "Coloring", "Composite", "Coordinate System", "Cubic", "Headlight",
+    "Abort", "Apply", "Clip", "Color Map Editor", "Coloring", "Composite", "Coordinate System", "Cubic",
+    "Find Data", "Headlight", "Hover Points On",
     "Lights", "Linear", "Navigable", "Output Messages", "Pipeline Browser", "Play", "Save Animation",
     "Scalar Opacity Unit Distance", "Smart", "Use 2D Transfer Function", "Volume Rendering Mode",
     "Volumetric Scattering Blending",
@@ -31,14 +32,14 @@ PARAVIEW = {
 FILTERS = {"Calculator", "Extract Subset", "Resample To Image", "Table To Structured Grid"}
 """Filters of ParaView that sentences name; tests/paraview/test_named_filters.py looks for them there."""
 
-OUTPUTS = {"Mask"}
-"""Our filters' outputs."""
+OUTPUTS = {"Mask", "Doubt", "Value"}
+"""Our filters' outputs, and arrays of these."""
 
 WORDS = {
     "CPU", "CUDA", "Debian", "DIR", "DISPLAY", "Fedora", "GB", "GPU", "JSON", "Machado", "MatCap", "MatCaps",
     "NVIDIA GPU", "PATH", "PDF", "ParaView", "Python", "SVG", "SVV_CACHE_SIZE", "SVV_TORCH_INDEX", "TORCH", "Ubuntu",
     "VTK", "Xvfb",
-    "NAME", "FILE", "No", "RGBA", "There",
+    "NAME", "FILE", "NaN", "No", "RGBA", "There",
 }  # fmt: skip
 """Other words with a capital: programs, formats, variables, people."""
 

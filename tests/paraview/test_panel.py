@@ -127,7 +127,9 @@ said["volume"] = StyleRFVolume(Input=edit).CutBy.Origin[0]
     assert "cut z < 0; cut cylinder of radius 0.3 at 10, 0.1, 0 of region 1" in said["both"]
     assert said["again"] == said["undone"] == said["steps"][3] and said["smaller"] == said["redone"] != said["undone"]
     assert said["reset"] == ["3 regions.", said["whole"]]
-    assert said["flat"].startswith("Cut Open By has no inside: choose a shape, and for a box lengths that are not 0.")
+    assert said["flat"].startswith(
+        "The shape of Cut Open By has no inside: choose a shape, and for a box lengths that are not 0."
+    )
     assert said["loaded"] == said["steps"][1] and said["loaded"][0].startswith("cut all but ")
     assert said["volume"] == 10.0
 

@@ -88,7 +88,7 @@ def cut_at(shape: str, invert: bool, regions: Sequence[int]) -> str:
     no shape.
     """
     if not shape:
-        raise BadInput("Cut Open By has no inside: choose a shape, and for a box lengths that are not 0.")
+        raise BadInput("The shape of Cut Open By has no inside: choose a shape, and for a box lengths that are not 0.")
     front = shape.startswith("plane:") and "&" not in shape
     of = f"{','.join(map(str, regions))}=" if regions else ""
     return f"{of}{'' if invert == front else 'outside '}{shape}"

@@ -261,7 +261,7 @@ def value_properties() -> list[Property]:
                              "again."),
         switch("WithValues", False,
                "Add the array Value: the volume's value where each pixel's region is most visible, NaN where none is "
-               "known, for Find Data and Hover Points; it takes a scene trained with Keep Values, or of the encoding "
+               "known, for Find Data and Hover Points On; it takes a scene trained with Keep Values, or of the encoding "
                "values.", True),
     ]  # fmt: skip
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,10 +144,15 @@ def correct_palette(
         notes=[*notes, reason],
         learned_from="views only" if volume is None else "volume and views",
     )
+    return replace(result, made=_made(scene, report)), report
+
+
+def _made(scene: Scene, report: Report) -> dict[str, Any]:
+    """Return how a corrected scene was made: as before, without what was said of the old regions."""
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key", "confidence")}
-    if "warnings" in made:  # those about regions are about the old ones
+    if "warnings" in made:
         made["warnings"] = [said for said in made["warnings"] if not said.startswith("Region ")]
-    return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
+    return {**made, "corrected": [*scene.made.get("corrected", []), report]}
 
 
 def _trained(

@@ -37,7 +37,9 @@ from svv.fields.strokes.stored_strokes import Brushed
 Arrays = dict[str, NDArray[np.generic]]
 
 
-def arrays_of(scene: Model, packed: bool = True, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
+def arrays_of(  # long: one record
+    scene: Model, packed: bool = True, whole: bool = True
+) -> tuple[dict[str, Any], Arrays]:
     """Return header and arrays of the file, with tables that follow from strokes if ``whole``.
 
     ``packed`` tables of lattices are bytes, and those of the hash grid in half precision.
@@ -177,7 +179,7 @@ def restored(kind: type[S], header: dict[str, Any], tensors: Arrays, name: str) 
         raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
 
-def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:
+def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:  # long: one record
     """Return a scene without its layers and its history."""
     check_finite(tensors)
     box = box_of(header["box"])

@@ -261,8 +261,8 @@ def value_properties() -> list[Property]:
                              "again."),
         switch("WithValues", False,
                "Add the array Value: the volume's value where each pixel's region is most visible, NaN where none is "
-               "known, for Find Data and Hover Points On; it takes a scene trained with Keep Values, or of the encoding "
-               "values.", True),
+               "known, for Find Data and Hover Points On; it takes a scene trained with Keep Values, or of the "
+               "encoding values.", True),
     ]  # fmt: skip
 
 
@@ -293,7 +293,7 @@ def pointing_properties() -> Sequence[Property]:
     ])  # fmt: skip
 
 
-def edit_properties() -> Sequence[Property]:
+def edit_properties() -> Sequence[Property]:  # long: one list
     """Return the properties for editing a scene: its light, regions, paint and outlines, and edits in words."""
     return [
         *group("Light", [

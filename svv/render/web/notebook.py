@@ -163,9 +163,10 @@ def _edited(scene: Scene, told: dict[str, Any]) -> Scene:
         )
         for region, own in ((r, listed[number]) for number, r in enumerate(scene.regions))
     )
-    lamp, cuts = Lamp(**told["lamp"]), scene.cuts if told["cuts"] else ()
-    if told["cut"]["axis"] is not None:
-        cuts = replace(scene, cuts=cuts).cut(_cut_of(scene, **told["cut"])).cuts
+    # Pages of older versions have no cuts.
+    lamp, cuts, plane = Lamp(**told["lamp"]), scene.cuts if told.get("cuts", True) else (), told.get("cut", {})
+    if plane.get("axis") is not None:
+        cuts = replace(scene, cuts=cuts).cut(_cut_of(scene, **plane)).cuts
     if (regions, lamp, cuts) == (scene.regions, scene.lamp, scene.cuts):
         return scene
     history = scene.history.after(scene.as_step("edits in the notebook"))

@@ -42,6 +42,7 @@ class Ball:
     rig: ClassVar = CameraRig((5.0, 0.0, 0.0), 4.0, np.pi / 4)
     rendered: ClassVar[list[Camera]] = []
     networks, stroked, layers, still = ("base", "pcn"), (), (), True
+    regions_with_strokes = ()
 
     def to_bytes(self, whole: bool = True) -> bytes:
         return b"a ball"

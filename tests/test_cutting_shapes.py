@@ -59,7 +59,21 @@ def planes(draw: st.DrawFn) -> vtkPlane:
     plane = vtkPlane()
     plane.SetOrigin(draw(places))
     plane.SetNormal(draw(directions))
+    if hasattr(plane, "SetOffset"):  # since VTK 9.5
+        plane.SetOffset(draw(st.floats(-5.0, 5.0)))
+        plane.SetAxisAligned(draw(st.booleans()))
     return plane
+
+
+def test_a_plane_that_is_moved_is_seen_where_it_is_in_the_event_already() -> None:
+    """Since VTK 9.5 a plane's values have a change only after its event."""
+    plane, seen = vtkPlane(), []
+    plane.AddObserver("ModifiedEvent", lambda *_: seen.append(text_of(plane)))
+    plane.SetOrigin(10.0, 0.0, 0.0)
+    assert Cut.parse(seen[-1], UNITS) == Cut.parse(text_of(plane), UNITS)
+    assert Cut.parse(seen[-1], UNITS).planes[0][3] == 0.0  # its normal is z
+    plane.SetNormal(1.0, 0.0, 0.0)
+    assert Cut.parse(seen[-1], UNITS).planes == ((1.0, 0.0, 0.0, 10.0),)
 
 
 @st.composite

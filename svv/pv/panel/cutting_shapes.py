@@ -75,9 +75,13 @@ def text_of(function: vtkImplicitFunction) -> str:
         axis = _numbers(world @ np.array(function.GetAxis()))  # turned around the centre
         return f"cylinder:{_numbers(function.GetCenter())}:{axis}:{function.GetRadius()!r}"
     assert isinstance(function, vtkPlane)
-    # ParaView's own plane has an offset, which Python sees in its values alone.
     origin, normal = np.array(function.GetOrigin()), np.array(function.GetNormal())
-    origin -= normal * (function.EvaluateFunction(*origin) / (normal @ normal or 1.0))
+    if hasattr(function, "GetOffset"):  # since VTK 9.5, whose planes tell of a change before their values have it
+        if function.GetAxisAligned():  # always to the positive side of the axis that is nearest
+            normal = (np.abs(normal) == np.abs(normal).max()).astype(float)
+        origin += function.GetOffset() * normal
+    else:  # ParaView's own plane has an offset, which Python sees in its values alone
+        origin -= normal * (function.EvaluateFunction(*origin) / (normal @ normal or 1.0))
     return f"plane:{_numbers(placed(origin))}:{_numbers(normal @ turn)}"
 
 

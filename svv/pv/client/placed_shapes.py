@@ -35,11 +35,9 @@ def place(filter: Proxy, loading: bool) -> None:
         "Origin": centre, "Center": centre, "Radius": [0.25 * sides.max()], "Position": low + 0.25 * sides,
         "Length": 0.5 * sides,
     }  # fmt: skip
-    chosen = filter.GetProperty(SHAPED[filter.SMProxy.GetXMLName()]).SMProperty
-    domain = chosen.FindDomain("vtkSMProxyListDomain")
-    offered = [domain.GetProxy(number) for number in range(domain.GetNumberOfProxies())]
-    # In ParaView 6, the one that is chosen at first may be none of these.
-    for shape in (*offered, *(chosen.GetProxy(number) for number in range(chosen.GetNumberOfProxies()))):
+    domain = filter.GetProperty(SHAPED[filter.SMProxy.GetXMLName()]).SMProperty.FindDomain("vtkSMProxyListDomain")
+    for number in range(domain.GetNumberOfProxies()):
+        shape = domain.GetProxy(number)
         for name, values in places.items():
             own = shape.GetProperty(name)
             for k, value in enumerate(values) if own is not None else ():

@@ -27,8 +27,6 @@ class OpenCells:
     """Those of them in which something may be left."""
     kept: Tensor
     """Cells in which nothing is cut off or hidden. (X, Y, Z) bool"""
-    everywhere: bool
-    """Whether these are all cells, as where a region is hidden; otherwise those that cuts of some regions reach."""
 
 
 @torch.no_grad()
@@ -41,35 +39,30 @@ def march_uncut(
     Cuts, in world units, of some regions only, and hidden regions, are left to who knows the regions of the samples;
     ``opened`` are the cells that these reach. Only what is certainly shown ends a ray there.
     """
-    if not cuts and opened is None:
-        return march(rays, occupancy, density, how)
-    if not cuts:
-        ahead = torch.zeros_like(rays.origins[:, 0])
-        return _march_part(rays, ahead, ahead + torch.inf, occupancy, density, how, opened)[0]
-    shapes = [cut.in_box(occupancy.box) for cut in cuts]
-    begins, ends, taken = divide_rays(shapes, rays.origins, rays.directions)
-    of_all = torch.tensor([not cut.regions for cut in cuts], device=begins.device)
-    gone, of_some = (taken & of_all).any(2), (taken & ~of_all).any(2)
-    of_some = (of_some | opened.everywhere) if opened is not None else torch.zeros_like(of_some)
+    whole = [cut.in_box(occupancy.box) for cut in cuts if not cut.regions]
+    if not whole:
+        if opened is None:
+            return march(rays, occupancy, density, how)
+        return _march_shown(rays, occupancy, density, how, opened)
+    begins, ends, taken = divide_rays(whole, rays.origins, rays.directions)
+    gone = taken.any(2)
     depth, tail = torch.zeros_like(begins[:, 0]), torch.zeros_like(begins[:, 0])
     pieces, numbers = [(rays.origins[:0], depth[:0], depth[:0])], [torch.zeros(0, dtype=torch.int64).to(depth.device)]
     for k in range(begins.shape[1]):
         there = (ends[:, k] > begins[:, k]) & ~gone[:, k]
         if density is not None and how.fade > 0.0:
             there &= how.fade * depth <= how.stop
-        for cells in (None,) if opened is None else (None, opened):
-            which = (there & (of_some[:, k] == (cells is not None))).nonzero()[:, 0]
-            if not len(which):
-                continue
-            part = Rays(rays.origins[which], rays.directions[which])
-            piece, share = _march_part(part, begins[which, k], ends[which, k], occupancy, density, how, cells)
-            tail[which] = torch.where(ends[which, k].isinf(), piece.tail, 0.0)  # else, it may be of what was cut off
-            own = which[piece.ray.long()]
-            sigma = piece.sigma * share
-            ends_rays = share if cells is None else share * _looked_up(cells, occupancy, piece.position)
-            depth.index_add_(0, own, (piece.skipped + piece.sigma * how.step) * ends_rays)
-            pieces.append((piece.position, sigma, piece.skipped))
-            numbers.append(own)
+        which = there.nonzero()[:, 0]
+        if not len(which):
+            continue
+        part = Rays(rays.origins[which], rays.directions[which])
+        piece, share = _march_part(part, begins[which, k], ends[which, k], occupancy, density, how, opened)
+        tail[which] = torch.where(ends[which, k].isinf(), piece.tail, 0.0)  # else, it may be of what was cut off
+        own = which[piece.ray.long()]
+        ends_rays = share if opened is None else share * _looked_up(opened, occupancy, piece.position)
+        depth.index_add_(0, own, (piece.skipped + piece.sigma * how.step) * ends_rays)
+        pieces.append((piece.position, piece.sigma * share, piece.skipped))
+        numbers.append(own)
     position, sigma, skipped = (torch.cat(parts) for parts in zip(*pieces, strict=True))
     ray = torch.cat(numbers)
     order = ray.argsort(stable=True)
@@ -77,6 +70,29 @@ def march_uncut(
     return Samples(
         position[order], sigma[order], skipped[order], ray[order].int(), count.cumsum(0) - count, count, tail, how.step
     )
+
+
+def _march_shown(
+    rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, opened: OpenCells
+) -> Samples:
+    """Return the samples of whole rays where regions are hidden or cut off, up to where what is shown ends them."""
+    piece = march(rays, opened.there, density, replace(how, fade=0.0))
+    if density is None or how.fade == 0.0:
+        return piece
+    own = (piece.skipped + piece.sigma * how.step).mul_(_looked_up(opened, occupancy, piece.position))
+    total = own.cumsum(0, dtype=torch.float64)
+    before = total - own
+    ray: Tensor = piece.ray.long()
+    limit = torch.cat([total.new_zeros(1), total])[piece.start] + how.stop / how.fade
+    left = before <= limit[ray]
+    if bool(left.all()):
+        return piece
+    rows = left.nonzero()[:, 0]
+    count = torch.bincount(ray[rows], minlength=len(rays))
+    return Samples(
+        piece.position[rows], piece.sigma[rows], piece.skipped[rows], piece.ray[rows], count.cumsum(0) - count, count,
+        piece.tail, piece.step,
+    )  # fmt: skip
 
 
 def _march_part(

@@ -244,20 +244,24 @@ def _shape(text: str, bounds: NDArray[np.float64]) -> Cut:
     raise ValueError
 
 
-def divide_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return where the pieces of rays begin and end (R, M), and which of C cuts take each away (R, M, C).
+def clip_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+    """Return where the pieces of rays begin and end that no cut takes away, whatever the regions. (R, M + 1) each
 
     They are in ascending order, from 0 on; those with end <= begin are none. Rays, with unit ``directions`` (R, 3), are
     in the coordinates of the cuts.
     """
-    ends = []
+    begins, ends = [], []
     for cut in cuts:
         near, far = cut.span(origins, directions)
         hit = near < far
-        ends += [torch.where(hit, at, torch.inf).clamp(min=0.0) for at in (near, far)]
-    end = torch.cat([torch.stack(ends, 1).sort(dim=1).values, torch.full_like(origins[:, :1], torch.inf)], 1)
-    begin = torch.cat([torch.zeros_like(end[:, :1]), end[:, :-1]], 1)
-    middle = torch.where(end.isinf(), begin + 1.0, 0.5 * (begin + end)).nan_to_num(0.0, 0.0)
-    at = (origins[:, None] + middle[..., None] * directions[:, None]).reshape(-1, 3)
-    taken = torch.stack([cut.depth(at) > 0.0 for cut in cuts], 1)
-    return begin, end, taken.view(*begin.shape, len(cuts))
+        if cut.outside:
+            begins += [torch.full_like(near, -torch.inf), torch.where(hit, far, torch.inf)]
+            ends += [torch.where(hit, near, torch.inf), torch.full_like(near, torch.inf)]
+        else:
+            begins.append(torch.where(hit, near, torch.inf))
+            ends.append(torch.where(hit, far, torch.inf))
+    begin, end = torch.stack(begins, 1), torch.stack(ends, 1)
+    begin, order = begin.sort(dim=1)
+    end = end.gather(1, order).cummax(dim=1).values
+    first = torch.zeros_like(begin[:, :1])
+    return torch.cat([first, end.clamp(min=0.0)], 1), torch.cat([begin, torch.full_like(first, torch.inf)], 1)

@@ -35,6 +35,7 @@ from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from svv.train.run import loop
 from svv.train.run.config import PRESETS, ReconstructSettings
+from tests.nightly import nightly
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 
@@ -52,7 +53,9 @@ def alpha_of(extinction: ClassifiedVolume, camera) -> np.ndarray:  # type: ignor
 
 
 @pytest.mark.parametrize(
-    "turn", ["as it is", "turned, stretched and far away", "mirrored"], ids=["plain", "turned", "mirrored"]
+    "turn",
+    nightly(["as it is", "turned, stretched and far away", "mirrored"], "turned, stretched and far away"),
+    ids=["plain", "turned", "mirrored"],
 )
 def test_it_dims_rays_as_the_ray_caster_does(turn: str) -> None:
     image = stirred_volume(48)

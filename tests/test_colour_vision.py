@@ -35,6 +35,7 @@ from svv.options import figures
 from svv.render.distinct import distinct
 from svv.render.figures.colour_check import regions_to_json, report_on, seen_in_picture, simulation_sheet
 from tests.cube import cube_paint
+from tests.nightly import nightly
 
 WHITE = np.ones((1, 3))
 COLOURS = np.random.default_rng(0).random((50, 3))
@@ -107,7 +108,7 @@ def test_panels_and_commands_offer_the_ways_that_are_computed() -> None:
     assert figures.VISIONS == VISIONS
 
 
-@pytest.mark.parametrize("visions", [COLOUR_VISIONS, VISIONS])
+@pytest.mark.parametrize("visions", nightly([COLOUR_VISIONS, VISIONS], VISIONS))
 @pytest.mark.parametrize(
     "palette",
     [

@@ -15,6 +15,7 @@ from svv.styles.gallery import gallery_picture, open_style
 from svv.styles.gallery.drawings import discs, streamed
 from svv.styles.gallery.offered import GALLERY
 from svv.styles.gallery.subjects import flowers, hills, sea, still_life
+from tests.nightly import nightly
 
 SIZE = 96
 
@@ -25,7 +26,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache" / "svv" / "gallery"
 
 
-@pytest.mark.parametrize("name", GALLERY)
+@pytest.mark.parametrize("name", nightly(GALLERY, "oil", "pastel"))
 def test_pictures_are_lively_and_their_seed_decides(name: str) -> None:
     picture = GALLERY[name][0](np.random.default_rng(0), SIZE)
     assert picture.shape == (SIZE, SIZE, 3) and picture.dtype == np.float32

@@ -32,7 +32,7 @@ SHORT = replace(
 )
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["shaded", "unshaded"])
+@pytest.fixture(scope="module", params=[True, pytest.param(False, marks=pytest.mark.slow)], ids=["shaded", "unshaded"])
 def trained(request: pytest.FixtureRequest) -> tuple[bool, ViewSet, Scene, str]:
     """Whether the views are shaded, the views, the scene, and what it says of its lighting."""
     tf = stirred_transfer_function()

@@ -127,7 +127,10 @@ def test_headers_for_vtk_are_compared_with_the_container_not_the_host(tmp_path: 
 @pytest.mark.parametrize(
     "environ",
     [
-        {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0"},
+        pytest.param(
+            {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0"},
+            marks=pytest.mark.slow,
+        ),
         {"OMP_NUM_THREADS": "64", "HOME": None, "XDG_CACHE_HOME": None, "SVV_CACHE": None},
         {"HOME": "/proc/none", "XDG_CACHE_HOME": None, "LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0"},
     ],

@@ -31,6 +31,7 @@ from svv.train.run.batches import Batch, RayPool
 from svv.train.run.config import PRESETS, Preset, ReconstructSettings
 from svv_bench.stability.measures import palette_error
 from svv_bench.stability.scenes import SCENES
+from tests.nightly import nightly
 
 SHORT = replace(
     PRESETS["draft"], reconstruct=ReconstructSettings(iterations=200, rays=2048),
@@ -244,11 +245,10 @@ AMBIENT = Shading(ambient=0.3, diffuse=0.6)
 
 @pytest.mark.parametrize(
     ("name", "shading", "most"),
-    [
-        ("noise", None, 4.0),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("wires", None, 4.0), ("noise", AMBIENT, 4.0))),
+    nightly(
+        [("noise", None, 4.0), ("wires", None, 4.0), ("noise", AMBIENT, 4.0), ("wires", AMBIENT, 6.0)],
         ("wires", AMBIENT, 6.0),
-    ],
+    ),
 )
 def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | None, most: float) -> None:
     """Noise turns gradients anywhere, and a wire is thinner than its normals, so hardly a point is seen in full light.

@@ -26,6 +26,7 @@ from svv.render.baking.baked import bake
 from svv.render.figures.swatches import swatch
 from svv.render.web.page import html_of, write_html
 from tests.cube import cube_camera, cube_paint, cube_scene, hash_cube_scene, lit_cube_scene
+from tests.nightly import nightly
 
 WALLS = np.zeros((33, 33, 33), np.float32)
 """Opaque where x < 8, where y < 8, and in a floor below z = 8."""
@@ -163,7 +164,7 @@ def test_a_baked_volume_has_it(cube: Scene) -> None:
     assert change.max() > 5 and change.mean() > 0.5 and change.min() >= -1
 
 
-@pytest.mark.parametrize("painted", [False, True])
+@pytest.mark.parametrize("painted", nightly([False, True], True))
 def test_the_page_shows_it_as_the_renderer_does(open_page: Any, balls: Scene, tmp_path: Path, painted: bool) -> None:
     plain = balls
     if painted:

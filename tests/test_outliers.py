@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from svv.errors import BadInput
 from svv.io.views.empty_views import check_shown, empty_views
 from svv.io.views.viewset import ViewSet
 from svv.train.pipeline import train_scene
+from tests.nightly import nightly
 
 BLOB = np.exp(-sum(np.square((a - c) / s) for a, c, s in zip(np.mgrid[:30, :26, :22], (14, 12, 9), (8, 6, 4))))
 VALUES = (200 * BLOB).astype(np.float32)
@@ -127,8 +129,13 @@ def test_the_object_of_a_sparse_volume_stays_beside_an_outlier() -> None:
     assert usual is not None and (usual.low, usual.high, usual.beyond) == (0.0, float(SPARSE.max()), 1)
 
 
-@pytest.mark.parametrize("mapper", ["bricks", "cpu", "gpu"])
-@pytest.mark.parametrize("name", [None, *PLACED])
+@pytest.mark.parametrize(
+    ("name", "mapper"),
+    nightly(
+        itertools.product([None, *PLACED], ["bricks", "cpu", "gpu"]),
+        *((name, "bricks") for name in PLACED), (None, "cpu"), ("bump", "cpu"), ("step", "gpu"),
+    ),
+)  # fmt: skip
 def test_no_outlier_changes_the_views(name: str | None, mapper: str, request: pytest.FixtureRequest) -> None:
     if mapper == "gpu":
         request.getfixturevalue("off_screen")

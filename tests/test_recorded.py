@@ -119,6 +119,7 @@ def test_where_recording_fails_steps_go_on_and_a_sentence_says_so(
     assert not recorded.possible and len(recorded.notes) == 1 and "stream is capturing" in recorded.notes[0]
 
 
+@pytest.mark.slow  # kernels are interpreted, and other tests of recordings run every time
 def test_the_check_finds_recordings_that_do_something_else(
     recorded: RecordedSteps, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,6 +22,7 @@ from svv.train.paint import stroke_painting
 from svv.train.paint.ink import StyleInput, style_named
 from svv.train.run.config import PRESETS, settings_of
 from tests.conftest import on_all_threads
+from tests.nightly import nightly
 
 SMALL = svv.ViewOptions(n=8, test=0, size=48)
 
@@ -118,7 +119,9 @@ def tables(scene: Scene) -> dict[str, np.ndarray]:
     return Scene.from_bytes(scene.to_bytes()).to_arrays()[1]
 
 
-@pytest.mark.parametrize("door", DOORS[1:], ids=lambda door: door.__name__)
+@pytest.mark.parametrize(
+    "door", nightly(DOORS[1:], of_volume, of_background, of_command, of_assistant), ids=lambda door: door.__name__
+)
 def test_the_same_request_makes_the_same_scene_through_every_door(
     place: Path, first: dict[str, np.ndarray], door: Callable[[Path, Path], Scene]
 ) -> None:

@@ -34,6 +34,7 @@ from svv.render.figures.swatches import swatch
 from svv.render.web.page import write_html
 from tests.cube import cube_camera, cube_paint, cube_scene, faint, hash_cube_scene, lit_cube_scene
 from tests.lit_shapes import NOTHING, Floats, factor_of, reference, scene_of, solid
+from tests.nightly import nightly
 
 CELLS, SMALL = 96, 32
 TOWARDS = np.array([-1.0, 1.5, 0.6])
@@ -317,7 +318,7 @@ def test_a_baked_volume_has_them(cube: Scene, light: Any) -> None:
     assert change.max() > 20 and change.mean() > 2.0 and change.min() >= -1
 
 
-@pytest.mark.parametrize("painted", [False, True])
+@pytest.mark.parametrize("painted", nightly([False, True], True))
 def test_the_page_shows_them_as_the_renderer_does(open_page: Any, balls: Scene, tmp_path: Path, painted: bool) -> None:
     plain = balls
     if painted:

@@ -33,6 +33,7 @@ from svv.train.run.config import Preset
 from svv.train.run.report import Report
 from tests.balls import MATCHED, SHORT
 from tests.cube import hash_cube_scene
+from tests.nightly import nightly
 
 SMALL = PieceSettings(size=96)
 MANNERS: tuple[MannerName, ...] = ("strokes", "pieces")
@@ -242,7 +243,12 @@ def test_another_picture_of_the_same_pixels_does_not_go_on(
     assert "laying strokes" in labels
 
 
-@pytest.mark.parametrize(("preset", "manner"), [("draft", "strokes"), ("fast", "pieces"), ("balanced", "pieces")])
+@pytest.mark.parametrize(
+    ("preset", "manner"),
+    nightly(
+        [("draft", "strokes"), ("fast", "pieces"), ("balanced", "pieces")], ("draft", "strokes"), ("fast", "pieces")
+    ),
+)
 def test_nothing_is_matched_and_no_weights_are_looked_for(
     scene: Scene, picture: np.ndarray, monkeypatch: pytest.MonkeyPatch, preset: str, manner: MannerName
 ) -> None:

@@ -34,6 +34,7 @@ from svv.train.base.tomography_kernels import back_project, beside_visible, opti
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from svv.train.run.config import PRESETS, ReconstructSettings
+from tests.nightly import nightly
 
 BOX = Box.of_bounds((-1, -1, -1), (1, 1, 1))
 SIZE = 64
@@ -254,7 +255,10 @@ def begun(views: ViewSet, resolution: int = 32) -> tuple[SparseLattice, Occupanc
     return beginning.density, beginning.occupancy, reason
 
 
-@pytest.mark.parametrize(("n", "parallel", "least"), [(42, False, 36.0), (42, True, 36.0), (12, False, 27.0)])
+@pytest.mark.parametrize(
+    ("n", "parallel", "least"),
+    nightly([(42, False, 36.0), (42, True, 36.0), (12, False, 27.0)], (42, True, 36.0), (12, False, 27.0)),
+)
 def test_unseen_views_have_the_same_alpha(n: int, parallel: bool, least: float) -> None:
     views = views_of(orbit(n, parallel))
     density, occupancy, reason = begun(views)

@@ -24,7 +24,7 @@ COUNTS = np.random.default_rng(1).integers(0, 9, 60).tolist()
 BRUSHES = [*((brush, 0) for brush in stroke_checks.BRUSHES), ("wash", 2)]
 
 
-@pytest.mark.parametrize(("brush", "seed"), nightly(BRUSHES, ("oil", 0), ("wash", 2)))
+@pytest.mark.parametrize(("brush", "seed"), nightly(BRUSHES, ("oil", 0)))
 def test_strokes_are_those_of_the_cpu(brush: str, seed: int) -> None:
     # With the seed 2, washes end below dry strokes: what is left of their sums counts for nothing.
     stroke_checks.check_strokes(triton_kernels, DEVICE, seed, brush, COUNTS)

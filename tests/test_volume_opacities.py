@@ -22,6 +22,7 @@ from svv.job.opacities import with_opacities
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from svv.train.run.config import ReconstructSettings, preset
+from tests.nightly import nightly
 from tests.test_from_values import moved_ball
 from tests.test_ranges import BLUE, RED, bumps
 from tests.test_time_steps import command, painted
@@ -71,7 +72,12 @@ def test_features_on_the_same_cells_stay_as_they_are(scene: Scene) -> None:
 
 @pytest.mark.parametrize(
     ("shell", "core", "place"),
-    [(0.4, 0.8, 0.3), (0.05, 0.8, 0.3), (0.1, 0.4, 0.3), (0.0, 0.8, 0.3), (0.3, 0.0, 0.3), (0.1, 0.8, 0.33)],
+    nightly(
+        [(0.4, 0.8, 0.3), (0.05, 0.8, 0.3), (0.1, 0.4, 0.3), (0.0, 0.8, 0.3), (0.3, 0.0, 0.3), (0.1, 0.8, 0.33)],
+        (0.05, 0.8, 0.3),
+        (0.3, 0.0, 0.3),
+        (0.1, 0.8, 0.33),
+    ),
 )
 def test_other_opacities_are_those_of_the_volume_rendering(
     scene: Scene, shell: float, core: float, place: float

@@ -30,7 +30,12 @@ def dense(balls: Scene) -> Scene:
 
 @pytest.mark.parametrize(
     "cuts",
-    [("x>55%",), ("x>50%&y>50%", "outside sphere:0,0,0:0.8"), ("0=z>50%", "1=cylinder:0,0,0:1,0.5,0:0.3"), ("x>200%",)],
+    [
+        pytest.param(("x>55%",), marks=pytest.mark.slow),
+        ("x>50%&y>50%", "outside sphere:0,0,0:0.8"),
+        ("0=z>50%", "1=cylinder:0,0,0:1,0.5,0:0.3"),
+        pytest.param(("x>200%",), marks=pytest.mark.slow),
+    ],
 )
 def test_a_page_shows_the_cuts_of_its_file(open_page: Any, dense: Scene, tmp_path: Path, cuts: tuple[str, ...]) -> None:
     scene = dense.cut(*cuts)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.nightly import nightly
+
 SHOWN = """
 import sys, os
 from paraview.simple import *
@@ -33,14 +35,19 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.mark.parametrize(
     "line",
-    [
+    nightly(
+        [
+            "bad.UpdatePipeline()",
+            "Hide(wavelet); Show(bad); Render()",
+            "SaveData('x.png', proxy=bad)",
+            "SaveData('x.vti', proxy=Threshold(Input=bad))",
+            "Show(bad); SaveScreenshot('x.png')",
+            "print(bad.PointData.keys())",
+        ],
         "bad.UpdatePipeline()",
-        "Hide(wavelet); Show(bad); Render()",
-        "SaveData('x.png', proxy=bad)",
-        "SaveData('x.vti', proxy=Threshold(Input=bad))",
         "Show(bad); SaveScreenshot('x.png')",
-        "print(bad.PointData.keys())",
-    ],
+        "SaveData('x.vti', proxy=Threshold(Input=bad))",
+    ),
 )
 def test_a_failure_ends_the_script_with_one_sentence(pvpython: Run, tmp_path: Path, line: str) -> None:
     done = pvpython(f"{STRICT}{line}\nprint('GONE ON')\n", cwd=tmp_path, check=False)

@@ -268,7 +268,7 @@ def test_learned_normals_are_the_spheres(ball: tuple[Scene, Report]) -> None:
     at = torch.from_numpy(box.to_box(true * RADIUS).astype(np.float32))
     learned = torch.nn.functional.normalize(scene.palette_network.phong.normal(at), dim=1).numpy()
     away = np.degrees(np.arccos(np.abs((learned * true).sum(1)).clip(0, 1)))
-    assert np.median(away) < 10.0
+    assert np.median(away) < 3.0 and np.percentile(away, 99) < 8.0  # 3.5 and 11 at the features' learning rate
 
 
 def test_a_light_from_aside_lights_as_its_cosine_says(ball: tuple[Scene, Report]) -> None:

@@ -137,11 +137,7 @@ def _describe_error(error: Exception) -> str:
 
 
 def package(name: str, file: Path) -> ModuleType:
-    """Import a package that only some formats need.
-
-    Raises:
-        BadInput: It is not installed.
-    """
+    """Import a package that only some formats need; raises BadInput if it is not installed."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -334,11 +330,7 @@ def _labels(omero: object) -> list[str]:
 
 
 def _transform(steps: Sequence[Mapping[str, Any]], axes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the scale and the translation along each axis.
-
-    Raises:
-        ValueError: A step is neither of them.
-    """
+    """Return the scale and the translation along each axis; raises ValueError if a step is neither of them."""
     scale, shift = np.ones(axes), np.zeros(axes)
     for step in steps:
         kind = step["type"]

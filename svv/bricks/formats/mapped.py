@@ -159,11 +159,7 @@ def check_no_text(file: Path) -> None:
 
 
 def open_npy(file: Path) -> MappedSource:
-    """Open a NumPy file.
-
-    Raises:
-        BadInput: It is damaged, or not an array of numbers.
-    """
+    """Open a NumPy file; raises BadInput if it is damaged, or not an array of numbers."""
     try:
         values = np.load(file, mmap_mode="r", allow_pickle=False)
     except Exception as error:  # a damaged header makes NumPy raise all kinds of errors
@@ -262,10 +258,7 @@ def _data_array(piece: Element, array: str | None, name: str) -> tuple[Element, 
     """Return the array with one component that is shown, and whether it belongs to cells; None if it is not appended.
 
     Without a name it is the active one, as for :func:`svv.dvr.read.grids.pick_scalars`, which chooses among VTK's
-    arrays.
-
-    Raises:
-        BadInput: There is no array of this name.
+    arrays. Raises BadInput if there is no array of this name.
     """
     there: list[tuple[Element, bool]] = []
     wanted: list[tuple[Element, bool]] = []

@@ -47,11 +47,7 @@ COLOURS = ("color", "vector", "matrix", "complex", "quaternion", "gradient", "no
 
 
 def nrrd_header(file: Path) -> Stored:
-    """Read the header of an NRRD file.
-
-    Raises:
-        BadInput: It is damaged, or describes no volume.
-    """
+    """Read the header of an NRRD file; raises BadInput if it is damaged, or describes no volume."""
     fields, files_listed, end = _fields(file)
     try:
         sizes = [int(size) for size in fields["sizes"].split()]

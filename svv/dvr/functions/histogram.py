@@ -186,10 +186,7 @@ def default_transfer_function(image: vtkImageData, usual: UsualRange | None = No
     of its ends. The histogram is cut into three classes (Otsu 1979: the cuts that leave the least variance within the
     classes). The background is the class of most voxels at the volume's sides, or the most frequent class if none has
     ``MOST_OF_SIDES``; of the other two, the class nearer to it gets a translucent bump and the farther one a nearly
-    opaque bump.
-
-    Raises:
-        BadInput: All voxels have the same value.
+    opaque bump. Raises BadInput if all voxels have the same value.
     """
     values = to_array(image)
     low, high = (float(values.min()), float(values.max())) if usual is None else (usual.low, usual.high)

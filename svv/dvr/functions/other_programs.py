@@ -149,11 +149,7 @@ def _root(content: bytes, name: str, program: str) -> Element:
 
 
 def _child(element: Element, name: str) -> dict[str, str]:
-    """Return the attributes of a child.
-
-    Raises:
-        KeyError: There is none.
-    """
+    """Return the attributes of a child; raises KeyError if there is none."""
     found = element.find(name)
     if found is None:
         raise KeyError(name)

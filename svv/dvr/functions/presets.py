@@ -150,11 +150,7 @@ def fields_of_colours(colour: vtkColorTransferFunction, spaces: Sequence[str]) -
 
 
 def _colour(colour: object, name: str) -> Colour:
-    """Return a colour beyond the range.
-
-    Raises:
-        BadInput: The colour is not one of three numbers.
-    """
+    """Return a colour beyond the range; raises BadInput if the colour is not one of three numbers."""
     if not isinstance(colour, Sequence) or isinstance(colour, str) or len(colour) != 3:
         raise BadInput(f"The colours of '{name}' above and below its range need three numbers, not {colour}.")
     return tuple(float(number_in(level, f"A colour of '{name}'")) for level in colour)

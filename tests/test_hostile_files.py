@@ -286,7 +286,8 @@ def test_points_in_a_picture_without_pixels_are_a_sentence(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("name", "text", "read"),
     [
-        ("a.mha", META.replace("LOCAL", "x" * 5000), open_bricks), ("a.mha", META.replace("2 2 2", "-1 -1 8"), open_bricks),
+        ("a.mha", META.replace("LOCAL", "x" * 5000), open_bricks),
+        ("a.mha", META.replace("2 2 2", "-1 -1 8"), open_bricks),
         ("a.mha", META.replace("1 1 1\n", "1e308 1e308 1e308\n"), open_bricks),
         ("a.vti", VTI.replace('Extent="0 1 0 1 0 1"', 'Extent="0 1"'), lambda path: open_vti(path, None)),
         ("a.vti", VTI.replace('Spacing="1 1 1"', 'Spacing="1e308 1e308 1e308"'), lambda path: open_vti(path, None)),

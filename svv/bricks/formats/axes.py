@@ -226,8 +226,7 @@ def unit_of(text: str | None) -> str:
 def in_one_unit(sizes: ArrayLike, units: Sequence[str | None], name: str) -> NDArray[np.float64]:
     """Return lengths along x, y, z in the unit of the first of them.
 
-    Raises:
-        BadInput: They have different units, of which one is not a known unit of length.
+    Raises BadInput if they have different units, of which one is not a known unit of length.
     """
     named = [unit_of(unit) for unit in units]
     if len(set(named)) == 1:

@@ -265,9 +265,7 @@ def _dataset(opened: h5py.File, file: Path, array: str | None, choice: Choice) -
     """Return the dataset that is shown, and what is still to be chosen within it.
 
     That is the dataset of a path, the one that a NeXus file plots by default, or the largest one with three axes.
-
-    Raises:
-        BadInput: There is none, or no path and several of the largest size.
+    Raises BadInput if there is none, or no path and several of the largest size.
     """
     found = dict(_volumes(opened, file))
     plotted = {str(signal.name).strip("/"): signal for _, signal in of_nexus(opened)}

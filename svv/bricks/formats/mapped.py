@@ -104,8 +104,7 @@ def raw_layout(
 ) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
     """Return the number of voxels along x, y, z of a raw file and their type, if not given by its name.
 
-    Raises:
-        BadInput: They are not known, or do not match the file's size.
+    Raises BadInput if they are not known, or do not match the file's size.
     """
     name = file.name.lower()
     found = re.search(r"(\d+)x(\d+)x(\d+)", name)
@@ -170,8 +169,7 @@ def open_npy(file: Path) -> MappedSource:
 def open_npz(file: Path, array: str | None) -> ArraySource:
     """Open an array of three axes in an archive of NumPy's, which is decoded as a whole.
 
-    Raises:
-        BadInput: It is damaged, has no such array, several of which none is named, or one that memory cannot hold.
+    Raises BadInput if it is damaged, has no such array, several of which none is named, or one that memory cannot hold.
     """
     try:
         with ZipFile(file) as archive:
@@ -205,10 +203,8 @@ def _npy_header(archive: ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[
 def open_vti(file: Path, array: str | None) -> MappedSource | None:
     """Open a VTK XML image file; None unless its values are stored as they are, in one piece, without blanking.
 
-    As they are: as raw appended data that is not compressed.
-
-    Raises:
-        BadInput: The header is damaged, there is no such array, or the data is cut off.
+    As they are: as raw appended data that is not compressed. Raises BadInput if the header is damaged, there is no such
+    array, or the data is cut off.
     """
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)

@@ -77,8 +77,7 @@ def nrrd_header(file: Path) -> Stored:
 def _fields(file: Path) -> tuple[dict[str, str], list[str], int]:
     """Return the fields of a header, the lines after ``data file: LIST``, and the position at which the header ends.
 
-    Raises:
-        BadInput: It is not the text of a header.
+    Raises BadInput if it is not the text of a header.
     """
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)

@@ -97,8 +97,7 @@ def dat_header(file: Path) -> Stored:
 def vgi_header(file: Path) -> Stored:
     """Read a header of VGStudio (``.vgi``), whose values lie in a ``.vol`` file.
 
-    Raises:
-        BadInput: It is damaged, describes several volumes, or a mirrored one.
+    Raises BadInput if it is damaged, describes several volumes, or a mirrored one.
     """
     try:
         told: dict[str, str] = {}

@@ -64,8 +64,7 @@ def with_libtiff() -> None:
 def decodes_pages(path: Path, one: TiffPage | TiffFrame) -> bool:
     """Return whether tifffile decodes pages like one of them; otherwise, :func:`by_pillow` does.
 
-    Raises:
-        BadInput: Neither does.
+    Raises BadInput if neither does.
     """
     import tifffile
 
@@ -86,8 +85,7 @@ def decodes_pages(path: Path, one: TiffPage | TiffFrame) -> bool:
 def by_pillow(path: Path, page: TiffPage | TiffFrame) -> NDArray[np.generic]:
     """Decode a page of a file by Pillow. (height, width)
 
-    Raises:
-        BadInput: Pillow does not read it either.
+    Raises BadInput if Pillow does not read it either.
     """
     try:
         with Image.open(path) as image:

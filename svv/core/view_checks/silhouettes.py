@@ -255,7 +255,7 @@ def disagreement_of(cameras: Sequence[Camera], silhouettes: Silhouettes, angles:
 def _pairs(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS) -> NDArray[np.intp]:
     """Return the pairs to compare, evenly spread if there are many. (pairs, 2)"""
     back, kind = views.matrices[:, :3, 2], views.parallel
-    i, j = np.triu_indices(len(back), 1)  # every pair of views
+    i, j = _each_pair(len(back))
     # The same image from a camera that is turned over, such as ParaView's second half, is compared like any other.
     angle = np.degrees(np.arccos(np.clip(np.einsum("pk,pk->p", back[i], back[j]), -1.0, 1.0)))
     good = (angle > PAIR_ANGLES[0]) & (angle < PAIR_ANGLES[1]) & silhouettes.usable[i] & silhouettes.usable[j]
@@ -264,6 +264,11 @@ def _pairs(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS) -> ND
 
 
 @lru_cache(maxsize=8)
+def _each_pair(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the indices of every pair of ``count`` views, the first before the second."""
+    return np.triu_indices(count, 1)
+
+
 def _differences(views: Views, silhouettes: Silhouettes, pairs: NDArray[np.intp]) -> Array:
     if not len(pairs):
         return np.zeros(0)

@@ -56,8 +56,7 @@ class Fields(ColourFields):
 def preset_in(data: object, name: str) -> Mapping[str, Any]:
     """Return the preset or the bumps in a JSON value, which may be a list with one of them, or of bumps.
 
-    Raises:
-        BadInput: It contains neither, or colours for categories only.
+    Raises BadInput if it contains neither, or colours for categories only.
     """
     if isinstance(data, list) and data:
         is_bump = isinstance(data[0], Mapping) and "centre" in data[0]
@@ -83,8 +82,7 @@ def name_and_unit(preset: Json, name: str) -> tuple[str, float | None]:
 def fields_of_preset(preset: Json, name: str) -> Fields:
     """Return the fields of the function that a preset with ``RGBPoints`` describes.
 
-    Raises:
-        BadInput: Its entries have another form.
+    Raises BadInput if its entries have another form.
     """
     name, unit = name_and_unit(preset, name)
     colours = _quadruples(preset["RGBPoints"], "RGBPoints", name)

@@ -17,7 +17,7 @@ from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.io.files.declared_sizes import check_pixels
 from svv.io.pictures.gamma import as_srgb, converted, exponent_of, stored
-from svv.io.views.lenses import rectify
+from svv.io.views.lenses import Lens, rectify
 from svv.io.views.straight import ALPHAS, BESIDE_FRAMES, AlphaName, straightened
 from svv.io.views.transforms import Frame, camera_in, file_in, mask_files
 
@@ -69,9 +69,7 @@ def read_views(
     notes += [] if assumed is None else [assumed]
     bent = sum(lens is not None for lens in lenses)
     if bent:
-        jobs = list(zip(images, lenses, strict=True))
-        label = "Undistorting views"
-        images = list(in_threads(lambda one: one[0] if one[1] is None else rectify(*one), jobs, progress, label))
+        images = list(in_threads(_rectified, list(zip(images, lenses, strict=True)), progress, "Undistorting views"))
         notes.append(RECTIFIED.format(count=bent, all=len(images)))
     if len({image.shape for image in images}) > 1:
         stated = all("w" in frame and "h" in frame for frame in frames)
@@ -126,6 +124,11 @@ def _masked(file: Path, mask: Path | None) -> tuple[Images, float | None]:
         )
     # Some programs store masks as an alpha channel.
     return np.dstack([image, alpha[..., 3] if alpha.shape[-1] == 4 else alpha.max(axis=-1)]), exponent
+
+
+def _rectified(job: tuple[Images, Lens | None]) -> Images:
+    image, lens = job
+    return image if lens is None else rectify(image, lens)
 
 
 def _of_one_size(

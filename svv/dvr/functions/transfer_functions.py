@@ -252,14 +252,7 @@ class TransferFunction:
     def to_vtk(self) -> tuple[vtkColorTransferFunction, vtkPiecewiseFunction]:
         """Return VTK's colour transfer function and scalar opacity function."""
         colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
-        {
-            "RGB": colour.SetColorSpaceToRGB,
-            "HSV": colour.SetColorSpaceToHSV,
-            "Lab": colour.SetColorSpaceToLab,
-            "Diverging": colour.SetColorSpaceToDiverging,
-            "Lab/CIEDE2000": colour.SetColorSpaceToLabCIEDE2000,
-            "Step": colour.SetColorSpaceToStep,
-        }[self.space]()
+        getattr(colour, f"SetColorSpaceTo{self.space.replace('/', '')}")()
         colour.SetHSVWrap(self.hsv_wrap)
         if self.log_scale:
             colour.SetScaleToLog10()

@@ -31,7 +31,6 @@ METRES = {
 }
 """Metres per unit of length, by its names in lower case."""
 
-
 ROLES = {
     "x": r"lon(gitude)?s?|\w+_lon(gitude)?|rlon|width|easting|west_east\w*|col(umn)?s?",
     "y": r"lat(itude)?s?|\w+_lat(itude)?|rlat|northing|south_north\w*|rows?",

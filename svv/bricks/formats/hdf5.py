@@ -194,7 +194,6 @@ def names_of_channels(opened: h5py.File) -> list[str]:
 LAYOUTS = (_itk, _imaris, _big_data_viewer, _openpmd, _nexus, _emd, _hyperspy, _by_itself)
 """All layouts, in the order in which they are tried."""
 
-
 FAMILIES = (
     r"t(?P<t>\d+)/s(?P<c>\d+)/(?P<rest>0/cells)",  # BigDataViewer: time points and setups
     r"DataSet/(?P<rest>ResolutionLevel 0)/TimePoint (?P<t>\d+)/Channel (?P<c>\d+)/Data",  # Imaris

@@ -159,7 +159,6 @@ def _summed(data: NDArray[np.generic], axis: int = -2, out: object = None) -> ND
 RESOLUTION_UNITS = {2: "inch", 3: "cm", 4: "mm", 5: "um"}
 """Units of TIFF's resolutions."""
 
-
 NAMED = {
     **dict.fromkeys(("c", "ch", "chan", "channel", "w", "wavelength"), "c"),
     **dict.fromkeys(("t", "tp", "time", "timepoint"), "t"),

@@ -16,7 +16,7 @@ from campaign.mutate import byte_like, json_like, npy_header, text_like
 from campaign.of_views import HEADERS, PICKLE
 from campaign.running import Parser, Read
 from svv.bricks.formats.mapped import open_npy, open_vti
-from svv.bricks.formats.meta_image import open_meta
+from svv.bricks.opened import open_bricks
 from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.io.cinema.placing import cameras_by_rows, rotations_of
 from svv.io.cinema.shot import read_shot
@@ -232,7 +232,7 @@ def mapped(folder: Path) -> Parser:
         kind = content[0] - 48
         path = folder / ("a.mha", "a.vti", "a.npy")[kind]
         path.write_bytes(content[1:])
-        source = open_npy(path) if kind == 2 else open_meta(path) if kind == 0 else open_vti(path, None)
+        source = open_npy(path) if kind == 2 else open_bricks(path) if kind == 0 else open_vti(path, None)
         if source is not None and np.prod(source.levels[0].shape, dtype=object) < 1000:
             source.read(0, (0, 0, 0), source.levels[0].shape)
 

@@ -14,7 +14,7 @@ from vtkmodules.vtkRenderingCore import vtkCamera
 
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.phi_theta import ascent_rotations, paraview_rotations
-from svv.core.view_checks.silhouettes import Silhouettes, best_fov, disagreement
+from svv.core.view_checks.silhouettes import Silhouettes, Views, best_fov, differences
 from svv.errors import BadInput
 from svv.io.cinema.placing import first_of_each
 from svv.io.cinema.shot import Shot, camera_of, read_shot
@@ -95,6 +95,10 @@ def test_a_ball_in_the_middle_fits_any_angle() -> None:
     views = cameras(turns(6, 5), size=128)
     fit = best_fov(views, masks(views, ((0.0, 0.0, 0.0, 1.2),)))
     assert fit is None or np.degrees(fit.uncertainty) > 1.0
+
+
+def disagreement(views: list[Camera], silhouettes: Silhouettes) -> np.ndarray:
+    return differences(Views.of(views), silhouettes)
 
 
 def test_true_cameras_agree_and_others_do_not() -> None:

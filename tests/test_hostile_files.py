@@ -24,7 +24,7 @@ from PIL import Image
 from campaign.of_tables import LAUGHS, META, PRESET, SCRIPT, STATE, VTI
 from campaign.of_views import HEADERS, PICKLE, SETS, npz, pose, prepared
 from svv.bricks.formats.mapped import open_npy, open_vti
-from svv.bricks.formats.meta_image import open_meta
+from svv.bricks.opened import open_bricks
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.json_values import parsed
 from svv.dvr.functions.transfer_functions import TransferFunction
@@ -286,8 +286,9 @@ def test_points_in_a_picture_without_pixels_are_a_sentence(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("name", "text", "read"),
     [
-        ("a.mha", META.replace("LOCAL", "x" * 5000), open_meta), ("a.mha", META.replace("2 2 2", "-1 -1 8"), open_meta),
-        ("a.mha", META.replace("1 1 1\n", "1e308 1e308 1e308\n"), open_meta),
+        ("a.mha", META.replace("LOCAL", "x" * 5000), open_bricks),
+        ("a.mha", META.replace("2 2 2", "-1 -1 8"), open_bricks),
+        ("a.mha", META.replace("1 1 1\n", "1e308 1e308 1e308\n"), open_bricks),
         ("a.vti", VTI.replace('Extent="0 1 0 1 0 1"', 'Extent="0 1"'), lambda path: open_vti(path, None)),
         ("a.vti", VTI.replace('Spacing="1 1 1"', 'Spacing="1e308 1e308 1e308"'), lambda path: open_vti(path, None)),
         ("a.vti", VTI.replace('offset="0"', 'offset="-99"'), lambda path: open_vti(path, None)),

@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from svv.core.geometry.box import Box
-from svv.core.rays.compositing import ray_weights
 from svv.core.rays.encodings import hash_features, lattice_features, spherical_harmonics
 from svv.core.rounding import KERNELS
 from svv.fields.radiance.encodings import HashGrid, LatticeAdam, SparseLattice
@@ -309,7 +308,9 @@ def test_composite_matches_reference_in_value_and_gradient(count: int, channels:
     values = torch.rand(len(samples), channels, generator=generator).requires_grad_()
     twins = [t.detach().clone().requires_grad_() for t in (sigma, values)]
     out, transmittance, weights = composite(samples, sigma, values)
-    expected_weights, expected_transmittance = ray_weights(twins[0], torch.full_like(twins[0], 1.0 / count))
+    depth = torch.cumsum(twins[0] / count, dim=0)  # behind each sample
+    expected_weights = torch.exp(-depth) * torch.expm1(twins[0] / count)  # Mildenhall et al. 2020, eq. 3
+    expected_transmittance = torch.exp(-depth[-1])
     expected = expected_weights @ twins[1]
     torch.testing.assert_close(weights, expected_weights.detach(), atol=1e-5, rtol=0)
     torch.testing.assert_close(out[0], expected, atol=1e-5, rtol=0)

@@ -7,14 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 
-def _call(work: Callable[[], Any]) -> Any:
-    return work()
-
-
-def _go_on() -> None:
-    """Wait for nobody."""
-
-
 @dataclass(frozen=True)
 class Sharing:
     """This process among those that share a work; all of them see the same folders."""
@@ -23,9 +15,9 @@ class Sharing:
     """Number of this process; the first one, 0, does what must be done once."""
     count: int = 1
     """Number of processes."""
-    once: Callable[[Callable[[], Any]], Any] = _call
+    once: Callable[[Callable[[], Any]], Any] = lambda work: work()
     """Returns the result of work that the first process does, in every process."""
-    wait: Callable[[], object] = _go_on
+    wait: Callable[[], object] = lambda: None
     """Waits until every process has come here."""
 
     @property

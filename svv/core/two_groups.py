@@ -22,7 +22,6 @@ LEAST_SHARE = 0.02
 DEPTH = 0.3
 """Height of the gap relative to the smaller group's peak above which the two are one."""
 
-
 PARTS = 1024
 """Number of parts into which a range is divided in the search for a quantile."""
 

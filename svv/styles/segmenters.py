@@ -81,10 +81,7 @@ class SegmentAnything:
         labels = np.zeros(picture.shape[:2], np.int64)
         for number, mask in enumerate(masks[: count - 1], start=1):
             labels[mask] = number
-        areas = np.bincount(labels.ravel(), minlength=len(masks) + 1)
-        place = np.empty(len(areas), np.int64)
-        place[np.argsort(-areas, kind="stable")] = np.arange(len(areas))
-        return place[labels]
+        return segmentation.by_size(labels, len(masks) + 1)
 
     def select(
         self, picture: NDArray[np.floating], positive: Points, negative: Points, start: Mask | None = None

@@ -88,8 +88,7 @@ class Steps:
 def _variable(opened: AdiosFile, path: Path, array: str | None) -> list[str]:
     """Return the names of the variable that is shown; several if each is a time point.
 
-    Raises:
-        BadInput: There is none, several of the largest size and no name, or its shape changes from step to step.
+    Raises BadInput if there is none, several of the largest size and no name, or its shape changes from step to step.
     """
     if not opened.variables:
         raise BadInput(f"{path} has no variables: it is damaged, or was not written to its end.")
@@ -140,8 +139,7 @@ def _below(attributes: Mapping[str, Any], place: str) -> dict[str, Any]:
 def _for_vtk(attributes: Mapping[str, Any], name: str) -> tuple[list[float], list[float]]:
     """Return the step and the first place along x, y, z of a uniform grid that is described for VTK or Fides.
 
-    Raises:
-        ValueError: It is damaged.
+    Raises ValueError if it is damaged.
     """
     told = [value for key, value in attributes.items() if key.rpartition("/")[2] == "vtk.xml"]
     for text in told:

@@ -33,8 +33,7 @@ LATTICE = r"(?m)^\s*Lattice\s*\{\s*(\w+)(?:\[(\d+)\])?\s+(\w+)\s*\}\s*=?\s*@(\d+
 def am_header(file: Path) -> Stored:
     """Read the header of an AmiraMesh file.
 
-    Raises:
-        BadInput: It is damaged, holds no lattice, or one whose points are not evenly spaced.
+    Raises BadInput if it is damaged, holds no lattice, or one whose points are not evenly spaced.
     """
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)

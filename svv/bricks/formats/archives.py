@@ -23,8 +23,7 @@ class ArchivePath:
     def root(archive: Path) -> ArchivePath:
         """Return the place in an archive at which a Zarr store begins: its root, or its only folder.
 
-        Raises:
-            BadInput: It is damaged, or holds no such store.
+        Raises BadInput if it is damaged, or holds no such store.
         """
         try:
             with ZipFile(archive) as opened:

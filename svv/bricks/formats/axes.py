@@ -31,7 +31,6 @@ METRES = {
 }
 """Metres per unit of length, by its names in lower case."""
 
-
 ROLES = {
     "x": r"lon(gitude)?s?|\w+_lon(gitude)?|rlon|width|easting|west_east\w*|col(umn)?s?",
     "y": r"lat(itude)?s?|\w+_lat(itude)?|rlat|northing|south_north\w*|rows?",
@@ -226,8 +225,7 @@ def unit_of(text: str | None) -> str:
 def in_one_unit(sizes: ArrayLike, units: Sequence[str | None], name: str) -> NDArray[np.float64]:
     """Return lengths along x, y, z in the unit of the first of them.
 
-    Raises:
-        BadInput: They have different units, of which one is not a known unit of length.
+    Raises BadInput if they have different units, of which one is not a known unit of length.
     """
     named = [unit_of(unit) for unit in units]
     if len(set(named)) == 1:

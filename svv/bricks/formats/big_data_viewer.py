@@ -26,8 +26,7 @@ class View:
 def described(file: Path) -> tuple[Element, Path] | None:
     """Return the root of a BigDataViewer ``.xml`` and the HDF5 file that it describes; None for another XML file.
 
-    Raises:
-        BadInput: It describes images in another format, or no file.
+    Raises BadInput if it describes images in another format, or no file.
     """
     try:
         root = parsed_xml(file.read_bytes())
@@ -49,8 +48,7 @@ def described(file: Path) -> tuple[Element, Path] | None:
 def view_of(file: Path, setup: int, time: int) -> View | None:
     """Return what the ``.xml`` of the same name tells about a view of an HDF5 file; None if there is none.
 
-    Raises:
-        BadInput: It is damaged.
+    Raises BadInput if it is damaged.
     """
     about = file.with_suffix(".xml")
     found = described(about) if about.is_file() else None

@@ -118,8 +118,7 @@ class ChunkedSource:
 def _numbers(attributes: Mapping[str, Any], key: str, name: str) -> tuple[float, ...]:
     """Return the numbers of an attribute; nothing without it.
 
-    Raises:
-        BadInput: It holds something else, or several numbers where a value can be packed in one way only.
+    Raises BadInput if it holds something else, or several numbers where a value can be packed in one way only.
     """
     told = attributes.get(key)
     if isinstance(told, str) and len(told) == 12:  # xarray writes real numbers into Zarr as base64
@@ -137,11 +136,7 @@ def _describe_error(error: Exception) -> str:
 
 
 def package(name: str, file: Path) -> ModuleType:
-    """Import a package that only some formats need.
-
-    Raises:
-        BadInput: It is not installed.
-    """
+    """Import a package that only some formats need; raises BadInput if it is not installed."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -238,8 +233,7 @@ def _axis(groups: Sequence[Any], name: str, count: int) -> Axis:
 def _with_chunks(place: Path | ArchivePath, array: Any) -> Indexed:
     """Return an array after a look at its chunks: if there are none, Zarr makes voxels of its fill value.
 
-    Raises:
-        BadInput: It has no chunks, or under other names than it says.
+    Raises BadInput if it has no chunks, or under other names than it says.
     """
     file = next(place / name for name in (".zarray", "zarr.json") if (place / name).is_file())
     told = parsed(file.read_bytes())
@@ -334,11 +328,7 @@ def _labels(omero: object) -> list[str]:
 
 
 def _transform(steps: Sequence[Mapping[str, Any]], axes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the scale and the translation along each axis.
-
-    Raises:
-        ValueError: A step is neither of them.
-    """
+    """Return the scale and the translation along each axis; raises ValueError if a step is neither of them."""
     scale, shift = np.ones(axes), np.zeros(axes)
     for step in steps:
         kind = step["type"]

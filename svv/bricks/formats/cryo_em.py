@@ -26,8 +26,7 @@ LENGTH = 1024
 def mrc_header(file: Path) -> Stored:
     """Read the header of an MRC or CCP4 file, compressed or not.
 
-    Raises:
-        BadInput: It is damaged, its values are complex or of 4 bits, or mrcfile is not installed.
+    Raises BadInput if it is damaged, its values are complex or of 4 bits, or mrcfile is not installed.
     """
     mrcfile = package("mrcfile", file)
     try:

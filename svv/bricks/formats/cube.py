@@ -21,11 +21,7 @@ MOST_ATOMS = 1_000_000
 
 
 def cube_header(file: Path) -> Stored:
-    """Read the header of a Gaussian cube file.
-
-    Raises:
-        BadInput: It is damaged.
-    """
+    """Read the header of a Gaussian cube file; raises BadInput if it is damaged."""
     try:
         with file.open("rb") as opened:
             lines = (opened.readline(4096).decode("latin-1") for _ in iter(int, 1))

@@ -20,8 +20,7 @@ from svv.errors import BadInput
 def mgh_header(file: Path) -> Stored:
     """Read the header of a volume of FreeSurfer, compressed or not.
 
-    Raises:
-        BadInput: It is damaged, or nibabel is not installed.
+    Raises BadInput if it is damaged, or nibabel is not installed.
     """
     nibabel = package("nibabel", file)
     with file.open("rb") as opened:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from svv.bricks.formats.axes import Choice, picked
 from svv.bricks.formats.big_data_viewer import view_of
+from svv.bricks.formats.chunked import CHUNK_CACHE, ChunkedSource, package, source_of
+from svv.bricks.formats.minc import open_minc
 from svv.bricks.formats.open_pmd import axes_of_mesh
 from svv.bricks.formats.places import Array, Axis, axis_of, sized, text_of
 from svv.core.json_values import parsed
@@ -18,11 +21,6 @@ from svv.errors import BadInput
 
 if TYPE_CHECKING:
     import h5py
-from dataclasses import replace
-
-from svv.bricks.formats.axes import Choice, picked
-from svv.bricks.formats.chunked import CHUNK_CACHE, ChunkedSource, package, source_of
-from svv.bricks.formats.minc import open_minc
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +35,6 @@ class Layout:
     attributes: Mapping[str, Any] = field(default_factory=dict)
     """How values are packed, in addition to its own attributes."""
     assumed: str | None = None
-
-
-def layout_of(data: h5py.Dataset, file: Path) -> Layout:
-    """Return what a file tells about a dataset."""
-    return next(filter(None, (read(data, file) for read in LAYOUTS)))
 
 
 def _itk(data: h5py.Dataset, _: Path) -> Layout | None:
@@ -201,7 +194,6 @@ def names_of_channels(opened: h5py.File) -> list[str]:
 LAYOUTS = (_itk, _imaris, _big_data_viewer, _openpmd, _nexus, _emd, _hyperspy, _by_itself)
 """All layouts, in the order in which they are tried."""
 
-
 FAMILIES = (
     r"t(?P<t>\d+)/s(?P<c>\d+)/(?P<rest>0/cells)",  # BigDataViewer: time points and setups
     r"DataSet/(?P<rest>ResolutionLevel 0)/TimePoint (?P<t>\d+)/Channel (?P<c>\d+)/Data",  # Imaris
@@ -242,7 +234,7 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
             opened.close()
             return open_minc(file, choice)
         data, left = _dataset(opened, file, array, choice)
-        layout = layout_of(data, file)
+        layout = next(filter(None, (read(data, file) for read in LAYOUTS)))
         shape, told = layout.shape or data.shape, {**data.attrs, **layout.attributes}
     except BadInput:
         raise
@@ -272,9 +264,7 @@ def _dataset(opened: h5py.File, file: Path, array: str | None, choice: Choice) -
     """Return the dataset that is shown, and what is still to be chosen within it.
 
     That is the dataset of a path, the one that a NeXus file plots by default, or the largest one with three axes.
-
-    Raises:
-        BadInput: There is none, or no path and several of the largest size.
+    Raises BadInput if there is none, or no path and several of the largest size.
     """
     found = dict(_volumes(opened, file))
     plotted = {str(signal.name).strip("/"): signal for _, signal in of_nexus(opened)}

@@ -104,8 +104,7 @@ def raw_layout(
 ) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
     """Return the number of voxels along x, y, z of a raw file and their type, if not given by its name.
 
-    Raises:
-        BadInput: They are not known, or do not match the file's size.
+    Raises BadInput if they are not known, or do not match the file's size.
     """
     name = file.name.lower()
     found = re.search(r"(\d+)x(\d+)x(\d+)", name)
@@ -159,11 +158,7 @@ def check_no_text(file: Path) -> None:
 
 
 def open_npy(file: Path) -> MappedSource:
-    """Open a NumPy file.
-
-    Raises:
-        BadInput: It is damaged, or not an array of numbers.
-    """
+    """Open a NumPy file; raises BadInput if it is damaged, or not an array of numbers."""
     try:
         values = np.load(file, mmap_mode="r", allow_pickle=False)
     except Exception as error:  # a damaged header makes NumPy raise all kinds of errors
@@ -174,8 +169,7 @@ def open_npy(file: Path) -> MappedSource:
 def open_npz(file: Path, array: str | None) -> ArraySource:
     """Open an array of three axes in an archive of NumPy's, which is decoded as a whole.
 
-    Raises:
-        BadInput: It is damaged, has no such array, several of which none is named, or one that memory cannot hold.
+    Raises BadInput if it is damaged, has no such array, several of which none is named, or one that memory cannot hold.
     """
     try:
         with ZipFile(file) as archive:
@@ -209,10 +203,8 @@ def _npy_header(archive: ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[
 def open_vti(file: Path, array: str | None) -> MappedSource | None:
     """Open a VTK XML image file; None unless its values are stored as they are, in one piece, without blanking.
 
-    As they are: as raw appended data that is not compressed.
-
-    Raises:
-        BadInput: The header is damaged, there is no such array, or the data is cut off.
+    As they are: as raw appended data that is not compressed. Raises BadInput if the header is damaged, there is no such
+    array, or the data is cut off.
     """
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)
@@ -262,10 +254,7 @@ def _data_array(piece: Element, array: str | None, name: str) -> tuple[Element, 
     """Return the array with one component that is shown, and whether it belongs to cells; None if it is not appended.
 
     Without a name it is the active one, as for :func:`svv.dvr.read.grids.pick_scalars`, which chooses among VTK's
-    arrays.
-
-    Raises:
-        BadInput: There is no array of this name.
+    arrays. Raises BadInput if there is no array of this name.
     """
     there: list[tuple[Element, bool]] = []
     wanted: list[tuple[Element, bool]] = []

@@ -17,9 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bricks.formats.axes import Choice
 from svv.bricks.formats.mapped import MOST_HEADER
-from svv.bricks.formats.source import Source
 from svv.bricks.formats.stored import Stored, bad_header, damaged, numbered
 
 META_TYPES = {
@@ -30,21 +28,8 @@ META_TYPES = {
 """Types of MetaImage files: a long has four bytes, wherever it was written."""
 
 
-def open_meta(file: Path, choice: Choice = Choice(), whole: bool = False) -> Source | None:  # noqa: B008 - frozen
-    """Open a MetaImage file; see :meth:`svv.bricks.formats.stored.Stored.source`.
-
-    Raises:
-        BadInput: The header is damaged, or the data is missing, cut off, or more than memory can hold.
-    """
-    return meta_header(file).source(choice, whole)
-
-
 def meta_header(file: Path) -> Stored:
-    """Read the header of a MetaImage file.
-
-    Raises:
-        BadInput: It is damaged.
-    """
+    """Read the header of a MetaImage file; raises BadInput if it is damaged."""
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)
     # The last line of the header names the files with the data; in the same file, the data follows.
@@ -65,6 +50,8 @@ def meta_header(file: Path) -> Stored:
         turned = _numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), identity, len(dims) ** 2)
         origin = _numbers(fields, ("Origin", "Position", "Offset"), "0 " * len(dims), len(dims))
         order = ">" if _true(fields, ("BinaryDataByteOrderMSB", "ElementByteOrderMSB"), False) else "<"
+        packed = "zlib" if _true(fields, ("CompressedData",), False) else "raw"
+        encoding = packed if _true(fields, ("BinaryData",), True) else "text"
         kind = np.dtype(order + META_TYPES[fields["ElementType"].removesuffix("_ARRAY")])
     except (KeyError, ValueError, OverflowError) as error:
         raise bad_header(file, error) from error
@@ -73,15 +60,9 @@ def meta_header(file: Path) -> Stored:
     return Stored(
         file, files, kind, (*dims[::-1], *([channels] if channels > 1 else [])),
         ("tzyx" if len(dims) == 4 else "zyx") + ("c" if channels > 1 else ""), axes, origin[:3], "MetaImage",
-        _encoding(fields), max(skipped, 0), offset=min(skipped, 0) and -1,
+        encoding, max(skipped, 0), offset=min(skipped, 0) and -1,
         is_sized=bool({"ElementSpacing", "ElementSize"} & set(fields)),
     )  # fmt: skip
-
-
-def _encoding(fields: Mapping[str, str]) -> str:
-    if not _true(fields, ("BinaryData",), True):
-        return "text"
-    return "zlib" if _true(fields, ("CompressedData",), False) else "raw"
 
 
 def _data_files(file: Path, target: str, after: bytes, dims: Sequence[int]) -> tuple[Path, ...]:

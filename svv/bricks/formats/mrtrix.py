@@ -22,8 +22,7 @@ from svv.errors import BadInput
 def mif_header(file: Path) -> Stored:
     """Read the header of an image of MRtrix.
 
-    Raises:
-        BadInput: It is damaged, or its values are complex or single bits.
+    Raises BadInput if it is damaged, or its values are complex or single bits.
     """
     try:
         fields, packed = _fields(file)

@@ -78,8 +78,7 @@ def open_n5(folder: Path, choice: Choice = Choice(), array: str | None = None) -
 def _attributes(place: Path) -> dict[str, Any]:
     """Return the attributes of a folder; none if it has none.
 
-    Raises:
-        BadInput: They are no JSON object.
+    Raises BadInput if they are no JSON object.
     """
     file = place / "attributes.json"
     if not file.is_file():

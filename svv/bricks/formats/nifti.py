@@ -49,11 +49,7 @@ SECOND = np.dtype(
 
 
 def nifti_header(file: Path) -> Stored:
-    """Read the header of a NIfTI file.
-
-    Raises:
-        BadInput: It is damaged, or its values are no real numbers.
-    """
+    """Read the header of a NIfTI file; raises BadInput if it is damaged, or its values are no real numbers."""
     head_file, data_file = _files(file)
     with head_file.open("rb") as opened:
         packed = opened.read(2) == b"\x1f\x8b"

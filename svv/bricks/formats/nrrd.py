@@ -47,11 +47,7 @@ COLOURS = ("color", "vector", "matrix", "complex", "quaternion", "gradient", "no
 
 
 def nrrd_header(file: Path) -> Stored:
-    """Read the header of an NRRD file.
-
-    Raises:
-        BadInput: It is damaged, or describes no volume.
-    """
+    """Read the header of an NRRD file; raises BadInput if it is damaged, or describes no volume."""
     fields, files_listed, end = _fields(file)
     try:
         sizes = [int(size) for size in fields["sizes"].split()]
@@ -81,8 +77,7 @@ def nrrd_header(file: Path) -> Stored:
 def _fields(file: Path) -> tuple[dict[str, str], list[str], int]:
     """Return the fields of a header, the lines after ``data file: LIST``, and the position at which the header ends.
 
-    Raises:
-        BadInput: It is not the text of a header.
+    Raises BadInput if it is not the text of a header.
     """
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)

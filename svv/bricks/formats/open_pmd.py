@@ -19,8 +19,7 @@ def axes_of_mesh(
 ) -> tuple[list[Axis], dict[str, float]]:
     """Return the axes of a mesh and how its values are packed, by its attributes and those of a component.
 
-    Raises:
-        BadInput: Its coordinates are not Cartesian.
+    Raises BadInput if its coordinates are not Cartesian.
     """
     geometry = text_of(mesh.get("geometry", "cartesian"))
     if geometry != "cartesian":

@@ -23,8 +23,7 @@ VALUES = rb"class\s+array\s+type\s+\"?\w+\"?\s+rank\s+0\s+items\s+(\d+)\s+data\s
 def dx_header(file: Path) -> Stored:
     """Read the header of an OpenDX file; z varies fastest, and world units are the program's, usually ångström.
 
-    Raises:
-        BadInput: It is damaged, or holds no regular grid of numbers as text.
+    Raises BadInput if it is damaged, or holds no regular grid of numbers as text.
     """
     with file.open("rb") as opened:
         head = opened.read(MOST_HEADER)

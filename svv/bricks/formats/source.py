@@ -81,8 +81,7 @@ class Source(Protocol):
     def read(self, level: int, start: Box, stop: Box) -> NDArray[np.number]:
         """Read a box of a level. (stop - start)
 
-        Raises:
-            BadInput: The data there cannot be read.
+        Raises BadInput if the data there cannot be read.
         """
         ...
 
@@ -90,8 +89,7 @@ class Source(Protocol):
 def level_of(shape: Sequence[int], axes: Array, origin: Array, name: str) -> Level:
     """Return the level of a grid after a check.
 
-    Raises:
-        BadInput: A side has fewer than two voxels, the spacing is not positive, or axes are not perpendicular.
+    Raises BadInput if a side has fewer than two voxels, the spacing is not positive, or axes are not perpendicular.
     """
     if len(shape) != 3 or min(shape) < 2:
         size = " x ".join(str(side) for side in reversed(shape))
@@ -109,8 +107,7 @@ def level_of(shape: Sequence[int], axes: Array, origin: Array, name: str) -> Lev
 def native(dtype: DTypeLike, name: str) -> np.dtype[np.generic]:
     """Return the type in which values are read: native byte order, no half precision, no booleans.
 
-    Raises:
-        BadInput: It is not a numeric type.
+    Raises BadInput if it is not a numeric type.
     """
     kind = np.dtype(dtype)
     if kind.kind not in "buif":

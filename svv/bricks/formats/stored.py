@@ -218,8 +218,7 @@ def with_exponents(text: bytes) -> bytes:
 def numbered(pattern: str, first: int, last: int, step: int, folder: Path) -> tuple[Path, ...]:
     """Return the files of a pattern such as ``slice%03d.raw``.
 
-    Raises:
-        ValueError: The pattern does not take one whole number, or there are too many files.
+    Raises ValueError if the pattern does not take one whole number, or there are too many files.
     """
     if not re.fullmatch(r"[^%]*%0?\d*[du][^%]*", pattern) or step == 0 or abs(last - first) // abs(step) > 100_000:
         raise ValueError(f"{pattern} is not a pattern of numbered files")

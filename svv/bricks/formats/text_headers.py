@@ -20,11 +20,7 @@ BOV_TYPES = {"byte": "u1", "short": "i2", "int": "i4", "float": "f4", "double": 
 
 
 def bov_header(file: Path) -> Stored:
-    """Read a BOV header ("brick of values").
-
-    Raises:
-        BadInput: It is damaged, or its values lie in several files.
-    """
+    """Read a BOV header ("brick of values"); raises BadInput if it is damaged, or its values lie in several files."""
     try:
         told = {key.replace(" ", "_"): value for key, value in _fields(file).items()}
         sides, each = _whole(told["data_size"]), told.get("data_components", "1").lower()
@@ -61,10 +57,7 @@ def dat_header(file: Path) -> Stored:
     """Read a ``.dat`` header of Inviwo or Voreen.
 
     Inviwo's basis vectors span the whole volume, and without an offset its centre is the origin. Voreen's offset is the
-    first voxel's place.
-
-    Raises:
-        BadInput: It is damaged, or a list of other headers.
+    first voxel's place. Raises BadInput if it is damaged, or a list of other headers.
     """
     try:
         told = _fields(file)
@@ -104,8 +97,7 @@ def dat_header(file: Path) -> Stored:
 def vgi_header(file: Path) -> Stored:
     """Read a header of VGStudio (``.vgi``), whose values lie in a ``.vol`` file.
 
-    Raises:
-        BadInput: It is damaged, describes several volumes, or a mirrored one.
+    Raises BadInput if it is damaged, describes several volumes, or a mirrored one.
     """
     try:
         told: dict[str, str] = {}

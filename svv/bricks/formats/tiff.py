@@ -11,47 +11,32 @@ Source: TIFF 6.0, sections 13 and 14; Adobe Photoshop TIFF Technical Note 3 (the
 from __future__ import annotations
 
 import io
-import struct
-from collections import ChainMap
-from collections.abc import Callable
-from importlib.util import find_spec
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
-
-from svv.errors import BadInput
-
-if TYPE_CHECKING:
-    from tifffile import TiffFrame, TiffPage
-import re
-from collections.abc import Mapping, Sequence
-from xml.etree.ElementTree import Element
-
-from numpy.typing import DTypeLike
-
-from svv.bricks.formats.axes import in_one_unit
-from svv.core.xml_values import parsed_xml
-
-if TYPE_CHECKING:
-    from tifffile import TiffFile, TiffPage, TiffPageSeries
 import logging
-from collections import OrderedDict
-from collections.abc import Iterator
+import re
+import struct
+from collections import ChainMap, OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from weakref import finalize
+from xml.etree.ElementTree import Element
 
-from svv.bricks.formats.axes import Choice, Pick, picked
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from PIL import Image, UnidentifiedImageError
+
+from svv.bricks.formats.axes import Choice, Pick, in_one_unit, picked
 from svv.bricks.formats.chunked import CHUNK_CACHE, PACKED, ChunkedSource
 from svv.bricks.formats.mapped import MappedSource
 from svv.bricks.formats.places import no_size
 from svv.bricks.formats.source import ArraySource, Box, Level, Source, level_of
 from svv.bricks.formats.stored import Scaled, damaged
+from svv.core.xml_values import parsed_xml
+from svv.errors import BadInput
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffFrame, TiffPage, TiffPageSeries
@@ -79,8 +64,7 @@ def with_libtiff() -> None:
 def decodes_pages(path: Path, one: TiffPage | TiffFrame) -> bool:
     """Return whether tifffile decodes pages like one of them; otherwise, :func:`by_pillow` does.
 
-    Raises:
-        BadInput: Neither does.
+    Raises BadInput if neither does.
     """
     import tifffile
 
@@ -101,8 +85,7 @@ def decodes_pages(path: Path, one: TiffPage | TiffFrame) -> bool:
 def by_pillow(path: Path, page: TiffPage | TiffFrame) -> NDArray[np.generic]:
     """Decode a page of a file by Pillow. (height, width)
 
-    Raises:
-        BadInput: Pillow does not read it either.
+    Raises BadInput if Pillow does not read it either.
     """
     try:
         with Image.open(path) as image:
@@ -175,7 +158,6 @@ def _summed(data: NDArray[np.generic], axis: int = -2, out: object = None) -> ND
 
 RESOLUTION_UNITS = {2: "inch", 3: "cm", 4: "mm", 5: "um"}
 """Units of TIFF's resolutions."""
-
 
 NAMED = {
     **dict.fromkeys(("c", "ch", "chan", "channel", "w", "wavelength"), "c"),

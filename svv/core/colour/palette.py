@@ -31,7 +31,6 @@ LEAST_BRIGHTNESS = 1e-6
 LEAST_CHROMA = 5.0 / CELLS_AN_EDGE
 """Saturation times brightness above which the colours of a cell have about the same hue."""
 
-
 HUES = 12
 """Number of equal parts of the circle of hues, even: each has an opposite one."""
 

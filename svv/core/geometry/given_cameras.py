@@ -126,7 +126,8 @@ def _size_of(plotter: Plotter) -> tuple[int, int]:
 def _of_vtk(camera: Any, width: int, height: int) -> Camera:
     """Return the camera of a picture that VTK would draw with its own."""
     moves = [move.GetMatrix() for move in (camera.GetUserTransform(), camera.GetUserViewTransform()) if move]
-    bent = not all(map(_is_unit, [camera.GetModelTransformMatrix(), *moves]))
+    moves.append(camera.GetModelTransformMatrix())
+    bent = any(move.GetElement(i, j) != (i == j) for move in moves for i in range(4) for j in range(4))
     if bent or camera.GetUseOffAxisProjection() or tuple(camera.GetViewShear()[:2]) != (0.0, 0.0):
         raise BadInput(
             "The camera stretches, shears or moves what it sees (a model or user transform, view shear, off-axis "
@@ -140,10 +141,6 @@ def _of_vtk(camera: Any, width: int, height: int) -> Camera:
     angle = camera.GetViewAngle()
     fov = np.radians(angle) if camera.GetUseHorizontalViewAngle() else _across(angle, width, height)
     return Camera(pose, float(fov), width, height, centre=centre)
-
-
-def _is_unit(matrix: Any) -> bool:
-    return all(matrix.GetElement(i, j) == (i == j) for i in range(4) for j in range(4))
 
 
 def _across(angle: float, width: int, height: int) -> float:

@@ -112,10 +112,10 @@ def partitions(picture: NDArray[np.floating], counts: Sequence[int], pieces: int
         cost[b], cost[:, b] = np.inf, np.inf
         if left in counts:
             owners[left] = owner.copy()
-    return [_by_size(owners[min(count, total)][labels], total) for count in counts]
+    return [by_size(owners[min(count, total)][labels], total) for count in counts]
 
 
-def _by_size(owned: Labels, total: int) -> Labels:
+def by_size(owned: Labels, total: int) -> Labels:
     """Return labels below ``total`` numbered by size, the largest 0."""
     areas = np.bincount(owned.ravel(), minlength=total)
     place = np.empty(total, np.int64)

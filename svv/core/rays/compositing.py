@@ -1,6 +1,6 @@
 """Compositing along rays: the reference that the compiled kernels must match in value and gradient.
 
-Letters: ... rays, S samples per ray.
+Letters: R rays, S samples, C channels.
 """
 
 from __future__ import annotations
@@ -12,27 +12,17 @@ LEAST_ALPHA = 1.0 / 512.0
 """Half an 8-bit step: a pixel whose alpha does not exceed it counts as empty."""
 
 
-def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the weights in [0, 1] of samples front to back (..., S), and the transmittance behind them (...,).
-
-    w_i = T_i (1 - exp(-sigma_i delta_i)), T_i = exp(-sum_{j<i} sigma_j delta_j)
-
-    (Mildenhall et al. 2020, eq. 3; optical model of Max 1995.) ``sigma``: extinction >= 0 in 1 / box unit; ``delta``:
-    sample spacing >= 0 in box units. (..., S)
-    """
-    behind = torch.cumsum(sigma * delta, dim=-1)  # optical depth behind each sample (..., S)
-    before = torch.cat([torch.zeros_like(behind[..., :1]), behind[..., :-1]], dim=-1)
-    return torch.exp(-before) * -torch.expm1(-sigma * delta), torch.exp(-behind[..., -1])
-
-
 def composite_samples(
     sigma: Tensor, values: Tensor, skipped: Tensor, start: Tensor, count: Tensor, tail: Tensor, step: float
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return sums of weight times value (R, C), transmittance (R,) and weights (S,) of rays whose samples lie in a row.
 
-    Works as :func:`ray_weights`. ``sigma`` >= 0 in 1 / box unit (S,); ``values`` (S, C); ``skipped`` (S,): optical
-    depth before each sample; ``start`` and ``count`` (R,) int64: first sample and number of samples of each ray;
-    ``tail`` (R,): optical depth behind the last; ``step``: sample spacing in box units.
+    w_i = T_i (1 - exp(-sigma_i step)), T_i = exp(-sum_{j<i} sigma_j step - sum_{j<=i} skipped_j)
+
+    (Mildenhall et al. 2020, eq. 3; optical model of Max 1995.) ``sigma`` >= 0: extinction in 1 / box unit (S,);
+    ``values`` (S, C); ``skipped`` (S,): optical depth before each sample; ``start`` and ``count`` (R,) int64: first
+    sample and number of samples of each ray; ``tail`` (R,): optical depth behind the last; ``step``: sample spacing in
+    box units.
     """
     k = torch.arange(int(count.max()) if len(count) else 0, device=sigma.device)
     there = k < count[:, None]  # (R, longest ray)

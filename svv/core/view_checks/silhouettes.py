@@ -140,23 +140,16 @@ class Fit:
     """Median of the differences between silhouettes, in pixels."""
 
 
-def disagreement(cameras: Sequence[Camera], silhouettes: Silhouettes) -> Array:
-    """Return by how many pixels the silhouettes of pairs of views disagree, two signed numbers a pair. (pairs * 2,)
-
-    NaN where the line between two cameras runs through the object. Pairs of a pinhole and an orthographic camera are
-    left out, so there may be none.
-    """
-    return differences(Views.of(cameras), silhouettes)
-
-
 LEAST_OF_A_VIEW = 6
 """Differences of a view below which it says nothing alone."""
 
 
 def differences(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS, paired: Views | None = None) -> Array:
-    """Return what :func:`disagreement` returns, of cameras that may be mirrored, for at most ``most`` pairs of views.
+    """Return by how many pixels the silhouettes of pairs of views disagree, two signed numbers a pair. (pairs * 2,)
 
-    ``paired``: cameras by which pairs are chosen; by default the same.
+    NaN where the line between two cameras runs through the object. Pairs of a pinhole and an orthographic camera are
+    left out, so there may be none. At most ``most`` pairs are compared; ``paired``: cameras by which these are chosen,
+    by default the same.
     """
     return _differences(views, silhouettes, _pairs(paired or views, silhouettes, most))
 

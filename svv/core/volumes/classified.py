@@ -28,7 +28,6 @@ COLOUR_SPREAD = 0.2
 """Largest root mean square RGB distance of the colours in one range to their mean; the palette's offsets can express
 that much."""
 
-
 Edges = tuple[tuple[float, float, float], ...]
 """The three edges of a voxel of the volume, as steps on a grid over it. (3, 3)"""
 

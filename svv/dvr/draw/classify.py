@@ -153,7 +153,9 @@ def classified_grid(
     each
     """
     known, sigma = function
-    colour, weight = stage.tf.colour_at(known), _weights(counts, sigma)
+    colour = stage.tf.colour_at(known)
+    # Interpolation produces all values between those of voxels, so no visible one has a weight of 0.
+    weight = (counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0)
     starts = _ranges(known, sigma, colour, weight)
     ranges = []
     decimals = _decimals(known / stage.gain)
@@ -169,13 +171,8 @@ def classified_grid(
     low, high = stage.of_volume(kept.interval).tolist()
     high = max(high, float(np.nextafter(low, np.inf)))  # of a volume of one large value
     shown = stage.tf.colour_at(np.linspace(*kept.interval, COLOURS)).astype(np.float32)
-    kept = replace(
-        kept,
-        interval=(low, high),
-        edges=voxel_edges(stage, box, kept.cells),
-        colours=shown,
-        nearest=nearest,
-    )
+    edges = voxel_edges(stage, box, kept.cells)
+    kept = replace(kept, interval=(low, high), edges=edges, colours=shown, nearest=nearest)
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
 
 
@@ -284,12 +281,6 @@ def frequencies(image: NDArray[np.number], known: Array, whole: int = 0) -> Arra
     values = values[:: max(1, max(whole, len(values)) // COUNTED_VOXELS)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
     return np.bincount(nearest, minlength=len(known)) / len(values)
-
-
-def _weights(counts: Array, sigma: Array) -> Array:
-    """Return the weights of the known values: their frequencies times their extinction. (K,)"""
-    # Interpolation produces all values between those of voxels, so no visible one has a weight of 0.
-    return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
 
 
 def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:

@@ -39,7 +39,6 @@ from svv.options.making import MapperName, ViewOptions
 
 Caster = CpuMapper | GpuMapper | BrickMapper
 
-
 Making = Callable[[Stage, Shading, float], Caster]
 """What makes a ray caster for a stage, with a sample distance in stage units."""
 

@@ -43,8 +43,7 @@ LINEAR = {"Linear", "1", "true"}
 def fields_of_map(name: str) -> dict[str, Any]:
     """Return the fields of a function with the colours of a matplotlib colour map.
 
-    Raises:
-        BadInput: There is no such colour map, or no matplotlib.
+    Raises BadInput if there is no such colour map, or no matplotlib.
     """
     try:
         from matplotlib import colormaps
@@ -66,8 +65,7 @@ def fields_of_map(name: str) -> dict[str, Any]:
 def preset_in_xml(root: Element, wanted: str | None, name: str) -> dict[str, Any]:
     """Return the preset in ParaView's old file of colour maps (XML), as ParaView converts it to JSON.
 
-    Raises:
-        BadInput: The file is damaged, or there is none of the name.
+    Raises BadInput if the file is damaged, or there is none of the name.
     """
     found = chosen([(one.get("name", ""), one) for one in root.iter("ColorMap")], wanted, name, "colour map")
     named: dict[str, Any] = {"Name": found.get("name") or name}
@@ -85,9 +83,8 @@ def preset_in_xml(root: Element, wanted: str | None, name: str) -> dict[str, Any
 def parsed_visit(root: Element, name: str) -> dict[str, Any]:
     """Return the fields of a function with the colours of a colour table or of volume attributes of VisIt.
 
-    Raises:
-        BadInput: The file is damaged, has none or several, or its colours are interpolated otherwise than in straight
-            lines, or on a scale.
+    Raises BadInput if the file is damaged, has none or several, or its colours are interpolated otherwise than in
+    straight lines, or on a scale.
     """
     plots = [one for one in root.iter("Object") if one.get("name") == "VolumeAttributes"]
     if len(plots) > 1:
@@ -117,8 +114,7 @@ def parsed_visit(root: Element, name: str) -> dict[str, Any]:
 def _control_points(whole: Element) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places (n,) and colours (n, 3) of VisIt's control points, in the long or the compact form.
 
-    Raises:
-        ValueError: There are fewer than two, or numbers are missing.
+    Raises ValueError if there are fewer than two, or numbers are missing.
     """
     if compact := _field(whole, "compactColors", ""):
         table = np.array([float(word) for word in compact.split()]).reshape(-1, 4)

@@ -19,7 +19,6 @@ from svv.errors import BadInput
 BINS = 256
 """Number of bins of the histogram."""
 
-
 MOST_BEYOND = 0.001
 """Largest fraction of voxels that may be outliers at one end; never fewer than the longest side has, such as those of
 a dead pixel of a detector."""
@@ -32,7 +31,6 @@ FILL, FILL_GAP = 999.0, 1000.0
 
 TRIED, VISIBLE, FEW = 100_000, 0.1, 0.01
 """Voxels that are looked up; part of a function's largest opacity from which they count as shown; few of them."""
-
 
 MOST_OF_SIDES = 0.6
 """Part of the voxels at a volume's sides from which one class is what surrounds the object, however much that fills."""
@@ -186,10 +184,7 @@ def default_transfer_function(image: vtkImageData, usual: UsualRange | None = No
     of its ends. The histogram is cut into three classes (Otsu 1979: the cuts that leave the least variance within the
     classes). The background is the class of most voxels at the volume's sides, or the most frequent class if none has
     ``MOST_OF_SIDES``; of the other two, the class nearer to it gets a translucent bump and the farther one a nearly
-    opaque bump.
-
-    Raises:
-        BadInput: All voxels have the same value.
+    opaque bump. Raises BadInput if all voxels have the same value.
     """
     values = to_array(image)
     low, high = (float(values.min()), float(values.max())) if usual is None else (usual.low, usual.high)

@@ -41,8 +41,7 @@ def file_and_name(given: str | Path) -> tuple[Path | None, str | None]:
 def chosen(found: Sequence[tuple[str, One]], wanted: str | None, file: str, kind: str) -> One:
     """Return the one of a name among several of a kind in a file; without a name, the only one.
 
-    Raises:
-        BadInput: There is none, none of the name, or several and no name.
+    Raises BadInput if there is none, none of the name, or several and no name.
     """
     names = [name for name, _ in found]
     if not found:

@@ -33,8 +33,7 @@ Key = tuple[float, tuple[float, ...]]
 def parsed_itf(content: bytes, name: str) -> dict[str, Any]:
     """Return the fields of a transfer function in Inviwo's file, whose places are parts of the data's range.
 
-    Raises:
-        BadInput: The file is damaged, or its points lie at values.
+    Raises BadInput if the file is damaged, or its points lie at values.
     """
     root = _root(content, name, "Inviwo")
     if _number(root.find("type"), "content", 0.0):
@@ -53,8 +52,7 @@ def parsed_itf(content: bytes, name: str) -> dict[str, Any]:
 def parsed_tfi(content: bytes, name: str) -> dict[str, Any]:
     """Return the fields of a transfer function in Voreen's file, whose places are parts of its domain.
 
-    Raises:
-        BadInput: The file is damaged, has two dimensions, a gamma, or another mode of opacity.
+    Raises BadInput if the file is damaged, has two dimensions, a gamma, or another mode of opacity.
     """
     root = _root(content, name, "Voreen")
     if root.find(".//Keys") is None:
@@ -86,8 +84,7 @@ def parsed_tfi(content: bytes, name: str) -> dict[str, Any]:
 def parsed_lut(content: bytes, name: str) -> dict[str, Any]:
     """Return the fields of a function with the colours of an ImageJ table, whose opacity is a ramp.
 
-    Raises:
-        BadInput: It is neither 256 colours nor a text of them.
+    Raises BadInput if it is neither 256 colours nor a text of them.
     """
     if len(content) in (768, 800):
         table = np.frombuffer(content[-768:], np.uint8).reshape(3, 256).T
@@ -149,11 +146,7 @@ def _root(content: bytes, name: str, program: str) -> Element:
 
 
 def _child(element: Element, name: str) -> dict[str, str]:
-    """Return the attributes of a child.
-
-    Raises:
-        KeyError: There is none.
-    """
+    """Return the attributes of a child; raises KeyError if there is none."""
     found = element.find(name)
     if found is None:
         raise KeyError(name)

@@ -56,8 +56,7 @@ class Fields(ColourFields):
 def preset_in(data: object, name: str) -> Mapping[str, Any]:
     """Return the preset or the bumps in a JSON value, which may be a list with one of them, or of bumps.
 
-    Raises:
-        BadInput: It contains neither, or colours for categories only.
+    Raises BadInput if it contains neither, or colours for categories only.
     """
     if isinstance(data, list) and data:
         is_bump = isinstance(data[0], Mapping) and "centre" in data[0]
@@ -83,8 +82,7 @@ def name_and_unit(preset: Json, name: str) -> tuple[str, float | None]:
 def fields_of_preset(preset: Json, name: str) -> Fields:
     """Return the fields of the function that a preset with ``RGBPoints`` describes.
 
-    Raises:
-        BadInput: Its entries have another form.
+    Raises BadInput if its entries have another form.
     """
     name, unit = name_and_unit(preset, name)
     colours = _quadruples(preset["RGBPoints"], "RGBPoints", name)
@@ -150,11 +148,7 @@ def fields_of_colours(colour: vtkColorTransferFunction, spaces: Sequence[str]) -
 
 
 def _colour(colour: object, name: str) -> Colour:
-    """Return a colour beyond the range.
-
-    Raises:
-        BadInput: The colour is not one of three numbers.
-    """
+    """Return a colour beyond the range; raises BadInput if the colour is not one of three numbers."""
     if not isinstance(colour, Sequence) or isinstance(colour, str) or len(colour) != 3:
         raise BadInput(f"The colours of '{name}' above and below its range need three numbers, not {colour}.")
     return tuple(float(number_in(level, f"A colour of '{name}'")) for level in colour)

@@ -84,8 +84,7 @@ def as_drawn(colours: Points, low: float, high: float, name: str) -> Points:
 def straightened(opacities: Points, name: str) -> Points:
     """Return opacities on a linear scale that equal those on a logarithmic one.
 
-    Raises:
-        BadInput: A point's value is not positive.
+    Raises BadInput if a point's value is not positive.
     """
     if opacities[0][0] <= 0:
         raise BadInput(

@@ -53,8 +53,7 @@ class VolumeProperty:
 def parsed_vp(content: bytes, name: str) -> VolumeProperty:
     """Return the volume property in a .vp.
 
-    Raises:
-        BadInput: The file is damaged, or gradients have opacities of their own.
+    Raises BadInput if the file is damaged, or gradients have opacities of their own.
     """
     lines = [line.split() for line in content.decode("utf-8", "replace").splitlines() if line.strip()]
     try:
@@ -69,9 +68,8 @@ def parsed_vp(content: bytes, name: str) -> VolumeProperty:
 def parsed_node(root: Element, wanted: str | None, name: str) -> VolumeProperty:
     """Return the volume property of a name in a scene or a file of presets; without one, the only one.
 
-    Raises:
-        BadInput: There is none of the name, several and no name, a node is damaged, or gradients have opacities of
-            their own.
+    Raises BadInput if there is none of the name, several and no name, a node is damaged, or gradients have opacities of
+    their own.
     """
     node = chosen([(one.get("name", ""), one) for one in root.iter("VolumeProperty")], wanted, name, "volume property")
     name = node.get("name") or name

@@ -252,14 +252,7 @@ class TransferFunction:
     def to_vtk(self) -> tuple[vtkColorTransferFunction, vtkPiecewiseFunction]:
         """Return VTK's colour transfer function and scalar opacity function."""
         colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
-        {
-            "RGB": colour.SetColorSpaceToRGB,
-            "HSV": colour.SetColorSpaceToHSV,
-            "Lab": colour.SetColorSpaceToLab,
-            "Diverging": colour.SetColorSpaceToDiverging,
-            "Lab/CIEDE2000": colour.SetColorSpaceToLabCIEDE2000,
-            "Step": colour.SetColorSpaceToStep,
-        }[self.space]()
+        getattr(colour, f"SetColorSpaceTo{self.space.replace('/', '')}")()
         colour.SetHSVWrap(self.hsv_wrap)
         if self.log_scale:
             colour.SetScaleToLog10()
@@ -310,10 +303,8 @@ class TransferFunction:
         """Make a function from a ParaView preset (an object, or a list whose first object is used) or from bumps.
 
         A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1 over the data's range. An object
-        ``{"bumps": [...]}``, or the list alone, contains the arguments of ``from_bumps``.
-
-        Raises:
-            BadInput: ``data`` is neither of these, or does not fit the class.
+        ``{"bumps": [...]}``, or the list alone, contains the arguments of ``from_bumps``. Raises BadInput if ``data``
+        is neither of these, or does not fit the class.
         """
         preset = presets.preset_in(data, name)
         if "bumps" not in preset:
@@ -388,12 +379,10 @@ class TransferFunction:
 
         A file is JSON, see ``from_dict``, or one of 3D Slicer (.vp, .vp.json, or a scene or presets in XML), ParaView
         (colours in XML), VisIt (.ct, or attributes in XML), Inviwo, Voreen or ImageJ
-        (:mod:`svv.dvr.functions.other_programs`). A name follows its file after a colon, as in
-        ``presets.xml:CT-Bone``; one alone is a colour map of matplotlib, ``viridis`` or ``matplotlib:viridis``.
-
-        Raises:
-            BadInput: The file does not exist, is of no kind, or is rejected by ``from_dict``; it has none of the name,
-                or several functions and no name is given; or there is no such colour map.
+        (:mod:`svv.dvr.functions.other_programs`). A name follows its file after a colon, as in ``presets.xml:CT-Bone``;
+        one alone is a colour map of matplotlib, ``viridis`` or ``matplotlib:viridis``. Raises BadInput if the file does
+        not exist, is of no kind, or is rejected by ``from_dict``; it has none of the name, or several functions and no
+        name is given; or there is no such colour map.
         """
         file, name = file_and_name(path)
         if file is None:

@@ -24,7 +24,6 @@ NOT_DIVIDED = (
     "file, which ParaView divides itself."
 )
 
-
 BLANKED = (
     "The volume has blanked points or cells, which several ranks cannot draw: use one process, or replace what is "
     "blanked by values at which the transfer function is transparent."

@@ -28,8 +28,7 @@ def without_gaps(
 ) -> tuple[NDArray[np.number], NDArray[np.bool_] | None, str | None]:
     """Return finite values, which voxels had none, and a sentence on these; None twice if all had one. (nz, ny, nx)
 
-    Raises:
-        BadInput: No voxel has a value.
+    Raises BadInput if no voxel has a value.
     """
     if values.dtype.kind != "f":
         return values, None, None

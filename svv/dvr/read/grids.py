@@ -14,7 +14,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSet, vtkDataSetAttributes, vtkImageData, vtkRectilinearGrid
 
-from svv.bricks.formats.source import Level, check_finite
+from svv.bricks.formats.source import Level, check_finite, native
 from svv.dvr.read.appearance import GHOSTS, Appearance, blanked, named, named_text, put, without_duplicates
 from svv.dvr.read.gaps import without_gaps
 from svv.errors import BadInput
@@ -255,11 +255,8 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[np.number]:
 
 
 def _native(values: NDArray[np.number], name: str) -> NDArray[np.number]:
-    """Return the values in a type that VTK knows: native byte order, no half floats, no booleans."""
-    if values.dtype.kind not in "buif":
-        raise BadInput(f"{name} contains values of type {values.dtype}; a volume needs integers or real numbers.")
-    kind = {"b1": "u1", "f2": "f4", "f16": "f8"}.get(values.dtype.str[1:], values.dtype.str[1:])
-    return np.ascontiguousarray(values, dtype=np.dtype(kind))
+    """Return the values in a type that VTK knows."""
+    return np.ascontiguousarray(values, dtype=native(values.dtype, name))
 
 
 def put_scalars(image: vtkDataSet, values: NDArray[np.number], name: str) -> None:

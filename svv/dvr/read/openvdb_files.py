@@ -22,9 +22,8 @@ from svv.io.openvdb_python import python_with_openvdb
 def read_vdb(file: Path, choice: Choice, array: str | None) -> vtkImageData:
     """Read a grid of an OpenVDB file; by default the only one of numbers, or ``density``.
 
-    Raises:
-        BadInput: It is damaged, has no such grid, one that is empty, sheared or too large; or no Python here has
-            OpenVDB's module.
+    Raises BadInput if it is damaged, has no such grid, one that is empty, sheared or too large; or no Python here has
+    OpenVDB's module.
     """
     check_alone(choice, file)
     python = python_with_openvdb()

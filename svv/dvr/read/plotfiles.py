@@ -34,8 +34,7 @@ def is_plotfile(path: Path) -> bool:
 def plotfile_reader(path: Path) -> vtkAlgorithm:
     """Return VTK's reader of a plotfile, which gives all its levels and arrays.
 
-    Raises:
-        BadInput: It is damaged, has a file less than it says, or fewer than three dimensions.
+    Raises BadInput if it is damaged, has a file less than it says, or fewer than three dimensions.
     """
     from vtkmodules.vtkIOAMR import vtkAMReXGridReader
 

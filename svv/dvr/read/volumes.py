@@ -32,7 +32,6 @@ SUPPORTED = (
 )
 """Formats that are read without PyVista."""
 
-
 OURS = (".npy", ".raw", ".bin", ".dat")
 """Endings of the formats that neither VTK nor libtiff reads."""
 

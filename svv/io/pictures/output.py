@@ -244,10 +244,8 @@ def write_vti(
         "Depth": np.asarray(depth, dtype=np.float32),
         "Region": np.asarray(region, dtype=np.int16),
     }
-    if value is not None:
-        arrays["Value"] = np.asarray(value, dtype=np.float32)
-    if doubt is not None:
-        arrays["Doubt"] = np.asarray(doubt, dtype=np.float32)
+    also = {"Value": value, "Doubt": doubt}
+    arrays |= {name: np.asarray(given, np.float32) for name, given in also.items() if given is not None}
     write_volume(path, {name: np.flipud(array)[None] for name, array in arrays.items()})
 
 

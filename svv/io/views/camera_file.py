@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from svv.core.geometry.cameras import NOMINAL_FOV, Camera
+from svv.core.geometry.given_cameras import DEFAULT_SIZE
 from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.views.transforms import Frame, camera_in
-
-DEFAULT_SIZE = (800, 800)
-"""Width and height in pixels if neither the caller nor the file gives them."""
 
 
 def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: int | None = None) -> Camera:

@@ -23,7 +23,6 @@ SQUARE = 0.25
 MOST_ZOOM = 4.0
 """Largest factor by which an image is magnified to fill the frame once its distortion is removed."""
 
-
 EDGE_POINTS = 2048
 """Most points of an edge of an image at which a lens is looked at: its terms are smooth."""
 

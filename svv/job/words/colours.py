@@ -13,7 +13,6 @@ from svv.core.colour.colour_vision import from_oklab, oklab
 
 Colour = tuple[float, float, float]
 
-
 MODIFIERS = {
     "pale": (0.5, 0.55, 1.0),
     "light": (0.35, 0.8, 1.0),

@@ -27,7 +27,6 @@ LARGEST = 1024
 VERSION = 1
 """To be raised with any change of a painter; cached pictures of older versions are then painted again."""
 
-
 BOUND = 100_000_000
 """Maximum size in bytes of all pictures that are kept; those that were painted first are removed first."""
 

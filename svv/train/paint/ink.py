@@ -78,10 +78,7 @@ TRIES = 10
 
 @dataclass(frozen=True)
 class Ink:
-    """A drawing technique, used in place of a style picture.
-
-    Raises:
-        BadInput: There is no such ink.
+    """A drawing technique, used in place of a style picture; raises BadInput if there is no such ink.
 
     >>> painted, report = svv.stylize_scene(scene, [svv.Ink("hatching")], "draft", mapping={0: 0})
     >>> report["manner"], painted.regions[0].style

@@ -27,7 +27,6 @@ VIEWS, SIDE, MOST = 5, 128, 400
 NEARLY = 0.03
 """Fraction of a picture's pixels that are darker than nearly the darkest, and so on."""
 
-
 MIXED = 1.15
 """How many times less images show of a difference of pieces, whose borders and details mix in their pixels."""
 

@@ -113,7 +113,9 @@ class _Points:
         occupancy, settings = scene.occupancy, scene.settings
         self._shading = views.meta.shading
         assert scene.base.density is not None
-        self._cells, self._box = _cells_for(scene), occupancy.box
+        # Those of the finest features, which the network can follow.
+        self._cells = min((scene.settings.resolutions + scene.settings.finer)[-1], MOST_CELLS)
+        self._box = occupancy.box
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, self._cells)
         self._device = scene.device
         self._at, self._shape = moved(self._places, self._device), field.shape
@@ -309,11 +311,6 @@ class _Points:
             grid[at] = column.float()
             found[:, channel] = self._seen.kernels.blurred(grid, BLUR)[at]
         return found
-
-
-def _cells_for(scene: Scene) -> int:
-    """Return the cells of the grid of regions: those of the finest features, which the network can follow."""
-    return min((scene.settings.resolutions + scene.settings.finer)[-1], MOST_CELLS)
 
 
 def _unit(colours: Array) -> Array:

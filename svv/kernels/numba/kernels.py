@@ -26,6 +26,7 @@ from svv.kernels.reference import draw_pixels as draw_pixels
 from svv.kernels.types import (
     ImageKernels,
     Lattice,
+    Left,
     Limits,
     RegionKernels,
     Samples,
@@ -45,6 +46,9 @@ STROKES: StrokeKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
 REGIONS: RegionKernels = numba_regions
 TRAINING: TrainingKernels | None = None
+
+NO_PIECES, ALL_SHOWN = (np.zeros((0, 0), np.float32),) * 2, np.zeros((0, 0, 0), np.uint8)
+"""Stand for rays that are whole, and of which all may be seen."""
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
@@ -118,7 +122,7 @@ def pixels_in_sight(
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
-    first_ray: int = 0,
+    first_ray: int = 0, left: Left | None = None,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March blocks of rays, each into a separate part of the buffers, and pack the parts afterwards."""
     count = len(origins)
@@ -127,6 +131,10 @@ def march(
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     bricks = numba_bricks.bricks_for(where, table, limits, count)
+    pieces = NO_PIECES
+    if left is not None:  # compiled code takes numbers to be finite
+        pieces = left.begin.clamp(max=packets.FAR).numpy(), left.end.clamp(max=packets.FAR).numpy()
+    shown = ALL_SHOWN if left is None or left.shown is None else left.shown.numpy()
     while True:
         # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
         buffers = _sample_buffers(blocks * rays_a_block * room)
@@ -136,7 +144,7 @@ def march(
             np.float32(limits.step), int(seed), first_ray, *_layout(where), table.detach().numpy()[:, 0],
             *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
-            *buffers, start, number, tail, full, rays_a_block,
+            *pieces, shown, *buffers, start, number, tail, full, rays_a_block,
         )  # fmt: skip
         if not full.any():
             break

@@ -16,6 +16,7 @@ from svv.core.rays.networks import relu_layers
 from svv.core.rays.representatives import representatives as chosen
 from svv.kernels import reference_regions
 from svv.kernels.types import (
+    UNSURE,
     ImageKernels,
     Lattice,
     Left,
@@ -133,7 +134,10 @@ def march(
     first_ray: int = 0, left: Left | None = None,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March without leaps: every step of every ray is evaluated."""
-    occupied = distance[0] == 0
+    occupied, shown = distance[0] == 0, None
+    if left is not None and left.distance is not None:
+        shown = left.distance[0] == 0
+        occupied = shown | (left.distance[0] == UNSURE)
 
     def extinction(x: Tensor) -> Tensor:
         return torch.exp(lattice_encode(x, where, table).sum(dim=1).clamp(max=ceiling))
@@ -142,7 +146,6 @@ def march(
     chunk = max(1, STEPS_AT_A_TIME // (steps * (1 if left is None else max(1, left.begin.shape[1]))))
     pieces = [None if left is None else (left.begin[k : k + chunk], left.end[k : k + chunk])
               for k in range(0, len(origins), chunk)]  # fmt: skip
-    shown = None if left is None or left.shown is None else left.shown > 0
     parts = [
         marching.march(
             origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,

@@ -61,6 +61,10 @@ class Limits:
     """Room for the samples; None for as much as they need. Only kernels with ``TRAINING`` take one."""
 
 
+UNSURE = 255
+"""Stands for occupied cells among distances to these; farther ones are then 254."""
+
+
 @dataclass(frozen=True)
 class Left:
     """What is left of rays for a march where a scene is cut open; see :mod:`svv.fields.radiance.cutting`."""
@@ -69,8 +73,9 @@ class Left:
     """Distances at which the pieces of rays begin, ascending, >= 0, in box units; whole rays if M = 0. (R, M)"""
     end: Tensor
     """Where they end; those with end <= begin are none. (R, M)"""
-    shown: Tensor | None = None
-    """Cells whose optical depth dims and ends rays, uint8 (X, Y, Z); None for all of them."""
+    distance: Tensor | None = None
+    """As in :meth:`Kernels.march`, but with :data:`UNSURE` where optical depth neither dims nor ends a ray, because it
+    may be of what is not shown. (8, X, Y, Z)"""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from svv.core.rounding import KERNELS, NETWORKS, sums_apart
 from svv.fields.radiance.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels import reference
-from svv.kernels.types import Context, Kernels, Left, Limits, Samples
+from svv.kernels.types import UNSURE, Context, Kernels, Left, Limits, Samples
 
 CPU = torch.device("cpu")
 EXTENT = 1.0, 0.75, 1.0
@@ -191,7 +191,7 @@ def march_rays(
 
 
 def random_pieces(rays: int, pieces: int, occupancy: Occupancy, seed: int, device: torch.device) -> Left:
-    """Return random pieces of rays, some of which are none, of which random cells are shown."""
+    """Return random pieces of rays, some of which are none; whether random cells are shown is unsure."""
     generator = torch.Generator().manual_seed(seed)
     edges = (2.5 * torch.rand(rays, 2 * pieces, generator=generator)).sort(dim=1).values
     edges[::3, :1], edges[::2, -1:] = 0.0, torch.inf
@@ -199,8 +199,9 @@ def random_pieces(rays: int, pieces: int, occupancy: Occupancy, seed: int, devic
     touching = torch.cat([begin[:, 1:], end[:, -1:]], 1)
     end = torch.where(torch.rand(rays, pieces, generator=generator) < 0.5, end, touching)
     end = torch.where(torch.rand(rays, pieces, generator=generator) < 0.1, begin, end)
-    shown = (torch.rand(occupancy.occupied.shape, generator=generator) < 0.6).to(torch.uint8)
-    return Left(begin.contiguous().to(device), end.contiguous().to(device), shown.to(device))
+    distance = occupancy.distance_on(CPU).clamp(max=UNSURE - 1)
+    distance[:, (distance[0] == 0) & (torch.rand(distance[0].shape, generator=generator) < 0.4)] = UNSURE
+    return Left(begin.contiguous().to(device), end.contiguous().to(device), distance.to(device))
 
 
 def check_march(

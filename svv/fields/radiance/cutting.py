@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -17,7 +18,7 @@ from svv.core.geometry.cuts import Cut, divide_rays
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import Marching, Rays, march
-from svv.kernels.types import Left, Samples
+from svv.kernels.types import UNSURE, Left, Samples
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,13 @@ class OpenCells:
     there: Occupancy
     """Those in which something may be left."""
     kept: Tensor
-    """Cells in which nothing is cut off or hidden. (X, Y, Z) uint8"""
+    """Cells in which nothing is cut off or hidden, on the device that renders. (X, Y, Z) bool"""
+
+    @cached_property
+    def distance(self) -> Tensor:
+        """How far rays may leap, where it is unsure what is shown: see :attr:`svv.kernels.types.Left.distance`."""
+        distance = self.there.distance_on(self.kept.device).clamp(max=UNSURE - 1)
+        return torch.where((distance == 0) & ~self.kept, UNSURE, distance)
 
 
 @torch.no_grad()
@@ -48,4 +55,4 @@ def march_uncut(
         begin, end = divide_rays([cut.in_box(occupancy.box) for cut in cuts], rays.origins, rays.directions)
     if opened is None:
         return march(rays, occupancy, density, how, left=Left(begin, end))
-    return march(rays, opened.there, density, how, left=Left(begin, end, opened.kept))
+    return march(rays, opened.there, density, how, left=Left(begin, end, opened.distance))

@@ -109,7 +109,7 @@ def _opened(scene: Model, known: _Known) -> OpenCells:
         gone[tuple(whole[all_of & (deep > radius)].T)] = 1
         kept[tuple(whole[some_of & (deep > -radius)].T)] = 0
     there = Occupancy(occupancy.box, occupancy.cells, occupancy.occupied & (1 - gone), occupancy.samples_a_ray)
-    return OpenCells(there, torch.from_numpy((kept > 0).astype(np.uint8)).to(scene.device))
+    return OpenCells(there, torch.from_numpy(kept > 0).to(scene.device))
 
 
 def _depths(shapes: Sequence[Cut], middles: NDArray[np.float64]) -> NDArray[np.float64]:

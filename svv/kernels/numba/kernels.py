@@ -47,8 +47,8 @@ TOMOGRAPHY: TomographyKernels | None = None
 REGIONS: RegionKernels = numba_regions
 TRAINING: TrainingKernels | None = None
 
-NO_PIECES, ALL_SHOWN = (np.zeros((0, 0), np.float32),) * 2, np.zeros((0, 0, 0), np.uint8)
-"""Stand for rays that are whole, and of which all may be seen."""
+NO_PIECES = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32)
+"""Stands for rays that are whole."""
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
@@ -131,10 +131,10 @@ def march(
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     bricks = numba_bricks.bricks_for(where, table, limits, count)
-    pieces = NO_PIECES
+    pieces, marked = NO_PIECES, left is not None and left.distance is not None
     if left is not None:  # compiled code takes numbers to be finite
         pieces = left.begin.clamp(max=packets.FAR).numpy(), left.end.clamp(max=packets.FAR).numpy()
-    shown = ALL_SHOWN if left is None or left.shown is None else left.shown.numpy()
+        distance = distance if left.distance is None else left.distance
     while True:
         # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
         buffers = _sample_buffers(blocks * rays_a_block * room)
@@ -144,7 +144,7 @@ def march(
             np.float32(limits.step), int(seed), first_ray, *_layout(where), table.detach().numpy()[:, 0],
             *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
-            *pieces, shown, *buffers, start, number, tail, full, rays_a_block,
+            *pieces, marked, *buffers, start, number, tail, full, rays_a_block,
         )  # fmt: skip
         if not full.any():
             break

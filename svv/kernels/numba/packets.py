@@ -39,9 +39,11 @@ from svv.core.lanes import (
 from svv.kernels.numba.bricks import MASK, PLANE, SHIFT, SIDE, VERTICES
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.marching import clip_to_box, inverse, uniform
+from svv.kernels.types import UNSURE as UNSURE_CELLS
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NONE, BIT, ENDED = np.int32(0), np.int32(1), np.int32(-1)
+UNSURE = np.int32(UNSURE_CELLS)
 FAR, NEVER = np.float32(1e9), np.float32(1e30)
 
 KEPT = 5
@@ -238,7 +240,7 @@ def _drawn(among, steps, seed, first_ray, owner, keep):  # type: ignore[no-untyp
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, cells, extent, step, seed, first_ray, shapes, scales, bases, index, table, slots,
-    bricks, ceiling, least_weight, keep, stop, fade, merge, begins, ends, shown, position, skipped, sigma, ray, start,
+    bricks, ceiling, least_weight, keep, stop, fade, merge, begins, ends, marked, position, skipped, sigma, ray, start,
     count, tail, full, rays_a_block,
 ):  # fmt: skip
     """March rays through the occupied cells and keep the samples that matter.
@@ -254,8 +256,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     ``fade`` or more. With 0, no ray ends.
 
     With ``begins`` and ``ends`` (R, M), only these pieces of rays are marched; a sample across the end of one stands
-    for what it covers of the piece, in the middle of that. With ``shown`` (X, Y, Z) cells, only optical depth in cells
-    that are set there dims or ends a ray.
+    for what it covers of the piece, in the middle of that. If ``marked``, optical depth in occupied cells whose
+    ``distance`` is :data:`svv.kernels.types.UNSURE` neither dims nor ends a ray.
 
     Where there are bricks (:mod:`svv.kernels.numba.bricks`), they have the values of ``table``.
 
@@ -266,7 +268,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     capacity, longest = sigma.shape[0] // blocks, int(math.ceil(math.sqrt(3.0) / step)) + 2
     nx, ny, nz = distance.shape[1:]
     side, rate = ONE / cells, ONE / step
-    divided, some_shown, most = begins.shape[1] > 0, shown.size > 0, stop / fade if fade > 0 else NEVER
+    divided, most = begins.shape[1] > 0, stop / fade if fade > 0 else NEVER
     low = splat(NONE)
     last_x, last_y, last_z = splat(np.int32(nx - 1)), splat(np.int32(ny - 1)), splat(np.int32(nz - 1))
     nothing, end_x, end_y, end_z = splat(ZERO), splat(extent[0]), splat(extent[1]), splat(extent[2])
@@ -333,7 +335,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             cy = within(truncated(y * cells), low, last_y)
             cz = within(truncated(z * cells), low, last_z)
             empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
-            occupied = (i <= last) & (empty == 0)
+            sure = empty == 0
+            occupied = (i <= last) & (sure | (empty == UNSURE) if marked else sure)
             i = i + 1
             if bits_of(occupied) != going:
                 cell, origin = (as_floats(cx), as_floats(cy), as_floats(cz)), (ox, oy, oz)
@@ -353,7 +356,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 weight = (thickness + before) * front  # an upper bound, which saves most exponentials
                 heavy = occupied & (weight >= least_weight)
                 if bits_of(heavy) != 0:
-                    seen = minimum(before - tau, nothing) if some_shown else before - tau
+                    seen = minimum(before - tau, nothing) if marked else before - tau
                     front = select(heavy, exp(seen * fade), front)
                     weight = front * (ONE - exp(ZERO - thickness - before))
                     heavy = heavy & (weight >= least_weight)
@@ -376,8 +379,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                         kept[lane, number[lane], k] = found[k, lane]
                     number[lane] += 1
                 left_out = behind
-                if some_shown:
-                    thickness = select(gather(shown, (cx * ny + cy) * nz + cz) == 0, nothing, thickness)
+                if marked:
+                    thickness = select(sure, thickness, nothing)
                 tau = tau + thickness
                 last = select(tau * fade > stop, splat(ENDED), last)
             i = minimum(i, last + 1)

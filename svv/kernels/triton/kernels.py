@@ -179,7 +179,9 @@ def march(
     tail = torch.empty(rays, device=device)
     pieces = 0 if left is None else left.begin.shape[1]
     begin, finish = (tail, tail) if left is None or not pieces else (left.begin.contiguous(), left.end.contiguous())
-    shown = None if left is None else left.shown
+    marked = left is not None and left.distance is not None
+    if left is not None and left.distance is not None:
+        distance = left.distance
 
     def pass_over(behind: Tensor, number: int, written: Sequence[Tensor], writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
@@ -187,8 +189,7 @@ def march(
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
             behind, number, start, count, tail, total, total if given is None else given.dropped, *written,
-            float(limits.merge), begin, finish, distance if shown is None else shown, pieces, len(where.scales), writes,
-            shown is not None, pieces > 0, RAY_BLOCK,
+            float(limits.merge), begin, finish, pieces, len(where.scales), writes, marked, pieces > 0, RAY_BLOCK,
             num_warps=1,
         )  # fmt: skip
 

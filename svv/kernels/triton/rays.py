@@ -132,20 +132,19 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
 @triton.jit(
     do_not_specialize=["origins", "directions", "nx", "ny", "nz", "seed", "first_ray", "rays", "ends", "most", "start",
                        "count", "tail", "total", "dropped", "position", "skipped", "sigma", "ray", "merge", "begins",
-                       "finishes", "shown", "pieces"]
+                       "finishes", "pieces"]
 )  # fmt: skip
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed, first_ray,
     shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
-    ends, most, start, count, tail, total, dropped, position, skipped, sigma, ray, merge, begins, finishes, shown,
-    pieces, LEVELS: tl.constexpr, WRITES: tl.constexpr, SOME_SHOWN: tl.constexpr, DIVIDED: tl.constexpr,
-    BLOCK: tl.constexpr,
+    ends, most, start, count, tail, total, dropped, position, skipped, sigma, ray, merge, begins, finishes, pieces,
+    LEVELS: tl.constexpr, WRITES: tl.constexpr, MARKED: tl.constexpr, DIVIDED: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """March a block of rays, either to count their samples or, with ``WRITES``, to write them and their ``start``.
 
     ``seed`` (1,) int32 is that of their random numbers, or 0. With ``DIVIDED``, only ``pieces`` of each ray are marched,
-    from ``begins`` to ``finishes`` (R, pieces); with ``SOME_SHOWN``, only optical depth in cells that are set in
-    ``shown`` (X, Y, Z) dims or ends a ray: as in :func:`svv.kernels.numba.packets.march`.
+    from ``begins`` to ``finishes`` (R, pieces); with ``MARKED``, cells of distance 255 are occupied, but neither dim nor end
+    a ray: as in :func:`svv.kernels.numba.packets.march`.
     ``ends`` (R,) are the sums of ``count`` up to each ray. There is room for ``most`` samples: rays whose samples end
     beyond it have none, a ``count`` of -1, and are added to ``dropped``. ``total`` is the number of samples written.
 
@@ -229,7 +228,10 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         cz = tl.minimum(tl.maximum((z * cells).to(tl.int32), 0), nz - 1)
         at = ((octant * nx + cx) * ny + cy) * nz + cz
         empty = tl.load(distance + at, mask=going, other=0).to(tl.int32)
-        inside = going & (empty == 0)
+        sure = empty == 0
+        inside = going & sure
+        if MARKED:
+            inside = going & (sure | (empty == 255))
         # Go to the first sample behind the cube of empty cells around this one.
         tx = leap(cx, empty, dx, ox, inverse_x, side)
         ty = leap(cy, empty, dy, oy, inverse_y, side)
@@ -246,7 +248,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         before = left_out * merge
         weight = 1.0 - tl.exp(-thickness - before)
         dims = before - tau
-        if SOME_SHOWN:
+        if MARKED:
             dims = tl.minimum(dims, 0.0)
         weight = tl.where(weight >= least_weight, weight * tl.exp(fade * dims), weight)
         kept = weight >= least_weight
@@ -263,9 +265,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             tl.store(ray + n, r, mask=kept)
         n += kept.to(tl.int64)
         left_out = tl.where(kept, 0.0, left_out + thickness)
-        if SOME_SHOWN:
-            seen = tl.load(shown + (cx * ny + cy) * nz + cz, mask=inside, other=0)
-            thickness = tl.where(seen > 0, thickness, 0.0)
+        if MARKED:
+            thickness = tl.where(sure, thickness, 0.0)
         tau += thickness
         i = tl.where(inside, i + 1, tl.maximum(i + 1, behind.to(tl.int32)))
         going = going & (fade * tau <= stop)

@@ -149,7 +149,8 @@ def march(
     parts = [
         marching.march(
             origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,
-            limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, int(seed), k, first_ray, piece, shown,
+            limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, int(seed), k, first_ray,
+            piece, shown,
         )
         for k, piece in zip(range(0, len(origins), chunk), pieces, strict=True)
     ]  # fmt: skip

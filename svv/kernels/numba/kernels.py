@@ -133,7 +133,8 @@ def march(
     bricks = numba_bricks.bricks_for(where, table, limits, count)
     pieces, marked = NO_PIECES, left is not None and left.distance is not None
     if left is not None:  # compiled code takes numbers to be finite
-        pieces = left.begin.clamp(max=packets.FAR).numpy(), left.end.clamp(max=packets.FAR).numpy()
+        far = float(packets.FAR)
+        pieces = left.begin.clamp(max=far).numpy(), left.end.clamp(max=far).numpy()
         distance = distance if left.distance is None else left.distance
     while True:
         # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.

@@ -142,9 +142,9 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 ):  # fmt: skip
     """March a block of rays, either to count their samples or, with ``WRITES``, to write them and their ``start``.
 
-    ``seed`` (1,) int32 is that of their random numbers, or 0. With ``DIVIDED``, only ``pieces`` of each ray are marched,
-    from ``begins`` to ``finishes`` (R, pieces); with ``MARKED``, cells of distance 255 are occupied, but neither dim nor end
-    a ray: as in :func:`svv.kernels.numba.packets.march`.
+    ``seed`` (1,) int32 is that of their random numbers, or 0. With ``DIVIDED``, only ``pieces`` of each ray are
+    marched, from ``begins`` to ``finishes`` (R, pieces); with ``MARKED``, cells of distance 255 are occupied, but
+    neither dim nor end a ray: as in :func:`svv.kernels.numba.packets.march`.
     ``ends`` (R,) are the sums of ``count`` up to each ray. There is room for ``most`` samples: rays whose samples end
     beyond it have none, a ``count`` of -1, and are added to ``dropped``. ``total`` is the number of samples written.
 

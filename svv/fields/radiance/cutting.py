@@ -34,7 +34,8 @@ class OpenCells:
     def distance(self) -> Tensor:
         """How far rays may leap, where it is unsure what is shown: see :attr:`svv.kernels.types.Left.distance`."""
         distance = self.there.distance_on(self.kept.device).clamp(max=UNSURE - 1)
-        return torch.where((distance == 0) & ~self.kept, UNSURE, distance)
+        distance.view(8, -1)[:, ((distance[0] == 0) & ~self.kept).flatten().nonzero()[:, 0]] = UNSURE
+        return distance
 
 
 @torch.no_grad()

@@ -11,7 +11,7 @@ TYPES = {
     "begin end passed shift where place around points strokes noise look tint covered below left harmonics tables lit "
     "plain raw colours diffuse paint share colour followed lights facing toward half normals coefficients opacity rgba "
     "depth images sums weight shown rate pull penalties g_values g_weights g_raw g_light light each g_density "
-    "pixel cosine along member error root ahead following",
+    "begins finishes pixel cosine along member error root ahead following",
     "*i64": "shapes bases index resolutions offsets pixels start count own chosen taken region ends dropped",
     "*fp64": "apart shares",
     "*i32": "seed age ray number entries of seeds vertices vertex neighbours",
@@ -21,7 +21,7 @@ TYPES = {
     "cuts merge brightness bare floor intensity scale soft rim grazing faint bright gleam "
     "kept least smoothness momentum",
     "i32": "samples rows finer width height rays channels nx ny nz first_ray inputs outputs size stride length "
-    "side before until regions total most columns",
+    "side before until regions total most columns pieces",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
@@ -86,8 +86,8 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("hash_backward", TABLE),
     ("adam", {"FEATURES": 3, "WIDE": 4, "BLOCK": 128}),
     ("pixel_rays", {"BLOCK": 128}),
-    ("march", {"LEVELS": 2, "WRITES": False, "BLOCK": 32}),
-    ("march", {"LEVELS": 1, "WRITES": True, "BLOCK": 32}),
+    ("march", {"LEVELS": 2, "WRITES": False, "MARKED": True, "DIVIDED": True, "BLOCK": 32}),
+    ("march", {"LEVELS": 1, "WRITES": True, "MARKED": False, "DIVIDED": False, "BLOCK": 32}),
     ("composite", RAYS),
     ("composite_backward", RAYS),
     ("cuts_of_rays", {"BLOCK": 32}),

@@ -17,8 +17,11 @@ import svv
 from svv.cli.app import app
 from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, look_at
-from svv.core.geometry.cuts import Cut, clip_rays
+from svv.core.geometry.cuts import Cut, clip_rays, divide_rays
 from svv.errors import BadInput
+from svv.fields.radiance.cutting import march_uncut
+from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.radiance.rendering import Marching, Rays
 from svv.fields.scene.joined import joined, members
 from svv.fields.scene.scene import Scene
 from svv.options.baking import BakeOptions
@@ -62,6 +65,44 @@ def test_what_is_left_of_a_ray_is_what_no_cut_holds(
     assert bool((kept == (depth <= 0.0).all(0))[clear].all())
 
 
+@given(st.sampled_from(SHAPES), st.sampled_from(SHAPES), st.booleans(), points, points)
+@settings(deadline=None)
+def test_samples_of_divided_rays_stand_for_all_of_them_on_one_side_of_each_face(
+    of_all: str, of_some: str, both: bool, start: tuple[float, ...], towards: tuple[float, ...]
+) -> None:
+    """In a fog of extinction 1, what they stand for is as long as what is left of a ray."""
+    direction = torch.tensor([towards])
+    if float(direction.norm()) < 0.1:
+        return
+    direction, origin = direction / direction.norm(), torch.tensor([start]) + 0.5
+    occupancy = Occupancy.full(Box((-0.5, -0.5, -0.5), 1.0, (1.0, 1.0, 1.0)), 4)
+    cuts = [Cut.parse(text, BOUNDS) for text in (of_all, "1=" + of_some)[0 if both else 1 :]]
+    rays, how = Rays(origin, direction), Marching(1 / 16)
+    samples = march_uncut(rays, occupancy, None, how, cuts, None)
+    whole = [cut.in_box(occupancy.box) for cut in cuts if not cut.regions]
+    t = torch.linspace(0.0, 6.0, 6001)
+    at = origin + t[:, None] * direction
+    left = ((at >= 0.0) & (at <= 1.0)).all(1)
+    for cut in whole:
+        left &= cut.depth(at) <= 0.0
+    stands_for = how.step * float(samples.sigma.sum())
+    assert stands_for == pytest.approx(float(left.sum()) * 1e-3, abs=how.step + 4e-3)  # up to half a step at each wall
+    begin, end = divide_rays([cut.in_box(occupancy.box) for cut in cuts], origin, direction)
+    along = ((samples.position - origin) * direction).sum(1, keepdim=True)
+    assert bool(((along > begin - 1e-4) & (along < end + 1e-4)).any(1).all())
+    assert bool((along[1:] > along[:-1] - 1e-5).all())
+
+
+def test_a_face_in_what_stays_is_not_seen() -> None:
+    """A cut of a region that is hidden anyway divides rays, and changes nothing else."""
+    scene = faint(cube_scene(), 0.1).hidden(1)
+    whole, divided = (
+        one.render(side_camera(), "pcn").rgba[..., 3] for one in (scene, scene.cut("1=plane:0,0.1,0:1,2,-1"))
+    )
+    np.testing.assert_allclose(divided, whole, atol=0.06)  # samples lie elsewhere behind a face
+    assert float(np.abs(divided - whole).mean()) < 0.004 and abs(float((divided - whole).mean())) < 0.001
+
+
 @given(st.sampled_from(SHAPES), points, st.floats(1e-3, 1e3), st.booleans())
 @settings(deadline=None)
 def test_a_cut_is_the_same_in_the_world_and_in_the_box(
@@ -101,6 +142,7 @@ def test_what_a_cut_takes_and_what_it_leaves_are_the_whole(make: Callable[[], Sc
         )
         np.testing.assert_allclose(without * only, whole, atol=0.06)  # samples lie elsewhere behind a face
         assert float(np.abs(without * only - whole).mean()) < 0.004
+        assert abs(float((without * only - whole).mean())) < 6e-4  # samples across a face stand for less than a step
         assert float((without - whole).max()) > 0.02
 
 

@@ -209,6 +209,11 @@ def test_moves_that_the_scene_does_not_have(cube: Scene, painted: Scene) -> None
         (painted, {"move": "paint", "regions": ["bone"]}, "Region 1 is not painted"),
         (cube, {"move": "peel", "regions": [7]}, "region '7', but"),
         (cube, {"move": "cut", "cut": "q"}, "is no cut"),
+        (
+            cube.cut(*(f"x>{2 + k}" for k in range(16))),
+            {"move": "cut", "cut": "x>1", "start": 0.5},
+            "At 1 s, the shot has 17 cuts with those of its moves, and a scene has at most 16: leave some out",
+        ),
     ):
         with pytest.raises(BadInput, match=said):
             film(scene, {"duration": 1, "moves": [move]})
@@ -322,6 +327,25 @@ def test_a_cut_sweeps_and_leaves_the_scene_whole_at_its_start(cube: Scene) -> No
     np.testing.assert_array_equal(start.render(hollow.cameras[0]).rgba, pictures[0])
 
 
+def test_a_section_switches_and_its_line_grows(cube: Scene) -> None:
+    keys = [{"time": 0, "cuts": ["x>50%"]}, {"time": 1, "regions": {"1": {"section": "hatched", "section_line": 4}}},
+            {"time": 2, "regions": {"all": {"section": "flat"}}}]  # fmt: skip
+    shown = film(cube, {"keys": keys, "duration": 3})
+    seen = [shown.at(k).regions for k in (0, 5, 9, 10, 15, 20, 25)]
+    assert [r[1].section for r in seen] == ["learned", "learned", "learned", "hatched", "hatched", "flat", "flat"]
+    assert [r[0].section for r in seen] == ["learned"] * 5 + ["flat"] * 2
+    assert [r[1].section_line for r in seen[:1] + seen[3:]] == [0.0, 4.0, 4.0, 4.0, 4.0]
+    assert 0.0 < seen[1][1].section_line < seen[2][1].section_line < 4.0
+
+
+def test_moves_and_key_frames_have_no_more_cuts_together_than_a_scene(cube: Scene) -> None:
+    many, move = [f"x>{2 + k}" for k in range(16)], {"move": "cut", "cut": "x>1", "start": 0.5}
+    with pytest.raises(BadInput, match="At 2 s, the shot has 17 cuts with those of its moves, and a scene has at most"):
+        film(cube, {"keys": [{"time": 0}, {"time": 2, "cuts": many}], "moves": [move]})
+    fewer = film(cube.cut(*many), {"keys": [{"time": 0, "cuts": []}], "duration": 1, "moves": [move]})
+    assert len(fewer.at(10).cuts) == 1
+
+
 # --- films -----------------------------------------------------------------------------------------------------------
 
 SHOT = svv.read_shot(
@@ -353,6 +377,8 @@ def test_a_film_shows_each_moment_and_goes_on_after_a_stop(
     render_shot(movie, cube, SHOT, SIZE, fps=5)
     assert kept[0] == "0000.png" and len(drawn) == 3 + 6 - len(kept)
     assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
+    render_shot(tmp_path / "again.mp4", cube, SHOT, SIZE, fps=5)
+    assert (tmp_path / "again.mp4").read_bytes() == movie.read_bytes()  # drawn at once, or read from files
     folder = tmp_path / "frames"
     render_shot(folder, cube, SHOT, SIZE, RenderSettings(background=(1.0, 1.0, 1.0)), fps=5)
     shown = Film(cube, SHOT, SIZE, 5)

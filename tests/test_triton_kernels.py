@@ -122,6 +122,13 @@ def test_marches_find_the_same_samples(kernels: Kernels, how: Limits, jitter: in
     kernel_checks.check_march(kernels, there(kernels), 5, how, jitter, against=numba_kernels)
 
 
+@pytest.mark.parametrize("pieces", [0, 2])
+@pytest.mark.parametrize("kernels", OTHERS)
+def test_marches_of_what_is_left_find_the_same_samples(kernels: Kernels, pieces: int) -> None:
+    how, _ = kernel_checks.MARCHES["image of fainter regions"]
+    kernel_checks.check_march(kernels, there(kernels), 5, how, 0, against=numba_kernels, pieces=pieces)
+
+
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10**6), st.integers(0, 100), st.sampled_from(HOW[:2]))
 def test_plain_march_of_any_scene(seed: int, jitter: int, how: tuple[Limits, int]) -> None:

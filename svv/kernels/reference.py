@@ -16,8 +16,10 @@ from svv.core.rays.networks import relu_layers
 from svv.core.rays.representatives import representatives as chosen
 from svv.kernels import reference_regions
 from svv.kernels.types import (
+    UNSURE,
     ImageKernels,
     Lattice,
+    Left,
     Limits,
     PixelSource,
     RegionKernels,
@@ -129,22 +131,28 @@ def pixels_in_sight(
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
-    first_ray: int = 0,
+    first_ray: int = 0, left: Left | None = None,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March without leaps: every step of every ray is evaluated."""
-    occupied = distance[0] == 0
+    occupied, shown = distance[0] == 0, None
+    if left is not None and left.distance is not None:
+        shown = left.distance[0] == 0
+        occupied = shown | (left.distance[0] == UNSURE)
 
     def extinction(x: Tensor) -> Tensor:
         return torch.exp(lattice_encode(x, where, table).sum(dim=1).clamp(max=ceiling))
 
     steps = math.ceil(math.sqrt(sum(e * e for e in extent)) / limits.step) + 1
-    chunk = max(1, STEPS_AT_A_TIME // steps)
+    chunk = max(1, STEPS_AT_A_TIME // (steps * (1 if left is None else max(1, left.begin.shape[1]))))
+    pieces = [None if left is None else (left.begin[k : k + chunk], left.end[k : k + chunk])
+              for k in range(0, len(origins), chunk)]  # fmt: skip
     parts = [
         marching.march(
             origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,
             limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, int(seed), k, first_ray,
+            piece, shown,
         )
-        for k in range(0, len(origins), chunk)
+        for k, piece in zip(range(0, len(origins), chunk), pieces, strict=True)
     ]  # fmt: skip
     position, sigma, skipped, ray, count, tail = (torch.cat(part) for part in zip(*parts, strict=True))
     return Samples(position, sigma, skipped, ray, count.cumsum(0) - count, count, tail, limits.step), room

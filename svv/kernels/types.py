@@ -61,6 +61,23 @@ class Limits:
     """Room for the samples; None for as much as they need. Only kernels with ``TRAINING`` take one."""
 
 
+UNSURE = 255
+"""Stands for occupied cells among distances to these; farther ones are then 254."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left of rays for a march where a scene is cut open; see :mod:`svv.fields.radiance.cutting`."""
+
+    begin: Tensor
+    """Distances at which the pieces of rays begin, ascending, >= 0, in box units; whole rays if M = 0. (R, M)"""
+    end: Tensor
+    """Where they end; those with end <= begin are none. (R, M)"""
+    distance: Tensor | None = None
+    """As in :meth:`Kernels.march`, but with :data:`UNSURE` where optical depth neither dims nor ends a ray, because it
+    may be of what is not shown. (8, X, Y, Z)"""
+
+
 @dataclass(frozen=True)
 class Samples:
     """The samples of rays that matter, in the order of their rays, front to back.
@@ -552,13 +569,14 @@ class Kernels(Protocol):
     def march(
         self, origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
         lattice: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
-        first_ray: int = 0,
+        first_ray: int = 0, left: Left | None = None,
     ) -> tuple[Samples, int]:  # fmt: skip
         """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba.marching`).
 
         ``distance`` (8, X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
         extinction; ``room``: initial buffer size in samples per ray; returns the one that sufficed; ``first_ray``:
-        number of the first ray in its batch, for its random numbers, whose ``seed`` may be an int32 tensor (1,).
+        number of the first ray in its batch, for its random numbers, whose ``seed`` may be an int32 tensor (1,);
+        ``left``: the pieces of rays that are marched, without a seed; by default whole rays.
         """
 
     def representatives(self, samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:

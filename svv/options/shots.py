@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 from svv.errors import BadInput
 from svv.options.described import Setting
-from svv.options.editing import Colour, OcclusionEdit, OutlineEdit, PaintEdit, RegionEdit
+from svv.options.editing import Colour, OcclusionEdit, OutlineEdit, PaintEdit, RegionEdit, SectionEdit
 
 EasingName = Literal["linear", "ease-in", "ease-out", "smooth"]
 Vector = tuple[float, float, float]
@@ -79,8 +79,8 @@ class LightKey:
 
 
 @dataclass(frozen=True)
-class RegionKey(RegionEdit, OcclusionEdit, PaintEdit, OutlineEdit):
-    """Edits of a region at a key frame, as in ``svv edit``."""
+class RegionKey(RegionEdit, OcclusionEdit, PaintEdit, OutlineEdit, SectionEdit):
+    """Edits of a region at a key frame, as in ``svv edit``; its section switches there."""
 
     hidden: bool | None = None
     """Whether it is gone; it fades."""

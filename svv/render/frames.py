@@ -7,7 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
     from svv.fields.scene.scene import Rendering, Scene
 
+T = TypeVar("T")
+
 SHOWN_SIZE = 320
 """Side in pixels of the pictures that show a painting in progress."""
 PREVIEW_SIZE = 96
@@ -61,6 +63,9 @@ class RenderSettings:
     """Rays along a pixel's side; by default one in movies and folders of frames, and in one view as many as
     :func:`svv.render.supersampled.samples_for` says."""
 
+
+Writes = Callable[[], "NDArray[np.uint8] | None"]
+"""Writes a view into a file, and returns what :func:`_write` does."""
 
 COLOURS = RenderSettings()
 """The colours of the last network."""
@@ -135,7 +140,7 @@ def write_view(
 
 def _rendered(
     path: Path, scene: Scene, camera: Camera, shown: RenderSettings, progress: Progress, made: str
-) -> tuple[Rendering, Callable[[], None]]:
+) -> tuple[Rendering, Writes]:
     """Render one view, and return it with what writes it into a file; see :func:`write_view`."""
     check_writable(path)
     samples = shown.samples
@@ -150,7 +155,8 @@ def _rendered(
 def _write(
     path: Path, view: Rendering, scene: Scene, shown: RenderSettings, made: str, value: NDArray[np.float32] | None,
     doubt: NDArray[np.float32] | None,
-) -> None:  # fmt: skip
+) -> NDArray[np.uint8] | None:  # fmt: skip
+    """Write a view; returns its levels (h, w, 3) if it is one of colours without transparency."""
     if path.suffix.lower() == ".vti":
         write_vti(path, view.rgba, view.depth, view.region, value, doubt)
     elif doubt is not None:
@@ -159,8 +165,13 @@ def _write(
         write_depth_png(path, view.depth, made)
     elif shown.what == "region":
         write_region_png(path, view.region, region_colours(scene), made)
+    elif shown.background is None:
+        write_png(path, view.rgba, made)
     else:
-        write_png(path, view.rgba if shown.background is None else over(view.rgba, shown.background), made)
+        levels = to_bytes(over(view.rgba, shown.background))
+        write_png(path, levels, made)
+        return levels
+    return None
 
 
 def previews_in(path: Path) -> Callable[[Scene], None]:
@@ -194,18 +205,35 @@ def write_frames(
     the frames of two runs. With ``those``, only these of the views are rendered, and others may render the rest. Raises
     BadInput if the folder has numbered pictures that this function did not write, or cannot be written.
     """
+    for _ in draw_frames(folder, scene, cameras, shown, progress, those):
+        pass
+    return [_frame_in(folder, number) for number in range(len(cameras))]
+
+
+def draw_frames(
+    folder: Path,
+    scene: Scene | Played,
+    cameras: Sequence[Camera],
+    shown: RenderSettings = COLOURS,
+    progress: Progress = silent,
+    those: slice = slice(None),
+) -> Iterator[tuple[Path, NDArray[np.uint8] | None]]:
+    """Do what :func:`write_frames` does, and yield each file, when it is complete, and its levels (h, w, 3).
+
+    These are None if the file was there, or has no colours without transparency.
+    """
     frames = _Frames(folder, scene, shown)
     chosen = range(len(cameras))[those]
     frames.make_room(chosen, cameras)
 
-    def drawn() -> Iterator[Callable[[], None]]:
+    def drawn() -> Iterator[Writes]:
         for index, number in enumerate(chosen):
             each = part(progress, index / len(chosen), (index + 1) / len(chosen))
-            yield from frames.drawn(number, cameras[number], each)
+            yield frames.drawn(number, cameras[number], each)
             progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
 
-    _do_beside(drawn())
-    return [frames.path(number) for number in range(len(cameras))]
+    for number, levels in zip(chosen, _do_beside(drawn()), strict=True):
+        yield frames.path(number), levels
 
 
 def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], progress: Progress = silent) -> None:
@@ -221,27 +249,36 @@ def write_frames_of(scenes: Mapping[Path, Scene], cameras: Sequence[Camera], pro
     for each in frames:
         each.make_room(range(len(cameras)), cameras)
 
-    def drawn() -> Iterator[Callable[[], None]]:
+    def drawn() -> Iterator[Writes]:
         for number, camera in enumerate(cameras):
             with cache_every_view():
                 for k, each in enumerate(frames):
                     done = number * len(frames) + k
-                    yield from each.drawn(number, camera, part(progress, done / count, (done + 1) / count))
+                    yield each.drawn(number, camera, part(progress, done / count, (done + 1) / count))
             progress((number + 1) / len(cameras), f"view {number + 1} of {len(cameras)}")
 
-    _do_beside(drawn())
+    for _ in _do_beside(drawn()):
+        pass
 
 
-def _do_beside(work: Iterable[Callable[[], None]]) -> None:
-    """Do each piece of work in a thread while the next one is prepared: files are compressed beside the next image."""
+def _do_beside(work: Iterable[Callable[[], T]]) -> Iterator[T]:
+    """Do each piece of work in a thread while the next one is prepared: files are compressed beside the next image.
+
+    Yields the results, each when the next piece has been prepared.
+    """
     with ThreadPoolExecutor(1) as pool:
-        last: Future[None] | None = None
+        last: Future[T] | None = None
         for each in work:
-            if last is not None:
-                last.result()
-            last = pool.submit(each)
+            done, last = last, pool.submit(each)
+            if done is not None:
+                yield done.result()
         if last is not None:
-            last.result()
+            yield last.result()
+
+
+def _frame_in(folder: Path, number: int) -> Path:
+    """Return the file of a frame in a folder."""
+    return folder / f"{number:04d}.png"
 
 
 class _Frames:
@@ -254,18 +291,19 @@ class _Frames:
 
     def path(self, number: int) -> Path:
         """Return the file of a frame."""
-        return self._folder / f"{number:04d}.png"
+        return _frame_in(self._folder, number)
 
     def make_room(self, views: Sequence[int], cameras: Sequence[Camera]) -> None:
         """Remove the frames of other runs: those of these views, and those beyond the number of all views."""
         made = {number: self._made(number, cameras[number]) for number in views if self.path(number).exists()}
         remove_other_frames(self._folder, len(cameras), made)
 
-    def drawn(self, number: int, camera: Camera, progress: Progress) -> Iterator[Callable[[], None]]:
-        """Render a frame and yield what writes it, unless it is there."""
+    def drawn(self, number: int, camera: Camera, progress: Progress) -> Writes:
+        """Render a frame and return what writes it, or nothing if it is there."""
         made = self._made(number, camera)
-        if made_of(self.path(number)) != made:
-            yield _rendered(self.path(number), self._at(number), camera, self._shown, progress, made)[1]
+        if made_of(self.path(number)) == made:
+            return lambda: None
+        return _rendered(self.path(number), self._at(number), camera, self._shown, progress, made)[1]
 
     def _made(self, number: int, camera: Camera) -> str:
         """Return what a frame says that it was made from."""

@@ -265,3 +265,28 @@ def clip_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple
     end = end.gather(1, order).cummax(dim=1).values
     first = torch.zeros_like(begin[:, :1])
     return torch.cat([first, end.clamp(min=0.0)], 1), torch.cat([begin, torch.full_like(first, torch.inf)], 1)
+
+
+def divide_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the pieces of rays that :func:`clip_rays` leaves, divided where a cut of some regions begins or ends.
+
+    Each piece thus lies inside or outside of every cut. (R, M) each, as those of :func:`clip_rays`
+    """
+    whole, some = ([cut for cut in cuts if bool(cut.regions) == of_some] for of_some in (False, True))
+    begin = torch.zeros_like(origins[:, :1])
+    end = torch.full_like(begin, torch.inf)
+    if whole:
+        begin, end = clip_rays(whole, origins, directions)
+    if not some:
+        return begin, end
+    spans = [cut.span(origins, directions) for cut in some]
+    faces = [torch.where(near < far, at, torch.inf).clamp(min=0.0) for near, far in spans for at in (near, far)]
+    at = torch.stack(faces, 1)
+    if not whole:
+        at = at.sort(dim=1).values
+        return torch.cat([begin, at], 1), torch.cat([at, end], 1)
+    edges = torch.cat([begin, end, at], 1).sort(dim=1).values
+    low, high = edges[:, :-1], edges[:, 1:]
+    middle = torch.where(high.isinf(), low + 1.0, 0.5 * (low + high))[:, :, None]
+    left = ((middle >= begin[:, None]) & (middle < end[:, None])).any(2)
+    return low, torch.where(left, high, low)

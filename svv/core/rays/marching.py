@@ -47,7 +47,8 @@ def box_span(origins: Tensor, directions: Tensor, extent: Tensor) -> tuple[Tenso
 def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the same)
     origins: Tensor, directions: Tensor, occupied: Tensor, cells: int, extent: Sequence[float], step: float,
     extinction: Callable[[Tensor], Tensor], least_weight: float, keep: float, stop: float, fade: float, merge: bool,
-    seed: int = 0, first_ray: int = 0, ahead: int = 0,
+    seed: int = 0, first_ray: int = 0, ahead: int = 0, pieces: tuple[Tensor, Tensor] | None = None,
+    shown: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
     """Sample rays at a fixed step in occupied cells and keep the samples that matter.
 
@@ -69,6 +70,8 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
         seed: > 0 shifts each ray's samples by a random fraction of the step; 0 shifts them by half a step.
         first_ray: Number of the first ray, for ``ray`` and for its random numbers.
         ahead: Number of rays before these in a batch of which these are a part; it changes only the random numbers.
+        pieces: Where the pieces of rays that are marched begin and end, (R, M) each; by default, or with M = 0, all.
+        shown: Cells whose optical depth dims and ends rays, bool (X, Y, Z); by default all.
 
     Returns:
         Position (S, 3), extinction (S,), optical depth skipped before each sample (S,), ray (S,) int32, number of
@@ -80,14 +83,21 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
     shift = uniform(seed, drawn, torch.zeros_like(ray)) if seed > 0 else torch.full_like(origins[:, 0], 0.5)
     near, far = box_span(origins, directions, ends)
     near, far = torch.where(near < far, near, 1.0), torch.where(near < far, far, 0.0)
-    first, last = torch.ceil(near / step - shift).long(), torch.floor(far / step - shift).long()
-    number = first[:, None] + torch.arange(max(1, int((last - first).max()) + 1), device=origins.device)  # (R, N)
-    x = origins[:, None] + ((number + shift[:, None]) * step)[:, :, None] * directions[:, None]
+    if pieces is None or pieces[0].shape[1] == 0:
+        first, last = torch.ceil(near / step - shift).long(), torch.floor(far / step - shift).long()
+        number = first[:, None] + torch.arange(max(1, int((last - first).max()) + 1), device=origins.device)  # (R, N)
+        t, there = (number + shift[:, None]) * step, number <= last[:, None]
+        covers = torch.ones_like(t)
+    else:
+        t, there, covers = _in_pieces(near, far, pieces, step)
+        number = t.long()  # not used: without a seed, no sample is kept by chance
+    x = origins[:, None] + t[:, :, None] * directions[:, None]
     cell = [(x[:, :, k] * cells).long().clamp(0, n - 1) for k, n in enumerate(occupied.shape)]
-    there = (number <= last[:, None]) & occupied[cell[0], cell[1], cell[2]]
+    there = there & occupied[cell[0], cell[1], cell[2]]
+    counted = torch.ones_like(there) if shown is None else shown[cell[0], cell[1], cell[2]]
     x = torch.minimum(x.clamp(min=0.0), ends)
     sigma = torch.zeros_like(x[:, :, 0])
-    sigma[there] = extinction(x[there])
+    sigma[there] = extinction(x[there]) * covers[there]
     kept, skipped = torch.zeros_like(there), torch.zeros_like(sigma)
     # Optical depth left out since the last kept sample, and total since the start of the ray. (R,)
     left_out, tau = torch.zeros_like(near), torch.zeros_like(near)
@@ -97,7 +107,7 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
         thickness = torch.where(here, sigma[:, k] * step, 0.0)
         before = left_out if merge else torch.zeros_like(left_out)
         weight = 1.0 - torch.exp(-thickness - before)
-        weight = torch.where(weight >= least_weight, weight * torch.exp(fade * (before - tau)), weight)
+        weight = torch.where(weight >= least_weight, weight * torch.exp(fade * (before - tau).clamp(max=0.0)), weight)
         chosen = weight >= least_weight
         if keep > 0:
             chosen |= uniform(seed, drawn, number[:, k] + 1) < keep
@@ -105,7 +115,33 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
         skipped[:, k] = left_out - before
         sigma[:, k] += before / step
         left_out = torch.where(kept[:, k], 0.0, left_out + thickness)
-        tau = tau + thickness
+        tau = tau + torch.where(counted[:, k], thickness, 0.0)
         going = going & ~(fade * tau > stop)
     rays = (ray[:, None].expand(kept.shape)[kept]).int()
     return x[kept], sigma[kept], skipped[kept], rays, kept.sum(1), left_out
+
+
+def _in_pieces(
+    near: Tensor, far: Tensor, pieces: tuple[Tensor, Tensor], step: float
+) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
+    """Return the distances of samples in pieces of rays, which are there, and how much of a step each covers. (R, N)
+
+    Samples are whole steps apart, the first one half a step behind the start of a piece. One across the end of a piece
+    is in the middle of what it covers of it.
+    """
+    found = []
+    for begin, end in zip(*(each.unbind(1) for each in pieces), strict=True):
+        there = (end > begin) & (begin < far) & (end > near)
+        begin = torch.where(there, begin, 0.0)
+        whole = torch.floor(begin / step)
+        shift = begin / step - whole + 0.5
+        first = torch.maximum(whole, torch.ceil(near / step - shift))
+        across = torch.ceil(end / step - shift + 0.5) - 1.0
+        last = torch.minimum(torch.floor(far / step - shift), torch.where(end < far, across, torch.inf))
+        last = torch.where(there, last, first - 1.0)
+        number = first[:, None] + torch.arange(max(1, int((last - first).max()) + 1), device=near.device)
+        t, stop = (number + shift[:, None]) * step, end[:, None]
+        covers = ((stop - t) / step + 0.5).clamp(max=1.0)
+        found.append((torch.minimum(t, 0.5 * (t - 0.5 * step + stop)), number <= last[:, None], covers))
+    t, there, covers = (torch.cat(parts, 1) for parts in zip(*found, strict=True))
+    return t, there, covers

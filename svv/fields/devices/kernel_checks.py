@@ -23,7 +23,7 @@ from svv.core.rounding import KERNELS, NETWORKS, sums_apart
 from svv.fields.radiance.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels import reference
-from svv.kernels.types import Context, Kernels, Limits, Samples
+from svv.kernels.types import UNSURE, Context, Kernels, Left, Limits, Samples
 
 CPU = torch.device("cpu")
 EXTENT = 1.0, 0.75, 1.0
@@ -174,8 +174,10 @@ def check_adam(kernels: Kernels, device: torch.device, seed: int, features: int,
         torch.testing.assert_close(mine, theirs, atol=KERNELS["value"], rtol=1e-5)
 
 
-def march_rays(kernels: Kernels, device: torch.device, how: Limits, jitter: int, seed: int, count: int) -> Samples:
-    """March random rays through a random lattice of extinctions."""
+def march_rays(
+    kernels: Kernels, device: torch.device, how: Limits, jitter: int, seed: int, count: int, pieces: int | None = None
+) -> Samples:  # fmt: skip
+    """March random rays, or this many random pieces of each, through a random lattice of extinctions."""
     lattice, occupied = random_lattice(seed, 1)
     with torch.no_grad():
         lattice.table.mul_(2.0)
@@ -184,21 +186,35 @@ def march_rays(kernels: Kernels, device: torch.device, how: Limits, jitter: int,
     origins, directions = (a.to(device) for a in rays_through(count, seed))
     return kernels.march(
         origins, directions, occupancy.distance_on(device), 4, EXTENT, lattice.layout, lattice.table, 9.0, how, jitter,
-        16,
+        16, 0, None if pieces is None else random_pieces(count, pieces, occupancy, seed, device),
     )[0]  # fmt: skip
+
+
+def random_pieces(rays: int, pieces: int, occupancy: Occupancy, seed: int, device: torch.device) -> Left:
+    """Return random pieces of rays, some of which are none; whether random cells are shown is unsure."""
+    generator = torch.Generator().manual_seed(seed)
+    edges = (2.5 * torch.rand(rays, 2 * pieces, generator=generator)).sort(dim=1).values
+    edges[::3, :1], edges[::2, -1:] = 0.0, torch.inf
+    begin, end = edges.view(rays, pieces, 2).unbind(2)
+    touching = torch.cat([begin[:, 1:], end[:, -1:]], 1)
+    end = torch.where(torch.rand(rays, pieces, generator=generator) < 0.5, end, touching)
+    end = torch.where(torch.rand(rays, pieces, generator=generator) < 0.1, begin, end)
+    distance = occupancy.distance_on(CPU).clamp(max=UNSURE - 1)
+    distance[:, (distance[0] == 0) & (torch.rand(distance[0].shape, generator=generator) < 0.4)] = UNSURE
+    return Left(begin.contiguous().to(device), end.contiguous().to(device), distance.to(device))
 
 
 def check_march(
     kernels: Kernels, device: torch.device, seed: int, how: Limits, jitter: int, count: int = 40,
-    against: Kernels = reference,
+    against: Kernels = reference, pieces: int | None = None,
 ) -> None:  # fmt: skip
     """Compare samples; one that rounding puts into the neighbouring cell may be kept or not, but such rays are few.
 
     One ray may have another number of samples, or one in a hundred of many.
     """
     expected, got = (
-        march_rays(against, CPU, how, jitter, seed, count),
-        march_rays(kernels, device, how, jitter, seed, count),
+        march_rays(against, CPU, how, jitter, seed, count, pieces),
+        march_rays(kernels, device, how, jitter, seed, count, pieces),
     )
     assert len(expected) > count // 2, "too few samples to compare"
     got = got.to(CPU)
@@ -364,6 +380,9 @@ def checks(samples: int = 150) -> Mapping[str, Check]:
     found["adam"] = partial(check_adam, features=4, rows=samples)
     for name, (how, jitter) in MARCHES.items():
         found[f"march, {name}"] = partial(check_march, how=how, jitter=jitter, count=rays)
+    for pieces in (0, 2):
+        image = MARCHES["image"][0]
+        found[f"march, {pieces} pieces"] = partial(check_march, how=image, jitter=0, count=rays, pieces=pieces)
     for channels in (3, 8):
         found[f"composite, {channels} channels"] = partial(check_composite, counts=counts, channels=channels)
     found["representatives"] = partial(check_representatives, counts=counts, every=1 / 16)

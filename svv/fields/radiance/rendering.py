@@ -22,7 +22,7 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels.constants import fetched, moved_at_once
 from svv.kernels.dispatch import kernels_for
-from svv.kernels.types import Context, Limits, Room, Samples
+from svv.kernels.types import Context, Left, Limits, Room, Samples
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,7 @@ def march(
     seed: int | Tensor = 0,
     first_ray: int = 0,
     room: Room | None = None,
+    left: Left | None = None,
 ) -> Samples:
     """Sample rays in occupied cells, leaving out samples that cannot be seen.
 
@@ -129,18 +130,19 @@ def march(
         rays: R rays.
         occupancy: The cells to sample in.
         density: Lattice with one feature per level; the exponential of their sum is the extinction. Without it every
-            sample is kept and ``sigma`` is 1.
+            sample is kept and ``sigma`` is 1, or the part of a step for which a sample stands.
         how: Sample distance and thresholds.
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
         first_ray: Number of the first ray in its batch: a ray's random numbers depend on its number.
         room: Room for the samples on a GPU, for which nothing waits; see :attr:`svv.kernels.types.Samples.total`.
+        left: The pieces of the rays that are sampled, without a seed; by default all.
     """
     lattice = density if density is not None else _constant(rays.origins.device)
     limits = (how.least_weight, how.keep, how.stop, how.fade) if density is not None else (-1.0, 0.0, 0.0, 0.0)
     samples, occupancy.samples_a_ray = kernels_for(rays.origins).march(
         rays.origins, rays.directions, occupancy.distance_on(rays.origins.device), occupancy.cells,
         occupancy.box.extent, lattice.layout, lattice.table, MOST_LOG_EXTINCTION,
-        Limits(how.step, *limits, how.merge, room), seed, occupancy.samples_a_ray, first_ray,
+        Limits(how.step, *limits, how.merge, room), seed, occupancy.samples_a_ray, first_ray, left,
     )  # fmt: skip
     return samples
 

@@ -21,7 +21,7 @@ from svv.fields.scene.matcaps import dress
 from svv.fields.scene.model import Model, for_colours, of_colour
 from svv.fields.scene.occlusion import occlude
 from svv.fields.scene.paint_light import lights_of
-from svv.fields.scene.sections import face_shares, show_sections
+from svv.fields.scene.sections import face_shares, faces, show_sections
 from svv.fields.scene.shadows import cast_shadows
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.fields.scene.view_cache import Look, key_of_paint
@@ -83,11 +83,12 @@ def draw(
         dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams())
     if scene.lamp.shadow > 0.0:
         cast_shadows(scene, surface.colour, samples.position, network, beams().shadows_from)
-    show_sections(scene, surface.colour, samples, region, network)
+    face = None if share is None else faces(scene, samples, region)
+    show_sections(scene, surface.colour, samples, region, network, face)
     opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
     if share is not None:
-        share.copy_(face_shares(scene, samples, sigma * opacity[region], region))
+        share.copy_(face_shares(scene, samples, sigma * opacity[region], region, face))
 
 
 def _recoloured(kernels: ImageKernels, scene: Model, raw: Tensor, here: Tensor | None) -> Tensor:

@@ -282,7 +282,7 @@ def marching_as_edited(scene: Model, network: str) -> Marching:
 
 @torch.no_grad()
 def visible_samples(scene: Model, rays: Rays, network: str) -> Samples:
-    """Return the samples of rays for an image."""
+    """Return the samples of rays for an image; without a known extinction, ``sigma`` is the part of a step of each."""
     how = marching_as_edited(scene, network)
     # Without regions, as the base network draws, nothing is cut off for some only.
     cuts = scene.cuts if network != "base" else [cut for cut in scene.cuts if not cut.regions]
@@ -291,8 +291,9 @@ def visible_samples(scene: Model, rays: Rays, network: str) -> Samples:
     if scene.base.density is None:
         # What is cut off or hidden must not end a ray.
         how = how if opened is None else replace(how, fade=0.0)
-        samples, _ = not_hidden(samples, scene.base.extinction(samples), how)
-        return samples
+        share = samples.sigma
+        samples, rows = not_hidden(samples, scene.base.extinction(samples) * share, how)
+        return replace(samples, sigma=share[rows])
     return ended(samples)
 
 
@@ -307,6 +308,8 @@ def shade(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return colour (S, 3), region (S,) and edited extinction (S,) of samples; by default lit along the rays."""
     sigma, geometry = scene.base.geometry(samples)
+    if scene.base.density is None:
+        sigma = sigma * samples.sigma
     directions = encode_directions(rays.lit_along, samples.ray)
     if network == "base" or scene.palette_network is None:
         region = torch.zeros_like(samples.ray, dtype=torch.int64)

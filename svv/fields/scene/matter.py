@@ -78,17 +78,30 @@ def _resolution(scene: Model) -> int:
     return max(r for r in range(1, min(cells, FINEST) + 1) if cells % r == 0)
 
 
-def _looked_up(scene: Model, density: SparseLattice, key: object) -> Matter:
-    """Return the optical depth and the region of each vertex of the occupied cells."""
-    occupancy, resolution, palette = scene.occupancy, _resolution(scene), scene.palette_network
+def regions_of_vertices(scene: Model, resolution: int) -> tuple[NDArray[np.int64], Tensor, NDArray[np.int64]]:
+    """Return the vertices of a lattice in occupied cells, and their regions: coordinates, places and numbers.
+
+    ``resolution``: cells of the lattice per box unit. Coordinates are integers (V, 3), places box coordinates at which
+    to look them up, on the CPU (V, 3); regions (V,).
+    """
+    occupancy, palette = scene.occupancy, scene.palette_network
     assert palette is not None
     where = occupancy.occupied, occupancy.cells, resolution
     vertices, end = np.ascontiguousarray(vertices_of(*where)), np.asarray(occupancy.box.extent, np.float32)
-    logs, regions = [np.zeros(0, np.float32)], [np.zeros(0, np.int64)]
-    places = torch.from_numpy(np.minimum(places_of(*where, vertices), end))
+    places, regions = torch.from_numpy(np.minimum(places_of(*where, vertices), end)), [np.zeros(0, np.int64)]
     for piece in places.split(PIECE):
-        position = piece.to(density.table.device)
-        logs.append(density.look_up(position).sum(dim=1).clamp(max=MOST_LOG_EXTINCTION).cpu().numpy())
-        regions.append(scene.region_of(position, palette.material(position)[1]).cpu().numpy())
+        position = piece.to(scene.device)
+        with torch.no_grad():
+            regions.append(scene.region_of(position, palette.material(position)[1]).cpu().numpy())
+    return vertices, places, np.concatenate(regions)
+
+
+def _looked_up(scene: Model, density: SparseLattice, key: object) -> Matter:
+    """Return the optical depth and the region of each vertex of the occupied cells."""
+    resolution, logs = _resolution(scene), [np.zeros(0, np.float32)]
+    vertices, places, regions = regions_of_vertices(scene, resolution)
+    for piece in places.split(PIECE):
+        log = density.look_up(piece.to(density.table.device)).sum(dim=1)
+        logs.append(log.clamp(max=MOST_LOG_EXTINCTION).cpu().numpy())
     depth = (np.exp(np.concatenate(logs)) / resolution).astype(np.float32)
-    return Matter(key, resolution, vertices, places, depth, np.concatenate(regions))
+    return Matter(key, resolution, vertices, places, depth, regions)

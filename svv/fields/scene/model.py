@@ -223,13 +223,13 @@ class Model:
     def cut_open(self, sigma: Tensor, samples: Samples, region: Tensor) -> Tensor:
         """Return the extinction (S,) of samples, without that of regions (S,) that are cut off where the samples lie.
 
-        Cuts of all regions are not looked at: nothing of what they take away is sampled.
+        Cuts of all regions are not looked at: nothing of what they take away is sampled. No sample lies across the face
+        of one (:func:`svv.fields.radiance.cutting.march_uncut`).
         """
         for cut in self.cuts:
             if cut.regions:
-                depth = cut.in_box(self.occupancy.box).depth(samples.position)
-                left = (0.5 - depth / samples.step).clamp(0.0, 1.0)  # over a step, or the faces would show steps
-                sigma = torch.where(self.in_cut(cut, region), left * sigma, sigma)
+                inside = cut.in_box(self.occupancy.box).depth(samples.position) > 0.0
+                sigma = torch.where(inside & self.in_cut(cut, region), 0.0, sigma)
         return sigma
 
     def in_cut(self, cut: Cut, region: Tensor) -> Tensor:

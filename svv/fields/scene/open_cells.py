@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from weakref import WeakKeyDictionary, ref
 
 import numpy as np
@@ -18,16 +18,15 @@ from torch import Tensor
 
 from svv.core.geometry.cuts import Cut
 from svv.fields.radiance.cutting import OpenCells
-from svv.fields.radiance.encodings import SparseLattice, places_of, vertices_of
+from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import PaletteField
 from svv.fields.radiance.occupancy import Occupancy
+from svv.fields.scene.history import MOST_CUTS
+from svv.fields.scene.matter import regions_of_vertices
 from svv.fields.scene.model import Model
 
 FINEST = 256
 """Most vertices per box unit at which regions are looked at."""
-
-PIECE = 1 << 17
-"""Vertices whose regions are found together."""
 
 
 @dataclass
@@ -39,6 +38,10 @@ class _Known:
     """Vertices along a cell's side, less one."""
     region: NDArray[np.int8]
     """Region at each vertex of occupied cells, -1 elsewhere."""
+    occupied: NDArray[np.int64]
+    """Those cells. (N, 3)"""
+    shares: dict[tuple[bool, ...], tuple[NDArray[np.bool_], NDArray[np.bool_]]] = field(default_factory=dict)
+    """Whether all, and whether some of the vertices of each are of regions, by whether these are each one. (N,) each"""
     key: Hashable = None
     cells: OpenCells | None = None
 
@@ -77,26 +80,20 @@ def open_cells_of(scene: Model) -> OpenCells | None:
     return known.cells
 
 
-@torch.no_grad()
-def _regions_in_cells(scene: Model, palette: PaletteField) -> tuple[int, NDArray[np.int8]]:
-    """Return how finely cells are divided, and the region at each vertex of these parts."""
+def _regions_in_cells(scene: Model, palette: PaletteField) -> tuple[int, NDArray[np.int8], NDArray[np.int64]]:
+    """Return how finely cells are divided, the region at each vertex of these parts, and the occupied cells."""
     occupancy, encoding = scene.occupancy, palette.encoding
     levels = encoding.resolutions if isinstance(encoding, SparseLattice) else (FINEST,)
     parts = max(1, min(max(levels), FINEST) // occupancy.cells)
-    where = occupancy.occupied, occupancy.cells, parts * occupancy.cells
-    vertices, end = vertices_of(*where), np.asarray(occupancy.box.extent, np.float32)
-    found = [np.zeros(0, np.int8)]
-    for some in torch.from_numpy(np.minimum(places_of(*where, vertices), end)).split(PIECE):
-        position = some.to(scene.device)
-        found.append(scene.region_of(position, palette.material(position)[1]).to(torch.int8).cpu().numpy())
+    vertices, _, found = regions_of_vertices(scene, parts * occupancy.cells)
     region = np.full([parts * n + 1 for n in occupancy.occupied.shape], -1, np.int8)
-    region[tuple(vertices.T)] = np.concatenate(found)
-    return parts, region
+    region[tuple(vertices.T)] = found
+    return parts, region, np.argwhere(occupancy.occupied)
 
 
 def _opened(scene: Model, known: _Known) -> OpenCells:
     occupancy, cuts = scene.occupancy, [cut for cut in scene.cuts if cut.regions]
-    whole, radius = np.argwhere(occupancy.occupied), 0.5 * 3.0**0.5 / occupancy.cells + 1e-4
+    whole, radius = known.occupied, 0.5 * 3.0**0.5 / occupancy.cells + 1e-4
     depth = _depths([cut.in_box(occupancy.box) for cut in cuts], (whole + 0.5) / occupancy.cells)
     numbers = torch.arange(len(scene.regions))
     taken = [(scene.in_cut(cut, numbers).numpy(), own) for cut, own in zip(cuts, depth, strict=True)]
@@ -105,7 +102,12 @@ def _opened(scene: Model, known: _Known) -> OpenCells:
         taken.append((hidden, np.full(len(whole), np.inf)))
     gone, kept = np.zeros_like(occupancy.occupied), occupancy.occupied.copy()
     for of_regions, deep in taken:
-        all_of, some_of = _shares(of_regions[known.region], whole, known.parts)
+        chosen = tuple(of_regions.tolist())
+        if chosen not in known.shares:
+            if len(known.shares) > MOST_CUTS:
+                known.shares.clear()
+            known.shares[chosen] = _shares(of_regions[known.region], whole, known.parts)
+        all_of, some_of = known.shares[chosen]
         gone[tuple(whole[all_of & (deep > radius)].T)] = 1
         kept[tuple(whole[some_of & (deep > -radius)].T)] = 0
     there = Occupancy(occupancy.box, occupancy.cells, occupancy.occupied & (1 - gone), occupancy.samples_a_ray)

@@ -89,13 +89,19 @@ def _on_face(cut: Cut, position: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def show_sections(scene: Model, colour: Tensor, samples: Samples, region: Tensor, network: str) -> None:
-    """Give the lit colours (S, 3) of samples behind the faces of cuts those of their regions' sections, in place."""
+def show_sections(
+    scene: Model, colour: Tensor, samples: Samples, region: Tensor, network: str,
+    face: tuple[Tensor, Tensor] | None = None,
+) -> None:  # fmt: skip
+    """Give the lit colours (S, 3) of samples behind the faces of cuts those of their regions' sections, in place.
+
+    ``face``: from :func:`faces`, if it is known.
+    """
     if not (is_sectioned(scene) and len(colour)):
         return
     region = region.long()
     flat = torch.tensor([r.section != LEARNED for r in scene.regions], device=colour.device)[region]
-    share, of_cut = faces(scene, samples, region)
+    share, of_cut = face or faces(scene, samples, region)
     share = torch.where(flat, share, 0.0)
     at = (share > 0.0).nonzero()[:, 0]
     washes = flat_colours(scene, network)[region[at]]
@@ -152,9 +158,15 @@ def _main_paint(scene: Model, network: UnrestrictedField) -> Tensor:
 
 
 @torch.no_grad()
-def face_shares(scene: Model, samples: Samples, sigma: Tensor, region: Tensor) -> Tensor:
-    """Return which part of each ray's light comes from faces of cuts, from the edited extinctions (S,). (R,)"""
-    return composite(samples, sigma, faces(scene, samples, region.long())[0][:, None])[0][:, 0]
+def face_shares(
+    scene: Model, samples: Samples, sigma: Tensor, region: Tensor, face: tuple[Tensor, Tensor] | None = None
+) -> Tensor:  # fmt: skip
+    """Return which part of each ray's light comes from faces of cuts, from the edited extinctions (S,). (R,)
+
+    ``face``: from :func:`faces`, if it is known.
+    """
+    near, _ = face or faces(scene, samples, region.long())
+    return composite(samples, sigma, near[:, None])[0][:, 0]
 
 
 def with_lines(
@@ -168,23 +180,40 @@ def with_lines(
     """
     scale, out = min(region.shape) / view, rgba.copy()
     for number, one in enumerate(regions):
-        own = np.where(region == number, share, 0.0)
+        own = np.where(region == number, share, np.float32(0.0))
         if one.section_line == 0.0 or float(own.max(initial=0.0)) < LEAST_SHARE:
             continue
         width = max(one.section_line * scale, 0.5)
-        blur = max(0.35 * width, 0.7)
-        soft = gaussian_filter(own, blur)
-        most = gaussian_filter(maximum_filter(soft, int(2 * np.ceil(BESIDE * width) + 1)), 0.5 * width)
-        # Across a border the share is the integral of a Gaussian, which is as wide as the slope in its middle tells.
-        steepest = maximum_filter(gaussian_gradient_magnitude(own, blur), int(2 * np.ceil(2.0 * blur) + 1))
-        spread = most / np.maximum(np.sqrt(2.0 * np.pi) * steepest, 1e-6)
-        away = spread * np.abs(ndtri(np.clip(soft / np.maximum(most, 1e-6), 1e-6, 1.0 - 1e-6)))
-        cover = np.clip(0.5 * width + 0.5 - away, 0.0, min(width, 1.0))
-        cover *= np.clip((most - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 0.0, 1.0)
+        around = _around(own > 0.0, int(np.ceil(2.0 * BESIDE * width + 8.0)))
+        cover, drawn = _line_cover(own[around], width), out[around]
         ink = cover > LEAST_COVERAGE
-        part, below = cover[ink], out[ink, 3]
+        part, below = cover[ink], drawn[ink, 3]
         above = part + (1.0 - part) * below
         colour = np.asarray(one.outline_colour, np.float32)
-        out[ink, :3] = (part[:, None] * colour + ((1.0 - part) * below)[:, None] * out[ink, :3]) / above[:, None]
-        out[ink, 3] = above
+        drawn[ink, :3] = (part[:, None] * colour + ((1.0 - part) * below)[:, None] * drawn[ink, :3]) / above[:, None]
+        drawn[ink, 3] = above
     return out
+
+
+def _around(marked: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Return the rows and columns of what is marked in an image, with a margin."""
+    rows, columns = (np.flatnonzero(marked.any(axis=k)) for k in (1, 0))
+    (top, bottom), (left, right) = ((max(int(v[0]) - margin, 0), int(v[-1]) + margin + 1) for v in (rows, columns))
+    return slice(top, bottom), slice(left, right)
+
+
+def _line_cover(own: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """Return how much of each pixel a line of a width covers that surrounds a face, of shares ``own``. (H, W) each"""
+    blur = max(0.35 * width, 0.7)
+    soft = gaussian_filter(own, blur)
+    most = gaussian_filter(maximum_filter(soft, int(2 * np.ceil(BESIDE * width) + 1)), 0.5 * width)
+    # Across a border the share is the integral of a Gaussian, which is as wide as the slope in its middle tells.
+    steepest = maximum_filter(gaussian_gradient_magnitude(own, blur), int(2 * np.ceil(2.0 * blur) + 1))
+    cover = np.zeros_like(own)
+    there = most > LEAST_SHARE
+    soft, most = soft[there], most[there]
+    spread = most / np.maximum(np.sqrt(2.0 * np.pi) * steepest[there], 1e-6)
+    away = spread * np.abs(ndtri(np.clip(soft / most, 1e-6, 1.0 - 1e-6)))
+    strength = np.clip((most - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 0.0, 1.0)
+    cover[there] = strength * np.clip(0.5 * width + 0.5 - away, 0.0, min(width, 1.0))
+    return cover

@@ -26,6 +26,7 @@ from svv.kernels.reference import draw_pixels as draw_pixels
 from svv.kernels.types import (
     ImageKernels,
     Lattice,
+    Left,
     Limits,
     RegionKernels,
     Samples,
@@ -45,6 +46,9 @@ STROKES: StrokeKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
 REGIONS: RegionKernels = numba_regions
 TRAINING: TrainingKernels | None = None
+
+NO_PIECES = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32)
+"""Stands for rays that are whole."""
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
@@ -118,7 +122,7 @@ def pixels_in_sight(
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
-    first_ray: int = 0,
+    first_ray: int = 0, left: Left | None = None,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March blocks of rays, each into a separate part of the buffers, and pack the parts afterwards."""
     count = len(origins)
@@ -127,6 +131,11 @@ def march(
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     bricks = numba_bricks.bricks_for(where, table, limits, count)
+    pieces, marked = NO_PIECES, left is not None and left.distance is not None
+    if left is not None:  # compiled code takes numbers to be finite
+        far = float(packets.FAR)
+        pieces = left.begin.clamp(max=far).numpy(), left.end.clamp(max=far).numpy()
+        distance = distance if left.distance is None else left.distance
     while True:
         # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
         buffers = _sample_buffers(blocks * rays_a_block * room)
@@ -136,7 +145,7 @@ def march(
             np.float32(limits.step), int(seed), first_ray, *_layout(where), table.detach().numpy()[:, 0],
             *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
-            *buffers, start, number, tail, full, rays_a_block,
+            *pieces, marked, *buffers, start, number, tail, full, rays_a_block,
         )  # fmt: skip
         if not full.any():
             break

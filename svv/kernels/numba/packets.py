@@ -39,18 +39,20 @@ from svv.core.lanes import (
 from svv.kernels.numba.bricks import MASK, PLANE, SHIFT, SIDE, VERTICES
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.marching import clip_to_box, inverse, uniform
+from svv.kernels.types import UNSURE as UNSURE_CELLS
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NONE, BIT, ENDED = np.int32(0), np.int32(1), np.int32(-1)
+UNSURE = np.int32(UNSURE_CELLS)
 FAR, NEVER = np.float32(1e9), np.float32(1e30)
 
 KEPT = 5
 """Numbers of a sample that is kept: its position, the optical depth skipped before it, and its extinction."""
 
-SHIFTS, LEFT_OUT, TAU, FRONT, STATE = 9, 10, 11, 12, 13
+SHIFTS, LEFT_OUT, TAU, FRONT, STOPS, STATE = 9, 10, 11, 12, 13, 14
 """Rows of a packet's state behind the rays' starts, directions and their inverses, and how many rows there are: shift
-of the samples, optical depth since the last kept sample and since the start of the ray, and an upper bound of the
-transmittance in front of the next sample."""
+of the samples, optical depth since the last kept sample and since the start of the ray, an upper bound of the
+transmittance in front of the next sample, and where the piece of the ray ends."""
 
 ALL = (1 << LANES) - 1
 """Bits of all lanes."""
@@ -155,6 +157,52 @@ def begin(origins, directions, extent, step, shift, r, lane, state, steps):  # t
 
 
 @njit(fastmath=FAST_MATH)
+def begin_piece(origins, directions, extent, step, begins, ends, r, piece, lane, state, steps):  # type: ignore[no-untyped-def]
+    """Write the start of a ray's next piece into a lane, from number ``piece`` on; returns the number behind it, or 0.
+
+    Samples are whole steps apart, the first one half a step behind the start of the piece.
+    """
+    near, far = clip_to_box(origins, directions, r, extent)
+    for k in range(piece, begins.shape[1] if near < far else 0):
+        low, high = begins[r, k], ends[r, k]
+        if not (high > low and low < far and high > near):
+            continue
+        whole = math.floor(low / step)
+        shift = low / step - np.float32(whole) + HALF
+        first, last = max(whole, math.ceil(near / step - shift)), math.floor(far / step - shift)
+        if high < far:
+            last = min(last, math.ceil(high / step - shift + HALF) - 1)
+        if first > last:
+            continue
+        for axis in range(3):
+            state[axis, lane], state[3 + axis, lane] = origins[r, axis], directions[r, axis]
+            state[6 + axis, lane] = inverse(directions[r, axis])
+        state[SHIFTS, lane], state[STOPS, lane] = shift, min(high, FAR)
+        steps[0, lane], steps[1, lane] = first, last
+        steps[2, lane] = octant(directions[r, 0], directions[r, 1], directions[r, 2])
+        return k + 1
+    return 0
+
+
+@njit(fastmath=FAST_MATH)
+def _go_on(  # type: ignore[no-untyped-def]
+    ended, origins, directions, extent, step, begins, ends, most, owner, piece, state, steps
+):
+    """Begin the next pieces of rays whose optical depth is at most ``most``; returns the lanes of these, as bits."""
+    onward = 0
+    while ended != 0:
+        lane = first_of(ended)
+        ended &= ended - 1
+        if owner[lane] >= 0 and not state[TAU, lane] > most:
+            piece[lane] = begin_piece(
+                origins, directions, extent, step, begins, ends, owner[lane], piece[lane], lane, state, steps
+            )
+            if piece[lane] > 0:
+                onward |= 1 << lane
+    return onward
+
+
+@njit(fastmath=FAST_MATH)
 def _hand_over(  # type: ignore[no-untyped-def]
     ended, n, end, owner, number, kept, state, position, skipped, sigma, ray, start, count, tail
 ):
@@ -192,8 +240,8 @@ def _drawn(among, steps, seed, first_ray, owner, keep):  # type: ignore[no-untyp
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, cells, extent, step, seed, first_ray, shapes, scales, bases, index, table, slots,
-    bricks, ceiling, least_weight, keep, stop, fade, merge, position, skipped, sigma, ray, start, count, tail, full,
-    rays_a_block,
+    bricks, ceiling, least_weight, keep, stop, fade, merge, begins, ends, marked, position, skipped, sigma, ray, start,
+    count, tail, full, rays_a_block,
 ):  # fmt: skip
     """March rays through the occupied cells and keep the samples that matter.
 
@@ -207,6 +255,10 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     it dims a sample and when it ends a ray (above ``stop``), because extinctions may be scaled later by factors of
     ``fade`` or more. With 0, no ray ends.
 
+    With ``begins`` and ``ends`` (R, M), only these pieces of rays are marched; a sample across the end of one stands
+    for what it covers of the piece, in the middle of that. If ``marked``, optical depth in occupied cells whose
+    ``distance`` is :data:`svv.kernels.types.UNSURE` neither dims nor ends a ray.
+
     Where there are bricks (:mod:`svv.kernels.numba.bricks`), they have the values of ``table``.
 
     A thread marches ``rays_a_block`` rays. The samples of block k are written from ``k * capacity`` on, where capacity
@@ -216,17 +268,18 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     capacity, longest = sigma.shape[0] // blocks, int(math.ceil(math.sqrt(3.0) / step)) + 2
     nx, ny, nz = distance.shape[1:]
     side, rate = ONE / cells, ONE / step
+    divided, most = begins.shape[1] > 0, stop / fade if fade > 0 else NEVER
     low = splat(NONE)
     last_x, last_y, last_z = splat(np.int32(nx - 1)), splat(np.int32(ny - 1)), splat(np.int32(nz - 1))
     nothing, end_x, end_y, end_z = splat(ZERO), splat(extent[0]), splat(extent[1]), splat(extent[2])
     for block in prange(blocks):
         state, steps = np.zeros((STATE, LANES), np.float32), np.zeros((3, LANES), np.int32)
         found, kept = np.empty((KEPT, LANES), np.float32), np.empty((LANES, longest, KEPT), np.float32)
-        owner, number = np.full(LANES, -1, np.int64), np.zeros(LANES, np.int64)
+        owner, number, piece = np.full(LANES, -1, np.int64), np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
         n, end = block * capacity, (block + 1) * capacity
         coming, after = block * rays_a_block, min(len(origins), (block + 1) * rays_a_block)
         going = 0
-        ox = oy = oz = dx = dy = dz = rx = ry = rz = shifts = left_out = tau = front = nothing
+        ox = oy = oz = dx = dy = dz = rx = ry = rz = shifts = left_out = tau = front = stops = nothing
         i, last, ahead = low, low, low
         while True:
             if going == 0 or (number_of(going) <= ENOUGH and coming < after):
@@ -236,6 +289,12 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 store(state, FRONT * LANES, front)
                 store(steps, 0, i)
                 ended = ALL & ~going
+                if divided:
+                    onward = _go_on(
+                        ended, origins, directions, extent, step, begins, ends, most, owner, piece, state, steps
+                    )
+                    going |= onward
+                    ended &= ~onward
                 n = _hand_over(
                     ended, n, end, owner, number, kept, state, position, skipped, sigma, ray, start, count, tail
                 )
@@ -243,7 +302,15 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     shift = uniform(seed, first_ray + coming, 0) if seed > 0 else HALF
                     lane = first_of(ended)
                     start[coming], count[coming], tail[coming] = n, 0, ZERO
-                    if begin(origins, directions, extent, step, shift, coming, lane, state, steps):
+                    if divided:
+                        state[LEFT_OUT, lane], state[TAU, lane], state[FRONT, lane] = ZERO, ZERO, ONE
+                        piece[lane] = begin_piece(
+                            origins, directions, extent, step, begins, ends, coming, 0, lane, state, steps
+                        )
+                        begun = piece[lane] > 0
+                    else:
+                        begun = begin(origins, directions, extent, step, shift, coming, lane, state, steps)
+                    if begun:
                         owner[lane] = coming
                         going |= 1 << lane
                         ended &= ended - 1
@@ -256,15 +323,20 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 rx, ry, rz = load(state, 6 * LANES), load(state, 7 * LANES), load(state, 8 * LANES)
                 shifts, left_out = load(state, SHIFTS * LANES), load(state, LEFT_OUT * LANES)
                 tau, front = load(state, TAU * LANES), load(state, FRONT * LANES)
+                stops = load(state, STOPS * LANES)
                 i, last = load(steps, 0), select(mask_of(going), load(steps, LANES), splat(ENDED))
                 ahead = load(steps, 2 * LANES) * (nx * ny * nz)
             now, t = i, (as_floats(i) + shifts) * step
+            left = (stops - t) * rate + HALF
+            if divided:
+                t = minimum(t, HALF * (t - HALF * step + stops))
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
             cx = within(truncated(x * cells), low, last_x)
             cy = within(truncated(y * cells), low, last_y)
             cz = within(truncated(z * cells), low, last_z)
             empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
-            occupied = (i <= last) & (empty == 0)
+            sure = empty == 0
+            occupied = (i <= last) & (sure | (empty == UNSURE) if marked else sure)
             i = i + 1
             if bits_of(occupied) != going:
                 cell, origin = (as_floats(cx), as_floats(cy), as_floats(cz)), (ox, oy, oz)
@@ -277,12 +349,15 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 else:
                     raw = values_of_table(x, y, z, shapes, scales, bases, index, table)
                 s = exp(minimum(raw, splat(ceiling)))
+                if divided:
+                    s = s * minimum(left, splat(ONE))
                 thickness = select(occupied, s * step, nothing)
                 before = left_out if merge else nothing
                 weight = (thickness + before) * front  # an upper bound, which saves most exponentials
                 heavy = occupied & (weight >= least_weight)
                 if bits_of(heavy) != 0:
-                    front = select(heavy, exp((before - tau) * fade), front)
+                    seen = minimum(before - tau, nothing) if marked else before - tau
+                    front = select(heavy, exp(seen * fade), front)
                     weight = front * (ONE - exp(ZERO - thickness - before))
                     heavy = heavy & (weight >= least_weight)
                 taken = bits_of(heavy)
@@ -304,6 +379,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                         kept[lane, number[lane], k] = found[k, lane]
                     number[lane] += 1
                 left_out = behind
+                if marked:
+                    thickness = select(sure, thickness, nothing)
                 tau = tau + thickness
                 last = select(tau * fade > stop, splat(ENDED), last)
             i = minimum(i, last + 1)

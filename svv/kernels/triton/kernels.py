@@ -26,6 +26,7 @@ from svv.kernels.triton import tomography as triton_tomography
 from svv.kernels.types import (
     ImageKernels,
     Lattice,
+    Left,
     Limits,
     PixelSource,
     RegionKernels,
@@ -168,7 +169,7 @@ def _all_of(pixels: int, device: torch.device) -> Tensor:
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int | Tensor, room: int,
-    first_ray: int = 0,
+    first_ray: int = 0, left: Left | None = None,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March twice: count the samples, find the start of each ray from their sums, and write them."""
     device, rays, given = origins.device, len(origins), limits.room
@@ -176,6 +177,11 @@ def march(
     make = torch.empty if rays else torch.zeros
     count, start, total = (make(n, dtype=torch.int64, device=device) for n in (rays, rays, 1))
     tail = torch.empty(rays, device=device)
+    pieces = 0 if left is None else left.begin.shape[1]
+    begin, finish = (tail, tail) if left is None or not pieces else (left.begin.contiguous(), left.end.contiguous())
+    marked = left is not None and left.distance is not None
+    if left is not None and left.distance is not None:
+        distance = left.distance
 
     def pass_over(behind: Tensor, number: int, written: Sequence[Tensor], writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
@@ -183,7 +189,7 @@ def march(
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
             behind, number, start, count, tail, total, total if given is None else given.dropped, *written,
-            float(limits.merge), len(where.scales), writes, RAY_BLOCK,
+            float(limits.merge), begin, finish, pieces, len(where.scales), writes, marked, pieces > 0, RAY_BLOCK,
             num_warps=1,
         )  # fmt: skip
 

@@ -131,17 +131,20 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
 
 @triton.jit(
     do_not_specialize=["origins", "directions", "nx", "ny", "nz", "seed", "first_ray", "rays", "ends", "most", "start",
-                       "count", "tail", "total", "dropped", "position", "skipped", "sigma", "ray", "merge"]
+                       "count", "tail", "total", "dropped", "position", "skipped", "sigma", "ray", "merge", "begins",
+                       "finishes", "pieces"]
 )  # fmt: skip
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed, first_ray,
     shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
-    ends, most, start, count, tail, total, dropped, position, skipped, sigma, ray, merge,
-    LEVELS: tl.constexpr, WRITES: tl.constexpr, BLOCK: tl.constexpr,
+    ends, most, start, count, tail, total, dropped, position, skipped, sigma, ray, merge, begins, finishes, pieces,
+    LEVELS: tl.constexpr, WRITES: tl.constexpr, MARKED: tl.constexpr, DIVIDED: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """March a block of rays, either to count their samples or, with ``WRITES``, to write them and their ``start``.
 
-    ``seed`` (1,) int32 is that of their random numbers, or 0.
+    ``seed`` (1,) int32 is that of their random numbers, or 0. With ``DIVIDED``, only ``pieces`` of each ray are
+    marched, from ``begins`` to ``finishes`` (R, pieces); with ``MARKED``, cells of distance 255 are occupied, but
+    neither dim nor end a ray: as in :func:`svv.kernels.numba.packets.march`.
     ``ends`` (R,) are the sums of ``count`` up to each ray. There is room for ``most`` samples: rays whose samples end
     beyond it have none, a ``count`` of -1, and are added to ``dropped``. ``total`` is the number of samples written.
 
@@ -167,7 +170,12 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         shift = uniform(number, first_ray + r, tl.zeros_like(r))
     i = tl.ceil(tl.where(hit, near, 0.0) / step - shift).to(tl.int32)
     last = tl.floor(tl.where(hit, far, 0.0) / step - shift).to(tl.int32)
+    stops, piece = tl.full((BLOCK,), 1e9, tl.float32), tl.zeros((BLOCK,), tl.int64)
     going = hit & (i <= last)
+    if DIVIDED:
+        going = hit
+        last = tl.full((BLOCK,), -1, tl.int32)
+        i = tl.zeros((BLOCK,), tl.int32)
     octant = 4 * (dx < 0).to(tl.int64) + 2 * (dy < 0).to(tl.int64) + (dz < 0).to(tl.int64)
     side = 1.0 / cells
     rate = 1.0 / step
@@ -189,14 +197,41 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         going = going & (end <= most)
         end = tl.where(too_many, n, end)
     while tl.max(going.to(tl.int32), axis=0) > 0:
+        if DIVIDED:
+            waits = going & (i > last)
+            while tl.max(waits.to(tl.int32), axis=0) > 0:
+                found = waits & (piece < pieces)
+                low = tl.load(begins + r * pieces + piece, mask=found, other=0.0)
+                high = tl.load(finishes + r * pieces + piece, mask=found, other=0.0)
+                found = found & (high > low) & (low < far) & (high > near)
+                low = tl.where(found, low, 0.0)
+                high = tl.where(found, tl.minimum(high, 1e9), 0.0)
+                whole = tl.floor(low / step)
+                moved = low / step - whole + 0.5
+                first = tl.maximum(whole, tl.ceil(tl.where(found, near, 0.0) / step - moved))
+                final = tl.floor(tl.where(found, far, 0.0) / step - moved)
+                final = tl.where(high < far, tl.minimum(final, tl.ceil(high / step - moved + 0.5) - 1.0), final)
+                going = going & (found | (piece < pieces) | (waits == 0))
+                piece = tl.where(waits, piece + 1, piece)
+                shift = tl.where(found, moved, shift)
+                stops = tl.where(found, high, stops)
+                i = tl.where(found, first.to(tl.int32), i)
+                last = tl.where(found, final.to(tl.int32), last)
+                waits = going & (i > last)
         t = (i.to(tl.float32) + shift) * step
+        covers = tl.minimum((stops - t) * rate + 0.5, 1.0)
+        if DIVIDED:
+            t = tl.minimum(t, 0.5 * (t - 0.5 * step + stops))
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
         cx = tl.minimum(tl.maximum((x * cells).to(tl.int32), 0), nx - 1)
         cy = tl.minimum(tl.maximum((y * cells).to(tl.int32), 0), ny - 1)
         cz = tl.minimum(tl.maximum((z * cells).to(tl.int32), 0), nz - 1)
         at = ((octant * nx + cx) * ny + cy) * nz + cz
         empty = tl.load(distance + at, mask=going, other=0).to(tl.int32)
-        inside = going & (empty == 0)
+        sure = empty == 0
+        inside = going & sure
+        if MARKED:
+            inside = going & (sure | (empty == 255))
         # Go to the first sample behind the cube of empty cells around this one.
         tx = leap(cx, empty, dx, ox, inverse_x, side)
         ty = leap(cy, empty, dy, oy, inverse_y, side)
@@ -207,10 +242,15 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         z = tl.minimum(tl.maximum(z, 0.0), extent_z)
         raw = exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS)
         s = tl.exp(tl.minimum(raw, ceiling))
+        if DIVIDED:
+            s = s * covers
         thickness = tl.where(inside, s * step, 0.0)
         before = left_out * merge
         weight = 1.0 - tl.exp(-thickness - before)
-        weight = tl.where(weight >= least_weight, weight * tl.exp(fade * (before - tau)), weight)
+        dims = before - tau
+        if MARKED:
+            dims = tl.minimum(dims, 0.0)
+        weight = tl.where(weight >= least_weight, weight * tl.exp(fade * dims), weight)
         kept = weight >= least_weight
         if keep > 0.0:
             kept = kept | (uniform(number, first_ray + r, i + 1) < keep)
@@ -225,9 +265,15 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             tl.store(ray + n, r, mask=kept)
         n += kept.to(tl.int64)
         left_out = tl.where(kept, 0.0, left_out + thickness)
+        if MARKED:
+            thickness = tl.where(sure, thickness, 0.0)
         tau += thickness
         i = tl.where(inside, i + 1, tl.maximum(i + 1, behind.to(tl.int32)))
-        going = going & (i <= last) & (fade * tau <= stop)
+        going = going & (fade * tau <= stop)
+        if DIVIDED:
+            going = going & ((i <= last) | (piece < pieces))
+        else:
+            going = going & (i <= last)
     if WRITES:
         while tl.max((n < end).to(tl.int32), axis=0) > 0:
             for k in tl.static_range(3):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -15,11 +16,12 @@ from PIL import Image
 from svv.core.colour.colour import WHITE
 from svv.core.geometry.cameras import Camera
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.scene.history import MOST_CUTS
 from svv.io.files.atomic import check_writable
 from svv.io.files.keyed_results import digest
 from svv.io.pictures.output import write_mp4
-from svv.options.shots import Shot
-from svv.render.frames import COLOURS, Played, RenderSettings, write_frames
+from svv.options.shots import Shot, Sweep
+from svv.render.frames import COLOURS, Played, RenderSettings, draw_frames, write_frames
 from svv.render.shots.moves import Moves
 from svv.render.shots.tracks import KeyFrames, Moment
 
@@ -29,8 +31,8 @@ if TYPE_CHECKING:
 MOST_FRAMES = 1 << 18
 """Most frames of a film: 2.4 hours at 30 a second."""
 
-PREPARED, DRAWN = 0.02, 0.95
-"""Parts of the progress at which regions have been measured, and frames drawn; then a movie is encoded."""
+PREPARED, DRAWN = 0.02, 0.99
+"""Parts of the progress at which regions have been measured, and frames drawn; then a movie is completed."""
 
 
 class Film(Played):
@@ -60,8 +62,21 @@ class Film(Played):
         self._moves = Moves(scene, shot, progress)
         self._keys = KeyFrames(scene, shot.keys, size or shot.size or (800, 800), self._moves.growing)
         self._moment: tuple[int, Moment] | None = None  # the last one that was asked for
+        self._check_cuts()
         first, last = self._at(0.0), self._at(shot.seconds)
         self.cameras = _Cameras(self, count if _alike(first, last) else count + 1)
+
+    def _check_cuts(self) -> None:
+        """Raise BadInput if moves add so many cuts that there are too many at a time."""
+        sweeps = [move for move in self.shot.moves if isinstance(move, Sweep)]
+        ends = {t for move in sweeps for t in (move.start, move.start + (move.duration or 0.0))}
+        turns = sorted({0.0, self.shot.seconds, *ends, *(key.time for key in self.shot.keys)})
+        for time in (*turns, *(0.5 * (one + after) for one, after in pairwise(turns))) if sweeps else ():
+            if (count := len(self._at(min(time, self.shot.seconds)).cuts)) > MOST_CUTS:
+                raise BadInput(
+                    f"At {time:g} s, the shot has {count} cuts with those of its moves, and a scene has at most "
+                    f"{MOST_CUTS}: leave some out."
+                )
 
     def moment(self, number: int) -> Moment:
         """Return what a frame shows."""
@@ -151,9 +166,14 @@ def render_shot(
         write_frames(path, film, film.cameras, shown, part(progress, PREPARED, 1.0), those)
         return
     shown = replace(shown, background=shown.background or WHITE)
-    folder = path.with_name(path.name + ".frames")
-    files = write_frames(folder, film, film.cameras, shown, part(progress, PREPARED, DRAWN))
-    write_mp4(path, _pictures(files, shown, part(progress, DRAWN, 1.0)), fps)
+    folder, files = path.with_name(path.name + ".frames"), list[Path]()
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:  # encoded by another process while the next one is drawn
+        for file, levels in draw_frames(folder, film, film.cameras, shown, part(progress, PREPARED, DRAWN)):
+            files.append(file)
+            yield _picture_in(file, shown) if levels is None else levels
+
+    write_mp4(path, pictures(), fps)
     for file in files:
         file.unlink(missing_ok=True)
     with suppress(OSError):  # files of others are in it
@@ -161,11 +181,9 @@ def render_shot(
     progress(1.0, "done")
 
 
-def _pictures(files: Sequence[Path], shown: RenderSettings, progress: Progress) -> Iterator[NDArray[np.uint8]]:
-    """Read frames, one at a time, over the background."""
+def _picture_in(file: Path, shown: RenderSettings) -> NDArray[np.uint8]:
+    """Read a frame over the background."""
     back = Image.new("RGBA", (1, 1), tuple(round(255 * c) for c in shown.background or WHITE))
-    for number, file in enumerate(files):
-        with Image.open(file) as picture:
-            over = picture.convert("RGBA")
-        yield np.asarray(Image.alpha_composite(back.resize(over.size), over).convert("RGB"))
-        progress((number + 1) / len(files), "encoding")
+    with Image.open(file) as picture:
+        over = picture.convert("RGBA")
+    return np.asarray(Image.alpha_composite(back.resize(over.size), over).convert("RGB"))

@@ -56,7 +56,7 @@ class Moves:
                 each = part(progress, done / len(shot.moves), (done + 1) / len(shot.moves))
                 self._places[numbers[0]] = place_of(scene, numbers[0], each)
             if isinstance(move, Sweep):
-                scene.cut(move.cut)
+                scene.uncut().cut(move.cut)
             self._regions.append(numbers)
 
     @property

@@ -6,6 +6,7 @@ of :mod:`svv.core.geometry.key_curves` in a space in which equal steps look equa
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -23,7 +24,7 @@ from svv.core.geometry.cuts import Cut
 from svv.core.geometry.key_curves import along, directed
 from svv.errors import BadInput
 from svv.fields.scene.edit_request import with_edit
-from svv.options.editing import OcclusionEdit, OutlineEdit, PaintEdit, RegionEdit, SceneEdit
+from svv.options.editing import OcclusionEdit, OutlineEdit, PaintEdit, RegionEdit, SceneEdit, SectionEdit
 from svv.options.shots import UNFILMED, CameraKey, KeyFrame, LightKey, RegionKey, eased
 from svv.render.frames import seen_from
 from svv.render.shots.moving_cuts import CutTrack
@@ -93,14 +94,15 @@ FACTOR = Space(lambda value: np.log([value]), lambda found: float(np.exp(found[0
 FADE = Space(lambda value: np.log([value + FADED]), lambda found: max(0.0, float(np.exp(found[0])) - FADED))
 COLOUR = Space(_to_lab, _from_lab)
 
-SPACES = {
+SPACES: dict[str, Space | None] = {
     "edited_colour": COLOUR,
     "outline_colour": COLOUR,
     "opacity": FADE,
     "shininess": FACTOR,
     "stroke_width": FACTOR,
+    "section": None,
 }
-"""Spaces of fields of regions that are not interpolated evenly."""
+"""Spaces of fields of regions that are not interpolated evenly; None for those that switch."""
 
 
 @dataclass
@@ -109,12 +111,15 @@ class Track:
 
     times: list[float]
     values: list[Any]
-    space: Space = EVEN
+    space: Space | None = EVEN
+    """None for what keeps the value of a key frame until the next one."""
 
     def at(self, time: float) -> Any:
         """Return the value at a time; exactly the key's at a key frame."""
         if time in self.times:
             return self.values[self.times.index(time)]
+        if self.space is None:
+            return self.values[max(bisect(self.times, time) - 1, 0)]
         keys = np.stack([self.space.to(value) for value in self.values])
         return self.space.back(along(keys, self.times, [time])[0])
 
@@ -338,7 +343,7 @@ def check_edits(scene: Scene, key: KeyFrame, thin: Set[int] = frozenset()) -> No
         for number, edit in edits_in(scene, key).items():
             request = SceneEdit(
                 {number: part(RegionEdit, edit)}, occlusion=part(OcclusionEdit, edit), paint=part(PaintEdit, edit),
-                outline=part(OutlineEdit, edit), of=(number,), outlined=(number,),
+                outline=part(OutlineEdit, edit), sections=part(SectionEdit, edit), of=(number,), outlined=(number,),
             )  # fmt: skip
             own = tuple(replace(r, style=None) if k in thin else r for k, r in enumerate(scene.regions))
             with_edit(replace(scene, regions=own) if edit.colour is not None else scene, request)

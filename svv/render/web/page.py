@@ -50,14 +50,18 @@ from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
 from svv.io.pictures.picture_data import as_text
+from svv.render.web.doubts import doubt_of
 from svv.render.web.fields import Field, fields_of
 from svv.render.web.html import filled, viewer_file
 
 SCRIPTS = (
-    "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "show.js",
-    "panel.js", "film.js", "hands.js", "main.js",
+    "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "doubt.js",
+    "show.js", "panel.js", "film.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
+
+SHADERS = ("march", "doubted")
+"""Programs for the graphics, which the viewer's has as constants of these names."""
 
 COMPRESSION = 7
 """Of zlib: 9 takes five times as long for 3 % less."""
@@ -128,7 +132,9 @@ def html_of(
     stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))
     layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
-    header = _header(scene, rig) | {"layers": layers, "file": name, "background": list(background)}
+    doubt, grids = doubt_of(scene)
+    header = _header(scene, rig) | {"layers": layers, "doubt": doubt, "file": name, "background": list(background)}
+    packed += grids
     arrays = zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)
     page = _page(header, base64.b64encode(arrays).decode(), stills, title, in_words(scene))
     progress(1.0, "")
@@ -188,11 +194,11 @@ def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: st
     def read(name: str) -> str:
         return re.sub(r"^ *//.*\n", "", viewer_file(name), flags=re.MULTILINE)  # comments are for the sources
 
-    shader = f"const MARCH = {_script_json(read('march.glsl'))};"
+    shaders = [f"const {name.upper()} = {_script_json(read(f'{name}.glsl'))};" for name in SHADERS]
     return filled(
         read("page.html"), title=title, words=words, text=_describe_contents(header), style=read("style.css"),
         version=__version__, header=_script_json(header), arrays=arrays, **stills,
-        script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
+        script="\n".join([*shaders, *(read(name) for name in SCRIPTS)]),
     ).encode()  # fmt: skip
 
 

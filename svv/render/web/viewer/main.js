@@ -35,7 +35,7 @@ async function begin() {
   if (typeof DecompressionStream === "undefined") throw new Unable("this browser is too old; its newest version can");
   const gl = canvas.getContext("webgl2", { antialias: false, depth: false, powerPreference: "high-performance" });
   if (gl === null) throw new Unable("this browser has no WebGL2, or it is turned off");
-  const content = decoded(header, await inflated(page("arrays").textContent));
+  const { layers: content, doubted: levels } = decoded(header, await inflated(page("arrays").textContent));
   const most = { side: gl.getParameter(gl.MAX_3D_TEXTURE_SIZE), bytes: MOST_BYTES };
   const { layers, said } = fitted(content.map(({ fields }) => fields), most);
   page("said").textContent = said;
@@ -43,7 +43,7 @@ async function begin() {
   let show = start();
 
   function start() {
-    return new Show(canvas, new Painter(gl, header, content.map((layer, number) => ({ ...layer, fields: layers[number] }))), orbit, state);
+    return new Show(canvas, new Painter(gl, header, content.map((layer, number) => ({ ...layer, fields: layers[number] })), levels), orbit, state);
   }
   function changed() {
     show.change();
@@ -64,7 +64,8 @@ async function begin() {
     if (found === null) return (page("said").textContent = "Nothing is visible there.");
     const told = header.regions[found.region], name = told.name ?? `Region ${told.number}`;
     places.push(found.point);
-    page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}${measured(places)}`;
+    const error = show.doubtAt(camera, ...pixel), trust = error === null ? "" : `, expected error ${(100 * error).toPrecision(2)} %`;
+    page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}${trust}${measured(places)}`;
   }
   new Hands(canvas, orbit, changed, clicked);
   canvas.addEventListener("webglcontextlost", (event) => {
@@ -93,7 +94,7 @@ async function begin() {
   // For scripts, such as tests and notebooks: the state, the picture of a camera as svv writes it, functions to call
   // after each change, what the user has set so far, and a way to set it.
   return {
-    header, state, orbit, panel, film, changed, heard, place: (camera, column, row) => show.placeAt(camera, column, row), picture: (camera) => show.picture(camera), get show() { return show; },
+    header, state, orbit, panel, film, changed, heard, place: (camera, column, row) => show.placeAt(camera, column, row), doubt: (camera, column, row) => show.doubtAt(camera, column, row), picture: (camera) => show.picture(camera), get show() { return show; },
     told: () => ({ view: orbit.view, camera: show.camera(), edits: state }),
     take,
   };

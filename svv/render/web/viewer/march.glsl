@@ -3,7 +3,8 @@
 // has samples of its own, and those of all are composited in the order of their distances.
 // Before compiling, draw.js sets LAYERS, REGIONS (of all layers), WEIGHTS and LIGHTS (numbers of textures), LIT (bits: 1 harmonics,
 // 2 Blinn-Phong, 4 not the same in all layers), PAINTED, STROKES, MATCAPS (how many), BY_REGION and constants; it repeats a line that begins with
-// @WEIGHTS or @LIGHTS for each texture, # being its number. With PLACE, the pixel tells what it shows instead of its colour. Textures are (z, y, x): the scene's arrays are in raster order with z
+// @WEIGHTS or @LIGHTS for each texture, # being its number. With PLACE, the pixel tells what it shows instead of its colour; with DOUBT,
+// it has its colour over white and its expected error. Textures are (z, y, x): the scene's arrays are in raster order with z
 // fastest; in each, the grids of all layers lie one behind the other along x.
 precision highp float;
 precision highp int;
@@ -28,6 +29,10 @@ uniform sampler3D uPaint;
 #endif
 #if MATCAPS
 uniform sampler3D uMatcaps; // pictures of lit spheres, one behind the other
+#endif
+#if DOUBT
+uniform sampler3D uDoubt;   // errors of cells, as parts of the largest
+uniform vec3 uDoubtSize;    // cells per box unit, by numbers of cells along z, y, x
 #endif
 uniform vec3 uExtinctionSize, uColourSize, uLightSize, uPaintSize; // numbers of vertices of the textures along z, y, x
 
@@ -99,7 +104,11 @@ vec2 leftOf(int l, vec3 p, float pace) {
 }
 #endif
 
+#if DOUBT
+out uvec4 pixel; // of 16 bits: those of bytes would show as lines where neighbours differ by one level
+#else
 out vec4 pixel;
+#endif
 
 const float CEILING = 9.0; // greatest logarithm of the extinction
 
@@ -353,6 +362,9 @@ void main() {
   }
   vec3 ahead = step(0.0, d), sum = vec3(0.0);
   float front = 1.0;
+#if DOUBT
+  float doubt = 0.0;
+#endif
 #if PLACE
   float whole[REGIONS], heaviest[REGIONS], away[REGIONS]; // weight of each region; its heaviest sample, and how far that is
   for (int k = 0; k < REGIONS; k++) whole[k] = heaviest[k] = away[k] = 0.0;
@@ -367,6 +379,9 @@ void main() {
       vec4 found = shaded(l, place);
       float through = exp(-waiting * found.a);
       sum += front * (1.0 - through) * found.rgb;
+#if DOUBT
+      doubt += front * (1.0 - through) * texture(uDoubt, place.zyx * uDoubtSize).r;
+#endif
 #if PLACE
       float own = front * (1.0 - through);
       whole[regionShaded] += own;
@@ -423,6 +438,12 @@ void main() {
   return;
 #endif
   float alpha = 1.0 - front;
+#if DOUBT
+  vec4 told = vec4(sum + front, sqrt(doubt));
+  pixel = uvec4(65535.0 * clamp(told, 0.0, 1.0) + 0.5);
+  pixel.a = alpha > 1.0 / 512.0 ? max(pixel.a, 1u) : 0u;
+#else
   vec3 mean = alpha > 1.0 / 512.0 ? clamp(sum / alpha, 0.0, 1.0) * alpha : vec3(0.0);
   pixel = vec4(mean + uBackground * (alpha > 1.0 / 512.0 ? front : 1.0), 1.0);
+#endif
 }

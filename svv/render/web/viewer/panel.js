@@ -20,7 +20,7 @@ class Panel {
   constructor(root, header, state, changed) {
     Object.assign(this, { root, header, state, changed });
     this.updates = []; // functions that bring the controls in line with the state
-    root.append(this.regions(), ...this.paintings(), ...this.lights(), this.cuts(), this.background(), this.visions());
+    root.append(this.regions(), ...this.paintings(), ...this.lights(), ...this.doubts(), this.cuts(), this.background(), this.visions());
     this.update();
   }
 
@@ -148,6 +148,18 @@ class Panel {
       );
     }
     return [this.section("Light", ...content)];
+  }
+
+  // Shows the errors that pixels are expected to have instead of their colours, where the scene knows them.
+  doubts() {
+    const { state, header: { doubt } } = this;
+    if (doubt === null) return [];
+    const toggle = this.toggle("Doubt", "Show how far off the picture is expected to be", () => state.doubt, () => (state.doubt = !state.doubt));
+    const colours = doubt.heat.map((rgb) => toHex(rgb)).join(), least = made("span", {}, "0 %"), most = made("span", {}, `${(100 * doubt.darkest).toPrecision(2)} % or more`);
+    const scale = made("div", { class: "heat", role: "img", "aria-label": `Expected error, from none, pale, to ${most.textContent}, dark` }, least, most);
+    scale.style.background = `linear-gradient(to right, ${colours})`;
+    this.updates.push(() => (scale.hidden = !state.doubt));
+    return [this.section("Expected error", toggle, scale)];
   }
 
   // A plane that cuts the scene open, and whether the cuts of its file show.

@@ -13,9 +13,14 @@ class Show {
     this.gl = painter.gl, this.part = 0.5, this.rows = 32;
     this.frames = 0; // pictures shown so far
     this.fence = null;
-    this.targets = { coarse: this.target(), full: this.target() };
+    this.targets = { coarse: this.target(), full: this.target(), finished: this.target(), doubted: this.target() };
     this.change();
     requestAnimationFrame(() => this.step());
+  }
+
+  // The target of a picture's march: what is left of errors has 16 bits, and is finished (`finished`).
+  marched(target) {
+    return this.state.doubt ? this.targets.doubted : target;
   }
 
   target() {
@@ -25,14 +30,19 @@ class Show {
 
   // Bind a target of this size.
   into(target, width, height) {
-    const gl = this.gl;
+    const gl = this.gl, whole = target === this.targets.doubted, [format, layout, type] = whole ? [gl.RGBA16UI, gl.RGBA_INTEGER, gl.UNSIGNED_SHORT] : [gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE];
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
     if (target.width === width && target.height === height) return;
     Object.assign(target, { width, height });
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, target.texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
+    gl.texImage2D(gl.TEXTURE_2D, 0, format, width, height, 0, layout, type, null);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.texture, 0);
+  }
+
+  bind(target) {
+    this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, target.buffer);
   }
 
   // Something was moved or edited: the picture has to be drawn again.
@@ -93,23 +103,32 @@ class Show {
       const better = this.part * Math.sqrt(MOVING_MS / Math.max(ms, 1));
       this.part = Math.min(Math.max(0.5 * (this.part + better), SMALLEST), 1);
     });
-    this.into(this.targets.coarse, Math.max(1, Math.round(camera.width * this.part)), height);
-    painter.draw(state, camera, this.part, 0, height, MOVING_STRIDE);
-    this.present(this.targets.coarse);
+    const target = this.marched(this.targets.coarse);
+    this.into(target, Math.max(1, Math.round(camera.width * this.part)), height);
+    painter.draw(state, camera, this.part, 0, height, { stride: MOVING_STRIDE });
+    this.present(this.finished(target, camera));
     this.end();
   }
 
   drawRows(camera) {
-    const from = this.done, to = Math.min(camera.height, from + this.rows);
+    const target = this.marched(this.targets.full), from = this.done, to = Math.min(camera.height, from + this.rows);
     this.begin((ms) => (this.rows = Math.max(4, Math.round(this.rows * Math.min(Math.max(ROWS_MS / Math.max(ms, 1), 0.5), 2)))));
-    this.into(this.targets.full, camera.width, camera.height);
+    this.into(target, camera.width, camera.height);
     this.painter.draw(this.state, camera, 1, from, to);
     this.done = to;
     if (to === camera.height) {
       this.stale = false;
-      this.present(this.targets.full);
+      this.present(this.finished(target, camera));
     }
     this.end();
+  }
+
+  // Return a target with what is shown of a picture that was drawn into one.
+  finished(target, camera) {
+    if (!this.state.doubt) return target;
+    this.into(this.targets.finished, target.width, target.height);
+    this.painter.showDoubt(this.state, camera, target);
+    return this.targets.finished;
   }
 
   // Show a target on the canvas.
@@ -123,9 +142,10 @@ class Show {
   }
 
   // Read the pixels of a rectangle; lost graphics would leave them empty.
-  read(left, bottom, width, height, bytes) {
-    this.gl.readPixels(left, bottom, width, height, this.gl.RGBA, this.gl.UNSIGNED_BYTE, bytes);
-    if (this.gl.isContextLost()) throw new Unable("the browser has taken the graphics away");
+  read(left, bottom, width, height, into) {
+    const gl = this.gl, [layout, type] = into instanceof Uint32Array ? [gl.RGBA_INTEGER, gl.UNSIGNED_INT] : [gl.RGBA, gl.UNSIGNED_BYTE];
+    gl.readPixels(left, bottom, width, height, layout, type, into);
+    if (gl.isContextLost()) throw new Unable("the browser has taken the graphics away");
   }
 
   // Return the point that a camera's pixel shows, in world coordinates, and its region; null where nothing is visible.
@@ -133,7 +153,7 @@ class Show {
     const { width, height } = camera, [first] = this.painter.header.layers, told = new Uint8Array(4);
     this.painter.prepare(this.state);
     this.into(this.targets.full, width, height);
-    this.painter.draw(this.state, camera, 1, height - 1 - row, height - row, 1, column);
+    this.painter.draw(this.state, camera, 1, height - 1 - row, height - row, { columns: [column, column + 1], place: true });
     this.read(column, height - 1 - row, 1, 1, told);
     this.change();
     if (told[3] === 0) return null;
@@ -141,12 +161,28 @@ class Show {
     return { point: pointOf(camera, column + 0.5, row + 0.5, away), region: told[3] - 1 };
   }
 
+  // Return the error that a camera's pixel is expected to have; null where nothing is visible, or it is not known.
+  doubtAt(camera, column, row) {
+    const { width, height } = camera, { doubt } = this.painter.header, right = Math.min(column + 1, width - 1), below = Math.min(row + 1, height - 1);
+    if (doubt === null) return null;
+    this.into(this.targets.doubted, width, height);
+    this.painter.draw({ ...this.state, doubt: true }, camera, 1, height - 1 - below, height - row, { columns: [column, right + 1] });
+    const told = [[column, row], [right, row], [column, below]].map(([x, y]) => {
+      const whole = new Uint32Array(4);
+      this.read(x, height - 1 - y, 1, 1, whole);
+      return whole;
+    });
+    this.change();
+    return errorOf(doubt, camera, ...told);
+  }
+
   // Return a camera's picture, drawn in full: RGBA bytes, row 0 at the top.
   picture(camera) {
-    const { width, height } = camera, flipped = new Uint8Array(4 * width * height);
+    const { width, height } = camera, flipped = new Uint8Array(4 * width * height), target = this.marched(this.targets.full);
     this.painter.prepare(this.state);
-    this.into(this.targets.full, width, height);
+    this.into(target, width, height);
     this.painter.draw(this.state, camera, 1, 0, height);
+    this.bind(this.finished(target, camera));
     this.read(0, 0, width, height, flipped);
     this.change();
     const data = new Uint8ClampedArray(flipped.length);

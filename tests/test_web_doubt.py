@@ -59,12 +59,13 @@ def test_a_click_says_how_far_the_pixel_is_expected_to_be_off(open_page: Any, ba
         error = opened.page.evaluate("async (at) => (await window.svv).doubt(...at)", [told, column, row])
         assert (error is None) == bool(np.isnan(errors[row, column]))
         if error is not None:
-            seen.append(error), found.append(errors[row, column])
+            seen.append(error)
+            found.append(errors[row, column])
     assert len(seen) > 10 and np.abs(np.subtract(seen, found)).mean() < 0.1 * np.mean(found) + 0.002
     box = opened.page.locator("#picture").bounding_box()
     opened.page.locator("#picture").click(position={"x": 0.35 * box["width"], "y": 0.5 * box["height"]})
     said = opened.page.get_by_role("status").inner_text()
-    assert re.search(r", expected error \d+(\.\d+)? %$", said), said
+    assert re.search(r"; expected error \d+(\.\d+)? %$", said), said
 
 
 def test_scenes_that_do_not_know_their_errors_have_no_switch() -> None:

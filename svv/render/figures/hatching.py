@@ -90,7 +90,7 @@ def hatched_disc(diameter: float) -> NDArray[np.float64]:
     """Return the lines of a hatched disc, from the lower left of the square around it. (N, 2, 2)"""
     side = max(8, round(PIXELS * 4.0 * diameter))
     at = (np.arange(side) + 0.5) / side - 0.5
-    return lines_over(np.hypot(at[:, None], at[None]) < 0.5, 0.5, (diameter, diameter))
+    return lines_over((np.hypot(at[:, None], at[None]) < 0.5).astype(np.float64), 0.5, (diameter, diameter))
 
 
 def entry_on(level: float) -> Entry:

@@ -10,7 +10,7 @@ import base64
 import io
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -50,13 +50,15 @@ from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
 from svv.io.pictures.picture_data import as_text
+from svv.options.pages import PageOptions
 from svv.render.web.doubts import doubt_of
 from svv.render.web.fields import Field, fields_of
 from svv.render.web.html import filled, viewer_file
+from svv.render.web.values import interval_of, values_of
 
 SCRIPTS = (
     "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "doubt.js",
-    "show.js", "panel.js", "film.js", "hands.js", "main.js",
+    "values.js", "show.js", "panel.js", "film.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
 
@@ -65,6 +67,9 @@ SHADERS = ("march", "doubted")
 
 COMPRESSION = 7
 """Of zlib: 9 takes five times as long for 3 % less."""
+
+MOST_ADDED = 0.2
+"""Part of a page's other content up to which the volume's values are always in it."""
 
 MATCAP_SIDE = 96
 """Side in pixels of the MatCaps of a page."""
@@ -85,9 +90,14 @@ CLOSER_SIZE, LEAST_SHOWN, MARGIN = 64, 0.05, 1.1
 """Side in pixels of the views that tell how large the scene appears, the alpha that counts, and the margin around."""
 
 
+def to_nobody(sentence: str) -> None:
+    """Tell nobody."""
+
+
 def write_html(
-    path: Path, scene: Scene, title: str, background: Sequence[float] = WHITE, progress: Progress = silent
-) -> int:
+    path: Path, scene: Scene, title: str, background: Sequence[float] = WHITE, progress: Progress = silent,
+    options: PageOptions = PageOptions(), tell: Callable[[str], None] = to_nobody,
+) -> int:  # fmt: skip
     """Write a scene as one HTML file that shows it from all sides and edits it.
 
     Args:
@@ -96,6 +106,8 @@ def write_html(
         title: Heading of the page.
         background: RGB in [0, 1] behind the scene; can be changed in the page.
         progress: Called while the scene is prepared.
+        options: What else the page holds.
+        tell: Called with how large the volume's values are, if the scene keeps them, and whether the page has them.
 
     Returns:
         The size of the file in bytes.
@@ -108,15 +120,16 @@ def write_html(
     True
     """
     check_writable(path)
-    page = html_of(scene, title, path.stem, background, progress)
+    page = html_of(scene, title, path.stem, background, progress, options, tell)
     with atomic_path(path) as temporary:
         temporary.write_bytes(page)
     return len(page)
 
 
 def html_of(
-    scene: Scene, title: str, name: str, background: Sequence[float] = WHITE, progress: Progress = silent
-) -> bytes:
+    scene: Scene, title: str, name: str, background: Sequence[float] = WHITE, progress: Progress = silent,
+    options: PageOptions = PageOptions(), tell: Callable[[str], None] = to_nobody,
+) -> bytes:  # fmt: skip
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
     Raises BadInput if the scene has no palette network, occlusion or shadows that no page can show, or too many regions
@@ -135,8 +148,17 @@ def html_of(
     doubt, grids = doubt_of(scene)
     header = _header(scene, rig) | {"layers": layers, "doubt": doubt, "file": name, "background": list(background)}
     packed += grids
-    arrays = zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)
-    page = _page(header, base64.b64encode(arrays).decode(), stills, title, in_words(scene))
+    arrays = base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)).decode()
+    told, content = values_of(scene)
+    values = base64.b64encode(content).decode()
+    added = len(values) / (len(arrays) + sum(map(len, stills.values())))
+    kept = options.values or added <= MOST_ADDED
+    header["values"] = told if kept else [None] * len(told)
+    header["units"] = {"length": options.unit or "", "value": options.value_unit or ""}
+    if values:
+        size = f"{len(values) / 1e6:.2g} MB"
+        tell(f"the volume's values are {size} of it" if kept else f"the volume's values would add {size} (--values)")
+    page = _page(header, arrays, values if kept else "", stills, title, in_words(scene))
     progress(1.0, "")
     return page
 
@@ -190,14 +212,14 @@ def _cuts(scene: Scene) -> list[dict[str, object]]:
     ]
 
 
-def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str, words: str) -> bytes:
+def _page(header: dict[str, Any], arrays: str, values: str, stills: dict[str, str], title: str, words: str) -> bytes:
     def read(name: str) -> str:
         return re.sub(r"^ *//.*\n", "", viewer_file(name), flags=re.MULTILINE)  # comments are for the sources
 
     shaders = [f"const {name.upper()} = {_script_json(read(f'{name}.glsl'))};" for name in SHADERS]
     return filled(
         read("page.html"), title=title, words=words, text=_describe_contents(header), style=read("style.css"),
-        version=__version__, header=_script_json(header), arrays=arrays, **stills,
+        version=__version__, header=_script_json(header), arrays=arrays, values=values, **stills,
         script="\n".join([*shaders, *(read(name) for name in SCRIPTS)]),
     ).encode()  # fmt: skip
 
@@ -311,6 +333,7 @@ def _regions(scene: Scene) -> list[dict[str, object]]:
         told.append({
             "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity,
             "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,
+            "interval": interval_of(r.values),
             "mean_light": r.mean_light, "section": r.section, "oklab": OKLAB if r.recolour_in == "oklab" else None,
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip

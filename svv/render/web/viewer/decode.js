@@ -2,7 +2,10 @@
 
 // Return the bytes of a page's base64 text, inflated.
 async function inflated(text) {
-  const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return unpacked(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)));
+}
+
+async function unpacked(packed) {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }

@@ -73,14 +73,15 @@ def seen_depth(scene: Model, matter: Matter) -> NDArray[np.float32]:
     return np.asarray(matter.depth * np.array([r.seen_opacity for r in scene.regions], np.float32)[matter.region])
 
 
-def _resolution(scene: Model) -> int:
+def resolution_of(scene: Model) -> int:
+    """Return the number of cells per box unit of the lattice on which a scene's matter is known."""
     cells = scene.occupancy.cells
     return max(r for r in range(1, min(cells, FINEST) + 1) if cells % r == 0)
 
 
 def _looked_up(scene: Model, density: SparseLattice, key: object) -> Matter:
     """Return the optical depth and the region of each vertex of the occupied cells."""
-    occupancy, resolution, palette = scene.occupancy, _resolution(scene), scene.palette_network
+    occupancy, resolution, palette = scene.occupancy, resolution_of(scene), scene.palette_network
     assert palette is not None
     where = occupancy.occupied, occupancy.cells, resolution
     vertices, end = np.ascontiguousarray(vertices_of(*where)), np.asarray(occupancy.box.extent, np.float32)

@@ -23,7 +23,7 @@ from PIL import Image
 from svv._version import __version__
 from svv.core.colour.colour import WHITE, over
 from svv.core.colour.colour_vision import MATRICES
-from svv.core.colour.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
+from svv.core.colour.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE, UPPER_LEFT
 from svv.core.colour.matcaps import BEHIND, INSET
 from svv.core.colour.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.core.geometry.cameras import Camera, CameraRig
@@ -31,8 +31,10 @@ from svv.core.geometry.cuts import Cut
 from svv.core.interval_text import interval_text
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.phong import EXTINCTION_POWER
+from svv.fields.scene import shadows
 from svv.fields.scene.joined import members
 from svv.fields.scene.matcaps import picture_of
+from svv.fields.scene.matter import FINEST, resolution_of
 from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.sections import (
@@ -44,7 +46,6 @@ from svv.fields.scene.sections import (
     flat_colours,
     is_sectioned,
 )
-from svv.fields.scene.shadows import check_shadows_stay
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
@@ -58,7 +59,8 @@ from svv.render.web.values import interval_of, values_of
 
 SCRIPTS = (
     "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "doubt.js",
-    "values.js", "show.js", "panel.js", "film.js", "hands.js", "main.js",
+    "shadows.js", "values.js",
+    "show.js", "panel.js", "film.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
 
@@ -138,7 +140,6 @@ def html_of(
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     _check_shade(scene)
-    check_shadows_stay(scene, "A page")
     _check_cuts(scene)
     scene = scene.on(torch.device("cpu"))
     rig = _closer(replace(scene, cuts=()))
@@ -164,24 +165,28 @@ def html_of(
 
 
 def _check_shade(scene: Scene) -> None:
-    """Raise BadInput if a page, whose colours hold occlusion and shadows, would look otherwise than the scene."""
+    """Raise BadInput if a page, whose colours hold occlusion, or its shadows would look otherwise than the scene.
+
+    Shadows on a page are those of matter whose opacity does not follow strokes.
+    """
     painted = "styled" in scene.networks  # opacity follows strokes only where there are some
     for number, region in enumerate(scene.regions):
-        has, off = "ambient occlusion", f"--region {number} --occlusion 0"
-        if region.occlusion == 0.0:
+        follows = painted and region.stroke_opacity != 0.0
+        if region.occlusion != 0.0 and (region.matcap is not None or follows):
+            has, off = "ambient occlusion", f"--region {number} --occlusion 0"
+        elif scene.lamp.shadow != 0.0 and follows:
             has, off = "shadows", "--shadow 0"
-            if scene.lamp.shadow == 0.0:
-                continue
-        if region.matcap is not None or (painted and region.stroke_opacity != 0.0):
-            what, take = (
-                ("a MatCap", f"--matcap {number}=none")
-                if region.matcap is not None
-                else ("opacity that follows its strokes", f"--region {number} --stroke-opacity 0")
-            )
-            raise BadInput(
-                f"Region {number} has {has} and {what}, and no page can show both: take one of them off, with svv "
-                f"edit {off} or svv edit {take}."
-            )
+        else:
+            continue
+        what, take = (
+            ("opacity that follows its strokes", f"--region {number} --stroke-opacity 0")
+            if follows
+            else ("a MatCap", f"--matcap {number}=none")
+        )
+        raise BadInput(
+            f"Region {number} has {has} and {what}, and no page can show both: take one of them off, with svv "
+            f"edit {off} or svv edit {take}."
+        )
 
 
 def _check_cuts(scene: Scene) -> None:
@@ -266,7 +271,8 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
         },
         "normal_softness": NORMAL_SOFTNESS,
         "rim_cosine": RIM_COSINE,
-        "lamp": scene.lamp.to_json(),
+        "lamp": vars(scene.lamp),
+        "shadows": _shadows(scene),
         "matcaps": _matcaps(scene),
         "visions": MATRICES,
         "bounds": scene.bounds.tolist(),
@@ -338,6 +344,25 @@ def _regions(scene: Scene) -> list[dict[str, object]]:
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip
     return told
+
+
+def _shadows(scene: Scene) -> dict[str, object] | None:
+    """Return how a page computes cast shadows; None if the scene can have none."""
+    every = members(scene)
+    if any(member.base.density is None for member in every):
+        return None
+    return {
+        "resolutions": [resolution_of(member) for member in every],
+        "near": shadows.NEAR,
+        "far": shadows.FAR,
+        "clear_depth": shadows.CLEAR_DEPTH,
+        "least_clear": shadows.LEAST_CLEAR,
+        "deep": shadows.DEEP,
+        "around": shadows.AROUND,
+        "directions": shadows.DIRECTIONS,
+        "finest": FINEST,
+        "upper_left": UPPER_LEFT,
+    }
 
 
 OKLAB = {"to_cones": TO_CONES, "to_lab": TO_LAB, "from_lab": FROM_LAB, "from_cones": FROM_CONES}

@@ -1,8 +1,8 @@
 // How far the picture can be trusted: the errors that its pixels are expected to have (svv/fields/scene/doubt.py).
 
-// The state of which errors are known: without paint, and in the light of the views.
+// The state of which errors are known: without paint, and in the light of the views, without cast shadows.
 function doubted(state) {
-  return { ...state, painting: null, lamp: { ...state.lamp, azimuth: 0, elevation: 0, direction: null, intensity: 1 } };
+  return { ...state, painting: null, lamp: { ...state.lamp, azimuth: 0, elevation: 0, direction: null, intensity: 1, shadow: 0 } };
 }
 
 // Return the errors of the grid's cells, from their levels.

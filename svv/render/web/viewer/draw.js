@@ -25,6 +25,7 @@ class Painter {
       textures.make("Matcaps", [[count, side, side]], CHANNELS);
       textures.fill("Matcaps", 0, Uint8Array.from(atob(texels), (letter) => letter.charCodeAt(0)));
     }
+    this.shadows = header.shadows === null ? null : new Shadows(header, content, textures);
     if (levels !== null) {
       textures.make("Doubt", [header.doubt.shape], -1);
       textures.fill("Doubt", 0, errorsOf(levels, { most: 1 }));
@@ -41,8 +42,9 @@ class Painter {
     return this.content.map(({ fields }) => fields[name] ?? null);
   }
 
-  // Take over the edits that textures hold: the palettes' colours and the painting shown.
-  prepare(state) {
+  // Take over the edits that textures hold: the palettes' colours, the painting shown, and shadows, which are coarse at first.
+  prepare(state, camera) {
+    this.shadows?.prepare(state, lensOf(camera, this.header.layers[0].box).axes);
     this.header.layers.forEach((layer, number) => {
       const regions = ofLayer(state.regions, layer), wanted = regions.map((region) => region.edited && toHex(region.edited)).join();
       if (this.wanted[number] === wanted) return;
@@ -53,6 +55,11 @@ class Painter {
       this.textures.upload("Paint", this.fields(`paint${state.painting}`), 0, CHANNELS);
       this.painting = state.painting;
     }
+  }
+
+  // Go on for some time with what is coarse while something moves, and return whether it is done.
+  refine(ms) {
+    return this.shadows?.refine(ms) ?? true;
   }
 
   recolour(layer, regions) {
@@ -80,7 +87,7 @@ class Painter {
       BASIS: this.basis.harmonics, PAINTED: Number(painted), STROKES: Number(strokes),
       CUTS: cuts.length, CUTS_BY_REGION: Number(cutsByRegion(cuts, header)), HATCHES: header.hatches.count.toFixed(1), HATCH_WIDTH: header.hatches.width.toFixed(6),
       HATCH_SOFTNESS: header.hatches.softness.toFixed(6), HATCH_INK: header.hatches.ink.toFixed(6), DEEP: header.hatches.deep.toFixed(6),
-      PLACE: Number(place), DOUBT: Number(state.doubt && !place), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
+      PLACE: Number(place), DOUBT: Number(state.doubt && !place), SHADOWS: Number(this.shadows !== null && state.lamp.shadow > 0), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
       EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || strokes || !alike || cutsByRegion(cuts, header) || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
@@ -129,6 +136,10 @@ class Painter {
     if (state.doubt && !place) gl.uniform3fv(at.uDoubtSize, [2, 1, 0].map((k) => this.header.doubt.cells / this.header.doubt.shape[k]));
     for (const [name, size] of this.sizes()) gl.uniform3fv(at[name], [size[2], size[1], size[0]]);
     this.setLamp(at, state, axes);
+    if (this.shadows !== null && state.lamp.shadow > 0) {
+      gl.uniform1f(at.uShadow, state.lamp.shadow);
+      gl.uniform2fv(at["uShadowsGrid[0]"], this.shadows.rows());
+    }
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);
     gl.bufferData(gl.UNIFORM_BUFFER, new Float32Array(this.rows(state, camera, stride).flat(2)), gl.DYNAMIC_DRAW);
     gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.block);
@@ -163,8 +174,8 @@ class Painter {
 
   // Names of uniforms and the sizes of textures that they tell.
   sizes() {
-    const { Extinction, Diffuse, Light0, Paint } = this.textures.all;
-    const all = { uExtinctionSize: Extinction, uColourSize: Diffuse, uLightSize: Light0, uPaintSize: Paint };
+    const { Extinction, Diffuse, Light0, Paint, Shadows } = this.textures.all;
+    const all = { uExtinctionSize: Extinction, uColourSize: Diffuse, uLightSize: Light0, uPaintSize: Paint, uShadowsSize: Shadows };
     return Object.entries(all).filter(([, texture]) => texture).map(([name, { size }]) => [name, size]);
   }
 

@@ -34,6 +34,12 @@ uniform sampler3D uMatcaps; // pictures of lit spheres, one behind the other
 uniform sampler3D uDoubt;   // errors of cells, as parts of the largest
 uniform vec3 uDoubtSize;    // cells per box unit, by numbers of cells along z, y, x
 #endif
+#if SHADOWS
+uniform sampler3D uShadows; // how much of the light arrives
+uniform vec3 uShadowsSize;
+uniform vec2 uShadowsGrid[LAYERS]; // cells per box unit and begin of each layer's lattice
+uniform float uShadow;      // how far shadows darken
+#endif
 uniform vec3 uExtinctionSize, uColourSize, uLightSize, uPaintSize; // numbers of vertices of the textures along z, y, x
 
 // Lengths are in box units of each layer. "Begin": where along x its grid begins in a texture.
@@ -238,8 +244,8 @@ vec3 matcapColour(int l, vec3 p, float number) {
 }
 #endif
 
-// The colour of a place in a layer and, in w, the factor on its extinction, wherever cuts are.
-vec4 uncut(int l, vec3 p) {
+// The colour of a place in a layer without shadows and, in w, the factor on its extinction, wherever cuts are.
+vec4 unshadowed(int l, vec3 p) {
   vec3 q = onGrid(p, uGrid[L].zw, uColourSize);
   int region = 0; // of the layer
 #if WEIGHTS > 0 && (BY_REGION || (LIT & 2) != 0)
@@ -295,6 +301,14 @@ vec4 uncut(int l, vec3 p) {
   colour = colour * max(1.0 + how.x * (how.y * light.x - 1.0), 0.0) + how.x * (light.y - how.z);
 #endif
   return vec4(colour, factor);
+}
+
+vec4 uncut(int l, vec3 p) {
+  vec4 found = unshadowed(l, p);
+#if SHADOWS
+  found.rgb *= 1.0 - uShadow * (1.0 - texture(uShadows, onGrid(p, uShadowsGrid[L], uShadowsSize)).r);
+#endif
+  return found;
 }
 
 // The same, cut open (svv/fields/scene/sections.py).

@@ -72,7 +72,7 @@ class Show {
       this.change();
     }
     if (this.changed) this.drawCoarse(camera);
-    else if (this.stale && performance.now() - this.since > REST_MS) this.drawRows(camera);
+    else if (this.stale && performance.now() - this.since > REST_MS && this.painter.refine(SOFT_MS)) this.drawRows(camera);
   }
 
   // Whether the last drawing has ended; its time sets the size of the next one.
@@ -98,7 +98,7 @@ class Show {
   drawCoarse(camera) {
     this.changed = false;
     const { state, painter } = this, height = Math.max(1, Math.round(camera.height * this.part));
-    painter.prepare(state);
+    painter.prepare(state, camera);
     this.begin((ms) => {
       const better = this.part * Math.sqrt(MOVING_MS / Math.max(ms, 1));
       this.part = Math.min(Math.max(0.5 * (this.part + better), SMALLEST), 1);
@@ -151,7 +151,7 @@ class Show {
   // Return the point that a camera's pixel shows, in world coordinates, and its region; null where nothing is visible.
   placeAt(camera, column, row) {
     const { width, height } = camera, [first] = this.painter.header.layers, told = new Uint8Array(4);
-    this.painter.prepare(this.state);
+    this.painter.prepare(this.state, camera);
     this.into(this.targets.full, width, height);
     this.painter.draw(this.state, camera, 1, height - 1 - row, height - row, { columns: [column, column + 1], place: true });
     this.read(column, height - 1 - row, 1, 1, told);
@@ -179,7 +179,8 @@ class Show {
   // Return a camera's picture, drawn in full: RGBA bytes, row 0 at the top.
   picture(camera) {
     const { width, height } = camera, flipped = new Uint8Array(4 * width * height), target = this.marched(this.targets.full);
-    this.painter.prepare(this.state);
+    this.painter.prepare(this.state, camera);
+    this.painter.refine();
     this.into(target, width, height);
     this.painter.draw(this.state, camera, 1, 0, height);
     this.bind(this.finished(target, camera));

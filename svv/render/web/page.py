@@ -28,10 +28,11 @@ from svv.core.colour.matcaps import BEHIND, INSET
 from svv.core.colour.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.geometry.cuts import Cut
+from svv.core.images import edges, outlines
 from svv.core.interval_text import interval_text
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.phong import EXTINCTION_POWER
-from svv.fields.scene import shadows
+from svv.fields.scene import sections, shadows
 from svv.fields.scene.joined import members
 from svv.fields.scene.matcaps import picture_of
 from svv.fields.scene.matter import FINEST, resolution_of
@@ -59,8 +60,7 @@ from svv.render.web.values import interval_of, values_of
 
 SCRIPTS = (
     "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "doubt.js",
-    "shadows.js", "values.js",
-    "show.js", "panel.js", "film.js", "hands.js", "main.js",
+    "shadows.js", "lines.js", "values.js", "show.js", "panel.js", "film.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
 
@@ -75,6 +75,18 @@ MOST_ADDED = 0.2
 
 MATCAP_SIDE = 96
 """Side in pixels of the MatCaps of a page."""
+
+LINES = {
+    edges: (
+        "VIEW", "CHANGE_DEVIATION", "SMOOTHING_DEVIATION", "LEAST_DEVIATION", "SAMPLING_VARIANCE", "DEPTH_JUMP",
+        "DEPTH_JUMP_PIXELS", "WEAK_CHANGE", "STRONG_CHANGE", "FOLD_BOUNDS", "FOLD_DEVIATION", "FOLD_BOX",
+        "BAND_DEVIATION", "OPAQUE_ALPHAS", "EVENING_DEVIATION", "WHOLE_BOUNDS", "STRIDE", "TURN_COSINES",
+        "PARTED_REACH",
+    ),
+    outlines: ("WIDEST", "CREASE_WIDTH", "PRESSURE_SHARE", "LEAST_COVERAGE"),
+    sections: ("BESIDE", "LEAST_SHARE", "FULL_SHARE"),
+}  # fmt: skip
+"""Constants of ink that a page draws as the renderer does (``lines.js``)."""
 
 FRONT_SIZE, FRONT_QUALITY = 720, 88
 """Side in pixels and JPEG quality of the picture from the front."""
@@ -284,6 +296,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
             "ink": HATCH_INK,
             "deep": DEEP,
         },
+        "lines": {name: getattr(module, name) for module, names in LINES.items() for name in names},
         "regions": [
             {**told, "number": number, "matcap": matcaps.index(scene.regions[number].matcap)}  # from 1, 0 for none
             for told, number in zip(
@@ -341,6 +354,8 @@ def _regions(scene: Scene) -> list[dict[str, object]]:
             "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,
             "interval": interval_of(r.values),
             "mean_light": r.mean_light, "section": r.section, "oklab": OKLAB if r.recolour_in == "oklab" else None,
+            "outline": r.outline, "outline_width": r.outline_width, "outline_colour": r.outline_colour,
+            "section_line": r.section_line,
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip
     return told

@@ -2,6 +2,8 @@
 
 const CORNERS = "#version 300 es\nvoid main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }";
 
+const BLENDED = "#version 300 es\nprecision highp float;\nuniform sampler2D uLayer;\nout vec4 pixel;\nvoid main() { pixel = texelFetch(uLayer, ivec2(gl_FragCoord.xy), 0); }";
+
 const FARTHEST = 64; // distance of places in sizes of the first layer's box that a pixel can tell
 
 const KINDS = { none: 0, network: 1, phong: 2 }; // of light, in march.glsl
@@ -74,7 +76,7 @@ class Painter {
   }
 
   // Return the program for a state; compiling takes a moment, so each kind is compiled once.
-  program(state, place = false) {
+  program(state, place = false, lines = false) {
     const { header } = this, { layers } = header, painted = state.painting !== null;
     const strokes = painted && strokesOf(state, header).flat().some((v) => v !== 0);
     const lists = [lightsOf(state, header), opacitiesOf(state), sharesOf(state, header)];
@@ -87,8 +89,8 @@ class Painter {
       BASIS: this.basis.harmonics, PAINTED: Number(painted), STROKES: Number(strokes),
       CUTS: cuts.length, CUTS_BY_REGION: Number(cutsByRegion(cuts, header)), HATCHES: header.hatches.count.toFixed(1), HATCH_WIDTH: header.hatches.width.toFixed(6),
       HATCH_SOFTNESS: header.hatches.softness.toFixed(6), HATCH_INK: header.hatches.ink.toFixed(6), DEEP: header.hatches.deep.toFixed(6),
-      PLACE: Number(place), DOUBT: Number(state.doubt && !place), SHADOWS: Number(this.shadows !== null && state.lamp.shadow > 0), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
-      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || strokes || !alike || cutsByRegion(cuts, header) || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
+      PLACE: Number(place), DOUBT: Number(state.doubt && !place), LINES: Number(lines), SHADOWS: Number(this.shadows !== null && state.lamp.shadow > 0), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
+      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || lines || strokes || !alike || cutsByRegion(cuts, header) || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
     if (!this.programs.has(key)) this.programs.set(key, this.compiled(MARCH, defines));
@@ -120,10 +122,10 @@ class Painter {
 
   // Draw the rows [from, to) of a camera's picture, at `part` of its size and with samples `stride` times as far apart,
   // into the bound framebuffer; `columns` [first, end) draw a part of the rows. With `place`, pixels tell what they show instead of their
-  // colours, and where errors are shown, what `showDoubt` takes.
-  draw(now, camera, part, from, to, { stride = 1, columns = null, place = false } = {}) {
+  // colours, and where errors are shown, what `showDoubt` takes; with `lines`, a second attachment gets what lines.js takes.
+  draw(now, camera, part, from, to, { stride = 1, columns = null, place = false, lines = false } = {}) {
     const state = now.doubt && !place ? doubted(now) : now;
-    const gl = this.gl, { program, at } = this.program(state, place), { layers } = this.header;
+    const gl = this.gl, { program, at } = this.program(state, place, lines), { layers } = this.header;
     const width = Math.max(1, Math.round(camera.width * part)), height = Math.max(1, Math.round(camera.height * part));
     gl.useProgram(program);
     this.textures.bind(at);
@@ -136,6 +138,7 @@ class Painter {
     if (state.doubt && !place) gl.uniform3fv(at.uDoubtSize, [2, 1, 0].map((k) => this.header.doubt.cells / this.header.doubt.shape[k]));
     for (const [name, size] of this.sizes()) gl.uniform3fv(at[name], [size[2], size[1], size[0]]);
     this.setLamp(at, state, axes);
+    if (lines) gl.uniform1f(at.uUnit, layers[0].box.size);
     if (this.shadows !== null && state.lamp.shadow > 0) {
       gl.uniform1f(at.uShadow, state.lamp.shadow);
       gl.uniform2fv(at["uShadowsGrid[0]"], this.shadows.rows());
@@ -170,6 +173,23 @@ class Painter {
     gl.bindVertexArray(this.vertices);
     gl.viewport(0, 0, width, height);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  // Blend a texture over the bound framebuffer.
+  blend({ texture, width, height }) {
+    const gl = this.gl;
+    this.blending ??= this.compiled(BLENDED, {});
+    const { program, at } = this.blending;
+    gl.useProgram(program);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.uniform1i(at.uLayer, 0);
+    gl.bindVertexArray(this.vertices);
+    gl.viewport(0, 0, width, height);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.disable(gl.BLEND);
   }
 
   // Names of uniforms and the sizes of textures that they tell.

@@ -299,13 +299,11 @@ def test_what_cannot_be_is_refused(cube: Scene, tmp_path: Path) -> None:
             scene.with_shadow(0.5)
     with pytest.raises(BadInput, match="in a hash grid"):
         joined([cube.with_shadow(0.5), hash_cube_scene()])
-    with pytest.raises(BadInput, match="A page holds shadows only from a direction in the world"):
-        write_html(tmp_path / "a.html", cube.with_shadow(0.5), "a")
     with pytest.raises(BadInput, match="A baked volume holds shadows only"):
         bake(cube.with_shadow(0.5), BakeOptions(resolution=16))
-    still = cube.with_shadow(0.5, (0, 1, 0)).edited(1, matcap="jade")
-    with pytest.raises(BadInput, match="Region 1 has shadows and a MatCap, and no page"):
-        write_html(tmp_path / "a.html", still, "a")
+    painted = cube.painted(cube_paint(cube, 1), {2: "oil"}, {}).with_shadow(0.5).with_stroke_opacity(0.5, 2)
+    with pytest.raises(BadInput, match="Region 2 has shadows and opacity that follows its strokes, and no page"):
+        write_html(tmp_path / "a.html", painted, "a")
 
 
 @pytest.mark.parametrize("light", ["baked", "none"])

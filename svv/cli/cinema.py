@@ -19,6 +19,7 @@ from svv.cli.options import Out, SceneFile
 from svv.errors import BadInput, Progress, part
 from svv.options.baking import BakeOptions
 from svv.options.cinema import DatabaseOptions, ExportOptions
+from svv.options.pages import PageOptions
 from svv.progress import shown
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ IMPORT = (
 )
 EXPORT = (
     "svv export scene.svv --out scene.html",
+    "svv export head.svv --values --value-unit HU --out head.html",
     "svv export scene.svv --out scene.cdb",
     "svv export scene.svv --out scene.cdb --phi 24 --theta 12 --size 400 --no-layers",
     "torchrun --nproc-per-node 4 -m svv export scene.svv --out scene.cdb",
@@ -75,6 +77,7 @@ def export(
     ],
     options: ExportOptions = ExportOptions(),
     baking: BakeOptions = BakeOptions(),
+    page: PageOptions = PageOptions(),
 ) -> None:
     """Write a scene for other programs: a page for browsers, a Cinema database, or a volume for ParaView or Blender.
 
@@ -93,6 +96,10 @@ def export(
             f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb, or a volume "
             "NAME.vti or NAME.vdb."
         )
+    if write is not _page and page != PageOptions():
+        raise BadInput(
+            f"--values, --unit and --value-unit are options of pages: leave them out, or write {out.stem}.html."
+        )
     shared = write is _database  # others are written by the first of the processes that torchrun starts
     if not shared:
         check_targets(out)
@@ -103,27 +110,38 @@ def export(
         if hides_all(loaded) and options.network != "base" and ranks.is_first():
             print(f"svv: {out} will be empty, because {HIDDEN}: {SHOW}.", file=sys.stderr)
         with shown("Exporting", quiet=not ranks.is_first()) as progress:
-            said = write(out, loaded, options, baking, progress)
+            said = write(out, loaded, options, baking, page, progress)
         if ranks.is_first():
             print(f"{out}: {said}")
 
 
-def _database(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+def _database(
+    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
+) -> str:
     from svv.render.cinema import write_database
     from svv.train.run import ranks
 
     return f"{write_database(out, scene, options, progress, ranks.sharing())} views"
 
 
-def _page(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+def _page(
+    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
+) -> str:
     from svv.render.web.page import write_html
 
     if options != ExportOptions(device=options.device) or baking != BakeOptions():
-        raise BadInput("A page has no options: those of svv export are of Cinema databases and volumes.")
-    return f"{write_html(out, scene, out.stem, progress=progress) / 1e6:.1f} MB"
+        raise BadInput(
+            "A page has only the options --values, --unit and --value-unit: the others of svv export are of Cinema "
+            "databases and volumes."
+        )
+    said: list[str] = []
+    size = write_html(out, scene, out.stem, progress=progress, options=page, tell=said.append)
+    return "; ".join([f"{size / 1e6:.1f} MB", *said])
 
 
-def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+def _volume(
+    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
+) -> str:
     from svv.render.baking.baked import bake
     from svv.render.baking.baked_volume import write_baked
 
@@ -132,7 +150,9 @@ def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions
     return f"{volume.describe()}; its opacity function is {preset}"
 
 
-def _openvdb(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+def _openvdb(
+    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
+) -> str:
     from svv.io.openvdb_python import python_with_openvdb
     from svv.render.baking.baked import bake
     from svv.render.baking.openvdb import write_vdb
@@ -169,7 +189,7 @@ def view(
     loaded = load(scene)
     out = view_folder() / f"{scene.stem}.html"
     with shown("Preparing") as progress:
-        write_html(out, loaded, scene.stem, progress=progress)
+        write_html(out, loaded, scene.stem, progress=progress, options=PageOptions(values=True))  # nobody sends it
     opened = webbrowser.open(out.as_uri())
     print(out if opened else f"{out}: no browser could be started; open this file in one.")
 

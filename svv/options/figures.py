@@ -60,6 +60,11 @@ class FigureOptions:
     """Unit of the volume's lengths for the scale bar, such as mm or µm."""
     value_unit: Annotated[str | None, Setting(metavar="UNIT")] = None
     """Unit of the volume's values for the legend, such as HU."""
+    hatch_doubt: Annotated[
+        float | None,
+        Setting(metavar="ERROR", least=0, most=1, advanced=True, unset=0.0, unset_says="0: nothing."),
+    ] = None
+    """Hatch where colours are expected to be further off than this, from 0 to 1 (`svv render --what doubt`)."""
     scale_bar: bool = True
     """Draw a scale bar; under perspective, it holds in the plane through the volume's middle."""
     axes: Annotated[str | None, Setting(metavar="X,Y,Z|none")] = "x,y,z"

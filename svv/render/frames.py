@@ -19,7 +19,6 @@ from svv.errors import BadInput, Progress, part, silent
 from svv.io.files.atomic import check_writable, make_folder
 from svv.io.files.keyed_results import digest, key_of
 from svv.io.pictures.output import (
-    darkest_from,
     depth_picture,
     doubt_picture,
     made_of,
@@ -398,9 +397,11 @@ def _shown(view: Rendering, scene: Scene, what: str, near_far: tuple[float, floa
 
 def _range_of(scene: Scene, cameras: Sequence[Camera], shown: RenderSettings) -> tuple[float, float]:
     """Measure the range of depths or doubts in a few small views: a colour then means the same in all of a movie."""
+    from svv.fields.scene.doubt import darkest_error
+
     some = [camera.resized(PREVIEW_SIZE, PREVIEW_SIZE) for camera in cameras[:: max(1, len(cameras) // 5)]]
     if shown.what == "doubt":
-        return 0.0, max(darkest_from(scene.doubt(camera)) for camera in some)
+        return 0.0, darkest_error(scene, some)
     depths = [scene.render(camera, shown.network).depth for camera in some]
     seen = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
     return (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)

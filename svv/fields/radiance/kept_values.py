@@ -213,7 +213,7 @@ def _read(
     else:
         found[known] = (weight * values)[known].sum(axis=1) / weight[known].sum(axis=1)
         orders = (0, 1, 2), (1, 0, 2), (2, 0, 1)
-        finer = 1.0 / np.clip(np.abs(kept.edges).max(axis=0), 1e-3, 1.0)
+        finer = finer_than_cells(kept.edges)
         bends = [_bends(np.moveaxis(around, 1 + k[0], 1), part[:, k], step / width, finer[k[0]]) for k in orders]
         missed = width * np.linalg.norm(bends, axis=0)  # those along the axes are independent
         off[known] = step + missed[known] + np.where((code[known] > 0).all(axis=1), 0.0, spread)
@@ -221,6 +221,11 @@ def _read(
     beyond -= (counts & (code == 1)).any(axis=1)
     beyond += (counts & (code == LARGEST + 1)).any(axis=1)
     return found, off, beyond
+
+
+def finer_than_cells(edges: Edges) -> Numbers:
+    """Return how many voxels there are per cell along each axis, at least 1, from their edges in cells. (3,)"""
+    return np.asarray(1.0 / np.clip(np.abs(edges).max(axis=0), 1e-3, 1.0))
 
 
 def _step_of(kept: KeptValues | TimeSteps) -> float:

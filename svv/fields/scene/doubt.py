@@ -7,12 +7,14 @@ samples.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.geometry.cameras import Camera
+from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.errors import BadInput, Progress, silent
@@ -22,6 +24,7 @@ from svv.fields.scene.expected import ExpectedErrors
 from svv.fields.scene.images import shade, visible_samples
 from svv.fields.scene.model import Model
 from svv.fields.scene.region import label_of
+from svv.io.pictures.output import darkest_from
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.types import Samples
 
@@ -102,12 +105,24 @@ def change(own: Tensor, right: Tensor, below: Tensor) -> Tensor:
 def pixel_ratio(scene: Model, camera: Camera) -> float:
     """Return the width of a training view's pixel, relative to that of a camera, in the middle of the scene."""
     rig = scene.rig
-    if rig.size is None:
+    own = width_of_pixels(rig)
+    if own is None:
         return 1.0
     away = max(float(np.linalg.norm(camera.position - np.asarray(rig.centre))), 1e-9)
+    return float(np.clip(own / max(float(camera.pixel_at(away)), 1e-12), 1.0 / MOST_RATIO, MOST_RATIO))
+
+
+def width_of_pixels(rig: CameraRig) -> float | None:
+    """Return the width of a training view's pixel in the middle of the scene in world units; None if not known."""
+    if rig.size is None:
+        return None
     across = 2.0 * rig.radius * np.tan(0.5 * rig.fov_x) if rig.span_x is None else rig.span_x
-    ratio = across / rig.size[0] / max(float(camera.pixel_at(away)), 1e-12)
-    return float(np.clip(ratio, 1.0 / MOST_RATIO, MOST_RATIO))
+    return float(across / rig.size[0])
+
+
+def darkest_error(scene: Model, cameras: Sequence[Camera]) -> float:
+    """Return the expected error that is darkest in pictures of several cameras: a colour means the same in all."""
+    return max(darkest_from(doubt(scene, camera)) for camera in cameras)
 
 
 def told_in_words(scene: Model) -> str | None:

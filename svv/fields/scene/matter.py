@@ -73,7 +73,8 @@ def seen_depth(scene: Model, matter: Matter) -> NDArray[np.float32]:
     return np.asarray(matter.depth * np.array([r.seen_opacity for r in scene.regions], np.float32)[matter.region])
 
 
-def _resolution(scene: Model) -> int:
+def resolution_of(scene: Model) -> int:
+    """Return the number of cells per box unit of the lattice on which a scene's matter is known."""
     cells = scene.occupancy.cells
     return max(r for r in range(1, min(cells, FINEST) + 1) if cells % r == 0)
 
@@ -98,7 +99,7 @@ def regions_of_vertices(scene: Model, resolution: int) -> tuple[NDArray[np.int64
 
 def _looked_up(scene: Model, density: SparseLattice, key: object) -> Matter:
     """Return the optical depth and the region of each vertex of the occupied cells."""
-    resolution, logs = _resolution(scene), [np.zeros(0, np.float32)]
+    resolution, logs = resolution_of(scene), [np.zeros(0, np.float32)]
     vertices, places, regions = regions_of_vertices(scene, resolution)
     for piece in places.split(PIECE):
         log = density.look_up(piece.to(density.table.device)).sum(dim=1)

@@ -198,11 +198,11 @@ def _with_value(scene: Model, found: Probe, seen: Visible) -> Probe:
     time = kept.times[kept.own] if isinstance(kept, TimeSteps) and kept.times != (0.0,) else None
     return replace(
         found, value=value, uncertainty=None if beyond else off, spread=_spread(read, seen), beyond=beyond,
-        mean_of=_voxels_in_one(kept, grid), array=source.get("array") or source.get("volume"), time=time,
+        mean_of=voxels_in_one(kept, grid), array=source.get("array") or source.get("volume"), time=time,
     )  # fmt: skip
 
 
-def _voxels_in_one(kept: KeptValues | TimeSteps, grid: dict[str, Any] | None) -> int:
+def voxels_in_one(kept: KeptValues | TimeSteps, grid: dict[str, Any] | None) -> int:
     """Return how many voxels of the volume are one of the level of which the values are."""
     if grid is None or kept.edges == ALIKE:  # which also scenes of older versions have
         return 1

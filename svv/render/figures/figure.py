@@ -22,6 +22,7 @@ from svv.core.colour.hex_codes import to_hex
 from svv.core.geometry.cameras import Camera
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, part, silent, warn_caller
+from svv.fields.scene.doubt import expected_of
 from svv.fields.scene.model import in_words
 from svv.fields.scene.region import validate_line
 from svv.fields.scene.seen_colours import Pair, Seen, seen_in, seen_of
@@ -31,6 +32,16 @@ from svv.render.emptiness import SHOW, why_empty
 from svv.render.figures.colour_check import describe_lookalikes, merging, regions_to_json, report_on
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import camera_through, free_corner, parallel, preview_camera, together, windows_of
+from svv.render.figures.hatching import (
+    HATCHED,
+    PIXELS,
+    SPACING,
+    draw_lines,
+    entry_on,
+    hatched_disc,
+    lines_over,
+    mean_around,
+)
 from svv.render.figures.swatches import Entry, entries_of
 from svv.render.frames import orbit
 from svv.render.supersampled import supersampled
@@ -152,6 +163,9 @@ def drawing_of(
     for number, panel in enumerate(every):
         if panel.note:  # before minutes of drawing
             tell(f"{_name(number, len(every)).capitalize()} {panel.note}")
+    if options.hatch_doubt is not None:
+        for panel in every:
+            expected_of(panel.scene)
     front = _front(every)
     drawing = Drawing([_placed(panel, front, options) for panel in every], options, progress)
     if all(drawing.empty):
@@ -188,6 +202,11 @@ def _check(options: FigureOptions) -> None:
     ):
         if not low <= value <= high:
             raise BadInput(f"The {name} of a figure must lie between {low:g} and {high:g} {unit}, not {value:g}.")
+    if options.hatch_doubt is not None and not 0.0 < options.hatch_doubt <= 1.0:
+        raise BadInput(
+            "The error from which on a figure is hatched lies above 0 and is at most 1, such as 0.05, not "
+            f"{options.hatch_doubt:g}."
+        )
     if options.across is not None and options.across < 1:
         raise BadInput(f"A figure has at least one panel across, not {options.across}.")
     if len(options.behind) != 3 or not all(0.0 <= c <= 1.0 for c in options.behind):
@@ -306,6 +325,8 @@ class Drawing:
         self.figure.patch.set_alpha(0.0 if options.transparent else 1.0)
         self.empty: list[str] = []
         """Why each panel shows nothing; '' if it shows something."""
+        self.hatched: dict[int, tuple[float, float]] = {}
+        """Of each panel whose errors are known, the part of what is visible that is hatched, and the largest error."""
         for number, box in enumerate(self.layout.panels):
             each = part(progress, 0.4 + 0.6 * number / len(panels), 0.4 + 0.6 * (number + 1) / len(panels))
             self._draw_panel(number, box, each)
@@ -366,11 +387,16 @@ class Drawing:
         return _name(number, len(self.panels))
 
     def notes(self) -> list[str]:
-        """Return sentences on panels that show nothing and on look-alikes."""
+        """Return sentences on panels that show or hatch nothing and on look-alikes."""
         said = [
             f"{self._name(number).capitalize()} is empty, because {why}."
             for number, why in enumerate(self.empty)
             if why
+        ]
+        said += [
+            f"Nothing is hatched in {self._name(number)}: its expected errors are at most {100.0 * most:.2g} %."
+            for number, (part_of, most) in self.hatched.items()
+            if part_of == 0.0
         ]
         alike = dict.fromkeys(one.describe() for legend in self.alike for one in legend)
         if alike:
@@ -383,6 +409,8 @@ class Drawing:
     def report(self) -> dict[str, Any]:
         """Return what each panel shows, how far its regions are apart, and which of each legend look alike (JSON).
 
+        ``hatched`` is the part of what is visible that is hatched, None where no expected error is shown.
+
         Colours of a panel are those of `svv check-colours FIGURE`, ``from_all_around`` those of its scene.
         """
         panels = [
@@ -391,6 +419,7 @@ class Drawing:
                 "title": title,
                 "shows": panel.shows or SHOWN[panel.network or ""],
                 "note": f"{self._name(number).capitalize()} {panel.note}" if panel.note else "",
+                "hatched": self.hatched[number][0] if number in self.hatched else None,
                 "colours": report_on(self.seen[number]),
                 "from_all_around": report_on(self.around[number]) if self.around[number] else None,
             }
@@ -429,15 +458,18 @@ class Drawing:
         from svv.render.figures.layout import columns_for, swatch_diameter
         from svv.render.figures.lettering import Lettering
 
+        doubt = self.options.hatch_doubt
+        hatching = [] if doubt is None else [entry_on(doubt)]
         if panel.network in (None, "base") or panel.scene.palette_network is None:
-            return []
+            return hatching
         camera = camera_through(_camera(panel), window, SWATCH_VIEW, max(1, round(SWATCH_VIEW * window.aspect)))
         diameter = swatch_diameter(Lettering((), self.options.points, ""))
         panel_mm = self.options.mm / columns_for(len(self.panels), self.options.across)
         size = max(4, round(diameter / 25.4 * self.options.dpi))
-        return entries_of(
+        regions = entries_of(
             panel.scene, camera, panel.network, size, diameter * SWATCH_VIEW / panel_mm, self.options.value_unit
         )
+        return regions + hatching
 
     def _size(self, layout: Layout) -> tuple[int, int]:
         """Return the width and height of the figure in pixels."""
@@ -481,11 +513,27 @@ class Drawing:
         axes = self._axes(left, top, width, self._pixels(box.height))
         axes.set_xlim(0.0, box.width)
         axes.set_ylim(0.0, box.height)
+        self._hatch(number, axes, box)
         corners = self._corners(number, box, self.strip)
         assert corners is not None  # the strip has room for all
         for (size, draw), corner in zip(self._notes(number, box), corners, strict=True):
             x = box.width - size[0] if "right" in corner else 0.0
             draw(axes, (x, box.height - size[1] if "upper" in corner else 0.0))
+
+    def _hatch(self, number: int, axes: Axes, box: Box) -> None:
+        """Hatch where a panel is expected to be off by more than asked; a volume rendering is what it is."""
+        panel, level = self.panels[number], self.options.hatch_doubt
+        if level is None or panel.draw is not None:
+            return
+        size = box.width, box.height - self.strip
+        width, height = (max(8, round(PIXELS * side)) for side in size)
+        errors = panel.scene.doubt(camera_through(_camera(panel), self.windows[number], width, height))
+        mean = mean_around(errors, PIXELS * SPACING)
+        lines = lines_over(mean, level, size) + np.array([0.0, self.strip])
+        draw_lines(axes, lines, self.lettering, self.options.behind)
+        seen = mean[np.isfinite(mean)]
+        if seen.size:
+            self.hatched[number] = float((seen > level).mean()), float(seen.max())
 
     def _corners(self, number: int, box: Box, strip: float) -> list[str] | None:
         """Return an empty corner for each annotation of a panel, if there is one for all."""
@@ -552,7 +600,14 @@ class Drawing:
         diameter, box, indent = swatch_diameter(self.lettering), line.box, 0.0
         if line.entry is not None:
             top, indent = box.top + 0.5 * (box.height - diameter), diameter + BESIDE
-            self._picture(self._pixels(box.left), self._pixels(top), line.entry.swatch)
+            left, up = self._pixels(box.left), self._pixels(top)
+            if line.entry.number == HATCHED:
+                axes = self._axes(left, up, self._pixels(diameter), self._pixels(diameter))
+                axes.set_xlim(0.0, diameter)
+                axes.set_ylim(0.0, diameter)
+                draw_lines(axes, hatched_disc(diameter), self.lettering, self.options.behind)
+            else:
+                self._picture(left, up, line.entry.swatch)
         words = [*line.name, *line.values]
         first = box.top + 0.5 * (box.height - len(words) * self.lettering.line)
         for k, word in enumerate(words):

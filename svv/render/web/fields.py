@@ -22,7 +22,6 @@ from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.scene.occlusion import is_occluded, occlude
 from svv.fields.scene.scene import Scene
-from svv.fields.scene.shadows import cast_shadows, shadows_from
 from svv.render.web.harmonics import BANDS, fitted_light, geometry_at, principal
 from svv.render.web.holding_kernels import held
 
@@ -132,7 +131,6 @@ class Baker:
         self.found: list[Field] = []
         assert scene.palette_network is not None
         self.palette = scene.palette_network
-        self._shadows_from = shadows_from(scene)
         self._opacity: tuple[int, NDArray[np.uint8]] | None = None
         self._seen: dict[int, NDArray[np.float32]] = {}
 
@@ -188,7 +186,6 @@ class Baker:
         for places in grid.pieces():
             intensity, weights, offsets = self.palette.material(places)
             occlude(self.scene, intensity[:, None], places, self.scene.region_of(places, weights))
-            cast_shadows(self.scene, intensity[:, None], places, "pcn", self._shadows_from)
             shown = torch.where((weights >= LEAST_WEIGHT)[:, :, None], offsets, 0.0)
             weights, colours = self._of_regions(places, weights, self.palette.colours + shown)
             shares.append(weights)
@@ -225,7 +222,6 @@ class Baker:
                     occlude(
                         self.scene, pieces[-1], places, self.scene.region_of(places, self.palette.material(places)[1])
                     )
-                cast_shadows(self.scene, pieces[-1], places, "pcn", self._shadows_from)
             stored = self.stored(grid, torch.cat(pieces).numpy(), PAINT)
             self.found.append(Field.of(f"paint{number}", grid.resolution, stored, unit=True))
 
@@ -241,7 +237,6 @@ class Baker:
             grid = self.grid(self.palette.encoding)
             self.grids.clear()  # finer ones are not needed any more
             fitted = fitted_light(self.scene, grid.places, progress)
-            cast_shadows(self.scene, fitted[:, fitted.shape[1] // 2 :], grid.places, "pcn", self._shadows_from)
             light = fitted.numpy()
             mean, axes, amounts = principal(light, self.seen(grid))
             self.found.append(Field.of("light", grid.resolution, self.stored(grid, amounts, LIGHT)))

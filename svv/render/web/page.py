@@ -10,7 +10,7 @@ import base64
 import io
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,16 +23,19 @@ from PIL import Image
 from svv._version import __version__
 from svv.core.colour.colour import WHITE, over
 from svv.core.colour.colour_vision import MATRICES
-from svv.core.colour.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
+from svv.core.colour.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE, UPPER_LEFT
 from svv.core.colour.matcaps import BEHIND, INSET
 from svv.core.colour.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.geometry.cuts import Cut
+from svv.core.images import edges, outlines
 from svv.core.interval_text import interval_text
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.phong import EXTINCTION_POWER
+from svv.fields.scene import sections, shadows
 from svv.fields.scene.joined import members
 from svv.fields.scene.matcaps import picture_of
+from svv.fields.scene.matter import FINEST, resolution_of
 from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.sections import (
@@ -44,26 +47,46 @@ from svv.fields.scene.sections import (
     flat_colours,
     is_sectioned,
 )
-from svv.fields.scene.shadows import check_shadows_stay
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
 from svv.io.pictures.output import to_bytes, write_mp4
 from svv.io.pictures.picture_data import as_text
+from svv.options.pages import PageOptions
+from svv.render.web.doubts import doubt_of
 from svv.render.web.fields import Field, fields_of
 from svv.render.web.html import filled, viewer_file
+from svv.render.web.values import interval_of, values_of
 
 SCRIPTS = (
-    "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "show.js",
-    "panel.js", "film.js", "hands.js", "main.js",
+    "decode.js", "reduce.js", "colours.js", "state.js", "cuts.js", "camera.js", "textures.js", "draw.js", "doubt.js",
+    "shadows.js", "lines.js", "values.js", "show.js", "panel.js", "film.js", "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
+
+SHADERS = ("march", "doubted")
+"""Programs for the graphics, which the viewer's has as constants of these names."""
 
 COMPRESSION = 7
 """Of zlib: 9 takes five times as long for 3 % less."""
 
+MOST_ADDED = 0.2
+"""Part of a page's other content up to which the volume's values are always in it."""
+
 MATCAP_SIDE = 96
 """Side in pixels of the MatCaps of a page."""
+
+LINES = {
+    edges: (
+        "VIEW", "CHANGE_DEVIATION", "SMOOTHING_DEVIATION", "LEAST_DEVIATION", "SAMPLING_VARIANCE", "DEPTH_JUMP",
+        "DEPTH_JUMP_PIXELS", "WEAK_CHANGE", "STRONG_CHANGE", "FOLD_BOUNDS", "FOLD_DEVIATION", "FOLD_BOX",
+        "BAND_DEVIATION", "OPAQUE_ALPHAS", "EVENING_DEVIATION", "WHOLE_BOUNDS", "STRIDE", "TURN_COSINES",
+        "PARTED_REACH",
+    ),
+    outlines: ("WIDEST", "CREASE_WIDTH", "PRESSURE_SHARE", "LEAST_COVERAGE"),
+    sections: ("BESIDE", "LEAST_SHARE", "FULL_SHARE"),
+}  # fmt: skip
+"""Constants of ink that a page draws as the renderer does (``lines.js``)."""
 
 FRONT_SIZE, FRONT_QUALITY = 720, 88
 """Side in pixels and JPEG quality of the picture from the front."""
@@ -81,9 +104,14 @@ CLOSER_SIZE, LEAST_SHOWN, MARGIN = 64, 0.05, 1.1
 """Side in pixels of the views that tell how large the scene appears, the alpha that counts, and the margin around."""
 
 
+def to_nobody(sentence: str) -> None:
+    """Tell nobody."""
+
+
 def write_html(
-    path: Path, scene: Scene, title: str, background: Sequence[float] = WHITE, progress: Progress = silent
-) -> int:
+    path: Path, scene: Scene, title: str, background: Sequence[float] = WHITE, progress: Progress = silent,
+    options: PageOptions = PageOptions(), tell: Callable[[str], None] = to_nobody,
+) -> int:  # fmt: skip
     """Write a scene as one HTML file that shows it from all sides and edits it.
 
     Args:
@@ -92,6 +120,8 @@ def write_html(
         title: Heading of the page.
         background: RGB in [0, 1] behind the scene; can be changed in the page.
         progress: Called while the scene is prepared.
+        options: What else the page holds.
+        tell: Called with how large the volume's values are, if the scene keeps them, and whether the page has them.
 
     Returns:
         The size of the file in bytes.
@@ -104,15 +134,16 @@ def write_html(
     True
     """
     check_writable(path)
-    page = html_of(scene, title, path.stem, background, progress)
+    page = html_of(scene, title, path.stem, background, progress, options, tell)
     with atomic_path(path) as temporary:
         temporary.write_bytes(page)
     return len(page)
 
 
 def html_of(
-    scene: Scene, title: str, name: str, background: Sequence[float] = WHITE, progress: Progress = silent
-) -> bytes:
+    scene: Scene, title: str, name: str, background: Sequence[float] = WHITE, progress: Progress = silent,
+    options: PageOptions = PageOptions(), tell: Callable[[str], None] = to_nobody,
+) -> bytes:  # fmt: skip
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
     Raises BadInput if the scene has no palette network, occlusion or shadows that no page can show, or too many regions
@@ -121,39 +152,53 @@ def html_of(
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     _check_shade(scene)
-    check_shadows_stay(scene, "A page")
     _check_cuts(scene)
     scene = scene.on(torch.device("cpu"))
     rig = _closer(replace(scene, cuts=()))
     stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))
     layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
-    header = _header(scene, rig) | {"layers": layers, "file": name, "background": list(background)}
-    arrays = zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)
-    page = _page(header, base64.b64encode(arrays).decode(), stills, title, in_words(scene))
+    doubt, grids = doubt_of(scene)
+    header = _header(scene, rig) | {"layers": layers, "doubt": doubt, "file": name, "background": list(background)}
+    packed += grids
+    arrays = base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)).decode()
+    told, content = values_of(scene)
+    values = base64.b64encode(content).decode()
+    added = len(values) / (len(arrays) + sum(map(len, stills.values())))
+    kept = options.values or added <= MOST_ADDED
+    header["values"] = told if kept else [None] * len(told)
+    header["units"] = {"length": options.unit or "", "value": options.value_unit or ""}
+    if values:
+        size = f"{len(values) / 1e6:.2g} MB"
+        tell(f"the volume's values are {size} of it" if kept else f"the volume's values would add {size} (--values)")
+    page = _page(header, arrays, values if kept else "", stills, title, in_words(scene))
     progress(1.0, "")
     return page
 
 
 def _check_shade(scene: Scene) -> None:
-    """Raise BadInput if a page, whose colours hold occlusion and shadows, would look otherwise than the scene."""
+    """Raise BadInput if a page, whose colours hold occlusion, or its shadows would look otherwise than the scene.
+
+    Shadows on a page are those of matter whose opacity does not follow strokes.
+    """
     painted = "styled" in scene.networks  # opacity follows strokes only where there are some
     for number, region in enumerate(scene.regions):
-        has, off = "ambient occlusion", f"--region {number} --occlusion 0"
-        if region.occlusion == 0.0:
+        follows = painted and region.stroke_opacity != 0.0
+        if region.occlusion != 0.0 and (region.matcap is not None or follows):
+            has, off = "ambient occlusion", f"--region {number} --occlusion 0"
+        elif scene.lamp.shadow != 0.0 and follows:
             has, off = "shadows", "--shadow 0"
-            if scene.lamp.shadow == 0.0:
-                continue
-        if region.matcap is not None or (painted and region.stroke_opacity != 0.0):
-            what, take = (
-                ("a MatCap", f"--matcap {number}=none")
-                if region.matcap is not None
-                else ("opacity that follows its strokes", f"--region {number} --stroke-opacity 0")
-            )
-            raise BadInput(
-                f"Region {number} has {has} and {what}, and no page can show both: take one of them off, with svv "
-                f"edit {off} or svv edit {take}."
-            )
+        else:
+            continue
+        what, take = (
+            ("opacity that follows its strokes", f"--region {number} --stroke-opacity 0")
+            if follows
+            else ("a MatCap", f"--matcap {number}=none")
+        )
+        raise BadInput(
+            f"Region {number} has {has} and {what}, and no page can show both: take one of them off, with svv "
+            f"edit {off} or svv edit {take}."
+        )
 
 
 def _check_cuts(scene: Scene) -> None:
@@ -184,15 +229,15 @@ def _cuts(scene: Scene) -> list[dict[str, object]]:
     ]
 
 
-def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str, words: str) -> bytes:
+def _page(header: dict[str, Any], arrays: str, values: str, stills: dict[str, str], title: str, words: str) -> bytes:
     def read(name: str) -> str:
         return re.sub(r"^ *//.*\n", "", viewer_file(name), flags=re.MULTILINE)  # comments are for the sources
 
-    shader = f"const MARCH = {_script_json(read('march.glsl'))};"
+    shaders = [f"const {name.upper()} = {_script_json(read(f'{name}.glsl'))};" for name in SHADERS]
     return filled(
         read("page.html"), title=title, words=words, text=_describe_contents(header), style=read("style.css"),
-        version=__version__, header=_script_json(header), arrays=arrays, **stills,
-        script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
+        version=__version__, header=_script_json(header), arrays=arrays, values=values, **stills,
+        script="\n".join([*shaders, *(read(name) for name in SCRIPTS)]),
     ).encode()  # fmt: skip
 
 
@@ -238,7 +283,8 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
         },
         "normal_softness": NORMAL_SOFTNESS,
         "rim_cosine": RIM_COSINE,
-        "lamp": scene.lamp.to_json(),
+        "lamp": vars(scene.lamp),
+        "shadows": _shadows(scene),
         "matcaps": _matcaps(scene),
         "visions": MATRICES,
         "bounds": scene.bounds.tolist(),
@@ -250,6 +296,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, object]:
             "ink": HATCH_INK,
             "deep": DEEP,
         },
+        "lines": {name: getattr(module, name) for module, names in LINES.items() for name in names},
         "regions": [
             {**told, "number": number, "matcap": matcaps.index(scene.regions[number].matcap)}  # from 1, 0 for none
             for told, number in zip(
@@ -305,10 +352,32 @@ def _regions(scene: Scene) -> list[dict[str, object]]:
         told.append({
             "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity,
             "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,
+            "interval": interval_of(r.values),
             "mean_light": r.mean_light, "section": r.section, "oklab": OKLAB if r.recolour_in == "oklab" else None,
+            "outline": r.outline, "outline_width": r.outline_width, "outline_colour": r.outline_colour,
+            "section_line": r.section_line,
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip
     return told
+
+
+def _shadows(scene: Scene) -> dict[str, object] | None:
+    """Return how a page computes cast shadows; None if the scene can have none."""
+    every = members(scene)
+    if any(member.base.density is None for member in every):
+        return None
+    return {
+        "resolutions": [resolution_of(member) for member in every],
+        "near": shadows.NEAR,
+        "far": shadows.FAR,
+        "clear_depth": shadows.CLEAR_DEPTH,
+        "least_clear": shadows.LEAST_CLEAR,
+        "deep": shadows.DEEP,
+        "around": shadows.AROUND,
+        "directions": shadows.DIRECTIONS,
+        "finest": FINEST,
+        "upper_left": UPPER_LEFT,
+    }
 
 
 OKLAB = {"to_cones": TO_CONES, "to_lab": TO_LAB, "from_lab": FROM_LAB, "from_cones": FROM_CONES}

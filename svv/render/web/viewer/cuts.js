@@ -15,7 +15,7 @@ function cutsOf(state, header) {
 
 // Whether samples have to know their region for the cuts that show.
 function cutsByRegion(cuts, header) {
-  return cuts.some(({ regions }) => regions !== 0) || (cuts.length > 0 && header.regions.some(({ section }) => section !== "learned"));
+  return cuts.some(({ regions }) => regions !== 0) || (cuts.length > 0 && header.regions.some(({ section, section_line }) => section !== "learned" || section_line > 0));
 }
 
 // Rows of the block Cuts of march.glsl, in the box coordinates of each layer.

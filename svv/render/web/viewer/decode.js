@@ -2,7 +2,10 @@
 
 // Return the bytes of a page's base64 text, inflated.
 async function inflated(text) {
-  const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return unpacked(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)));
+}
+
+async function unpacked(packed) {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
@@ -101,12 +104,13 @@ function bytesOf(codes, start, count, levels) {
   }
 }
 
-// Return the fields of each layer, and its leaps of the given shape. A field has channels of bytes in the order of its grid's
-// places; the value of a byte is low + byte / 255 (high - low).
+// Return the fields of each layer, and its leaps of the given shape, and the levels of the expected errors, if they are known. A field
+// has channels of bytes in the order of its grid's places; the value of a byte is low + byte / 255 (high - low).
 function decoded(header, content) {
   let from = 0;
-  const take = (count) => content.subarray(from, (from += count));
-  return header.layers.map((layer) => decodedLayer(layer, take));
+  const take = (count) => content.subarray(from, (from += count)), { doubt } = header;
+  const layers = header.layers.map((layer) => decodedLayer(layer, take));
+  return { layers, doubted: doubt && take(doubt.shape.reduce((a, b) => a * b)) };
 }
 
 // take: returns the next bytes of the content.

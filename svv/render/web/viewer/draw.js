@@ -2,13 +2,15 @@
 
 const CORNERS = "#version 300 es\nvoid main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }";
 
+const BLENDED = "#version 300 es\nprecision highp float;\nuniform sampler2D uLayer;\nout vec4 pixel;\nvoid main() { pixel = texelFetch(uLayer, ivec2(gl_FragCoord.xy), 0); }";
+
 const FARTHEST = 64; // distance of places in sizes of the first layer's box that a pixel can tell
 
 const KINDS = { none: 0, network: 1, phong: 2 }; // of light, in march.glsl
 
 class Painter {
-  // content: shape, leaps and fields of each layer.
-  constructor(gl, header, content) {
+  // content: shape, leaps and fields of each layer; levels: those of the expected errors, null where they are not known.
+  constructor(gl, header, content, levels) {
     Object.assign(this, { gl, header, content, programs: new Map(), textures: new Textures(gl) });
     const { textures } = this, shapes = content.map(({ shape }) => shape), most = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE);
     const side = Math.max(...stacked(shapes).size);
@@ -25,6 +27,11 @@ class Painter {
       textures.make("Matcaps", [[count, side, side]], CHANNELS);
       textures.fill("Matcaps", 0, Uint8Array.from(atob(texels), (letter) => letter.charCodeAt(0)));
     }
+    this.shadows = header.shadows === null ? null : new Shadows(header, content, textures);
+    if (levels !== null) {
+      textures.make("Doubt", [header.doubt.shape], -1);
+      textures.fill("Doubt", 0, errorsOf(levels, { most: 1 }));
+    }
     this.palettes = content.map(({ fields }, layer) =>
       new Palette(fields.material, fields.weights, ofLayer(header.regions, header.layers[layer])));
     this.diffuseTops = [], this.wanted = []; // value of byte 255, and the edits, of each layer's diffuse colours
@@ -37,8 +44,9 @@ class Painter {
     return this.content.map(({ fields }) => fields[name] ?? null);
   }
 
-  // Take over the edits that textures hold: the palettes' colours and the painting shown.
-  prepare(state) {
+  // Take over the edits that textures hold: the palettes' colours, the painting shown, and shadows, which are coarse at first.
+  prepare(state, camera) {
+    this.shadows?.prepare(state, lensOf(camera, this.header.layers[0].box).axes);
     this.header.layers.forEach((layer, number) => {
       const regions = ofLayer(state.regions, layer), wanted = regions.map((region) => region.edited && toHex(region.edited)).join();
       if (this.wanted[number] === wanted) return;
@@ -49,6 +57,11 @@ class Painter {
       this.textures.upload("Paint", this.fields(`paint${state.painting}`), 0, CHANNELS);
       this.painting = state.painting;
     }
+  }
+
+  // Go on for some time with what is coarse while something moves, and return whether it is done.
+  refine(ms) {
+    return this.shadows?.refine(ms) ?? true;
   }
 
   recolour(layer, regions) {
@@ -63,7 +76,7 @@ class Painter {
   }
 
   // Return the program for a state; compiling takes a moment, so each kind is compiled once.
-  program(state, place = false) {
+  program(state, place = false, lines = false) {
     const { header } = this, { layers } = header, painted = state.painting !== null;
     const strokes = painted && strokesOf(state, header).flat().some((v) => v !== 0);
     const lists = [lightsOf(state, header), opacitiesOf(state), sharesOf(state, header)];
@@ -76,26 +89,26 @@ class Painter {
       BASIS: this.basis.harmonics, PAINTED: Number(painted), STROKES: Number(strokes),
       CUTS: cuts.length, CUTS_BY_REGION: Number(cutsByRegion(cuts, header)), HATCHES: header.hatches.count.toFixed(1), HATCH_WIDTH: header.hatches.width.toFixed(6),
       HATCH_SOFTNESS: header.hatches.softness.toFixed(6), HATCH_INK: header.hatches.ink.toFixed(6), DEEP: header.hatches.deep.toFixed(6),
-      PLACE: Number(place), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
-      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || strokes || !alike || cutsByRegion(cuts, header) || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
+      PLACE: Number(place), DOUBT: Number(state.doubt && !place), LINES: Number(lines), SHADOWS: Number(this.shadows !== null && state.lamp.shadow > 0), FARTHEST: FARTHEST.toFixed(1), MATCAPS: header.matcaps.count, BEHIND: header.matcaps.behind.toFixed(6), INSET: header.matcaps.inset.toFixed(6),
+      EXTINCTION_POWER: header.matcaps.power.toFixed(6), BY_REGION: Number(place || lines || strokes || !alike || cutsByRegion(cuts, header) || header.matcaps.count > 0), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
-    if (!this.programs.has(key)) this.programs.set(key, this.compiled(defines));
+    if (!this.programs.has(key)) this.programs.set(key, this.compiled(MARCH, defines));
     return this.programs.get(key);
   }
 
-  compiled(defines) {
+  compiled(shader, defines) {
     const gl = this.gl, program = gl.createProgram(), counts = { WEIGHTS: this.weights, LIGHTS: this.lights };
-    const body = MARCH.replace(/^@(\w+) (.*)$/gm, (_, name, line) =>
+    const body = shader.replace(/^@(\w+) (.*)$/gm, (_, name, line) =>
       Array.from({ length: counts[name] }, (_, number) => line.replaceAll("#", number)).join("\n"));
     const named = Object.entries(defines).map(([name, value]) => `#define ${name} ${value}\n`).join("");
     for (const [kind, source] of [[gl.VERTEX_SHADER, CORNERS], [gl.FRAGMENT_SHADER, body.replace("\n", `\n${named}`)]]) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost())
-        throw new Unable(`this browser's graphics refuse the program (${gl.getShaderInfoLog(shader)})`);
+      const part = gl.createShader(kind);
+      gl.shaderSource(part, source);
+      gl.compileShader(part);
+      gl.attachShader(program, part);
+      if (!gl.getShaderParameter(part, gl.COMPILE_STATUS) && !gl.isContextLost())
+        throw new Unable(`this browser's graphics refuse the program (${gl.getShaderInfoLog(part)})`);
     }
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost())
@@ -108,9 +121,11 @@ class Painter {
   }
 
   // Draw the rows [from, to) of a camera's picture, at `part` of its size and with samples `stride` times as far apart,
-  // into the bound framebuffer. With `column`, draw only that column, and what its pixels show instead of their colours.
-  draw(state, camera, part, from, to, stride = 1, column = null) {
-    const gl = this.gl, { program, at } = this.program(state, column !== null), { layers } = this.header;
+  // into the bound framebuffer; `columns` [first, end) draw a part of the rows. With `place`, pixels tell what they show instead of their
+  // colours, and where errors are shown, what `showDoubt` takes; with `lines`, a second attachment gets what lines.js takes.
+  draw(now, camera, part, from, to, { stride = 1, columns = null, place = false, lines = false } = {}) {
+    const state = now.doubt && !place ? doubted(now) : now;
+    const gl = this.gl, { program, at } = this.program(state, place, lines), { layers } = this.header;
     const width = Math.max(1, Math.round(camera.width * part)), height = Math.max(1, Math.round(camera.height * part));
     gl.useProgram(program);
     this.textures.bind(at);
@@ -120,8 +135,14 @@ class Painter {
     gl.uniform2f(at.uPixel, camera.width / width, camera.height / height);
     gl.uniform1f(at.uStop, Math.exp(-Math.max(...layers.map(({ stop }) => stop))));
     gl.uniform3fv(at.uBackground, state.background);
+    if (state.doubt && !place) gl.uniform3fv(at.uDoubtSize, [2, 1, 0].map((k) => this.header.doubt.cells / this.header.doubt.shape[k]));
     for (const [name, size] of this.sizes()) gl.uniform3fv(at[name], [size[2], size[1], size[0]]);
     this.setLamp(at, state, axes);
+    if (lines) gl.uniform1f(at.uUnit, layers[0].box.size);
+    if (this.shadows !== null && state.lamp.shadow > 0) {
+      gl.uniform1f(at.uShadow, state.lamp.shadow);
+      gl.uniform2fv(at["uShadowsGrid[0]"], this.shadows.rows());
+    }
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);
     gl.bufferData(gl.UNIFORM_BUFFER, new Float32Array(this.rows(state, camera, stride).flat(2)), gl.DYNAMIC_DRAW);
     gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.block);
@@ -129,15 +150,52 @@ class Painter {
     gl.bindVertexArray(this.vertices);
     gl.viewport(0, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
-    gl.scissor(column ?? 0, from, column === null ? width : 1, to - from);
+    const [left, right] = columns ?? [0, width];
+    gl.scissor(left, from, right - left, to - from);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.SCISSOR_TEST);
   }
 
+  // Draw the errors of a camera's picture into the bound framebuffer, from a texture with what `draw` has left of them.
+  showDoubt(state, camera, marched) {
+    const gl = this.gl, { doubt } = this.header, { width, height } = marched;
+    this.doubting ??= this.compiled(DOUBTED, {});
+    const { program, at } = this.doubting;
+    gl.useProgram(program);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, marched.texture);
+    gl.uniform1i(at.uMarched, 0);
+    gl.uniform3fv(at.uBackground, state.background);
+    gl.uniform3fv(at["uHeat[0]"], doubt.heat.flat());
+    gl.uniform1f(at.uMost, doubt.most);
+    gl.uniform1f(at.uEdge, edgeOf(doubt, { ...camera, width }));
+    gl.uniform1f(at.uDarkest, Math.max(doubt.darkest, 1e-12));
+    gl.bindVertexArray(this.vertices);
+    gl.viewport(0, 0, width, height);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  // Blend a texture over the bound framebuffer.
+  blend({ texture, width, height }) {
+    const gl = this.gl;
+    this.blending ??= this.compiled(BLENDED, {});
+    const { program, at } = this.blending;
+    gl.useProgram(program);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.uniform1i(at.uLayer, 0);
+    gl.bindVertexArray(this.vertices);
+    gl.viewport(0, 0, width, height);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.disable(gl.BLEND);
+  }
+
   // Names of uniforms and the sizes of textures that they tell.
   sizes() {
-    const { Extinction, Diffuse, Light0, Paint } = this.textures.all;
-    const all = { uExtinctionSize: Extinction, uColourSize: Diffuse, uLightSize: Light0, uPaintSize: Paint };
+    const { Extinction, Diffuse, Light0, Paint, Shadows } = this.textures.all;
+    const all = { uExtinctionSize: Extinction, uColourSize: Diffuse, uLightSize: Light0, uPaintSize: Paint, uShadowsSize: Shadows };
     return Object.entries(all).filter(([, texture]) => texture).map(([name, { size }]) => [name, size]);
   }
 

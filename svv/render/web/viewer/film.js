@@ -38,6 +38,9 @@ class Film {
     if (paintings.size > 1) return this.say("A shot shows one painting: choose the same one in all key frames, or none.");
     if (new Set(keys.map(({ edits }) => edits.lamp.direction === null)).size > 1)
       return this.say("The light has angles in some key frames and the file's direction in others: move it in all of them.");
+    const shadows = ({ shadow, shadow_softness, shadow_light }) => JSON.stringify([shadow, shadow_softness, shadow_light]);
+    if (keys.some(({ edits }) => shadows(edits.lamp) !== shadows(header.lamp)))
+      return this.say("A shot has the shadows of its scene: set them as in the file, or change those with svv edit --shadow and --shadow-light.");
     const [painting] = paintings, [width, height] = this.size();
     const shot = { size: [width, height], background: keys.at(-1).edits.background, keys: this.frames() };
     if (painting !== undefined && header.layers.length === 1) shot.painting = header.paintings[painting].name;

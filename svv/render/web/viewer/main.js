@@ -19,10 +19,10 @@ function cannot(reason) {
 }
 
 // Say how far the last of the places that were clicked on is from the one before, and the angle that three make there.
-function measured(places) {
+function measured(places, unit) {
   if (places.length < 2) return "";
   const [last, middle, first] = places.slice(-3).reverse(), from = (place) => place.map((v, k) => v - middle[k]);
-  const number = (v) => Number(v.toPrecision(5)), one = from(last), away = Math.hypot(...one), said = `, ${number(away)} from the last place`;
+  const number = (v) => Number(v.toPrecision(5)), one = from(last), away = Math.hypot(...one), said = `, ${number(away)}${unit && ` ${unit}`} from the last place`;
   if (first === undefined) return said;
   const other = from(first), across = Math.hypot(...one.map((_, k) => one[(k + 1) % 3] * other[(k + 2) % 3] - one[(k + 2) % 3] * other[(k + 1) % 3]));
   if (away === 0 || Math.hypot(...other) === 0) return said;
@@ -35,7 +35,7 @@ async function begin() {
   if (typeof DecompressionStream === "undefined") throw new Unable("this browser is too old; its newest version can");
   const gl = canvas.getContext("webgl2", { antialias: false, depth: false, powerPreference: "high-performance" });
   if (gl === null) throw new Unable("this browser has no WebGL2, or it is turned off");
-  const content = decoded(header, await inflated(page("arrays").textContent));
+  const { layers: content, doubted: levels } = decoded(header, await inflated(page("arrays").textContent));
   const most = { side: gl.getParameter(gl.MAX_3D_TEXTURE_SIZE), bytes: MOST_BYTES };
   const { layers, said } = fitted(content.map(({ fields }) => fields), most);
   page("said").textContent = said;
@@ -43,7 +43,7 @@ async function begin() {
   let show = start();
 
   function start() {
-    return new Show(canvas, new Painter(gl, header, content.map((layer, number) => ({ ...layer, fields: layers[number] }))), orbit, state);
+    return new Show(canvas, new Painter(gl, header, content.map((layer, number) => ({ ...layer, fields: layers[number] })), levels), orbit, state);
   }
   function changed() {
     show.change();
@@ -57,14 +57,24 @@ async function begin() {
   };
   const size = () => [show.camera().width, show.camera().height], say = (sentence) => (page("said").textContent = sentence);
   const film = new Film(page("controls"), header, () => ({ view: orbit.view, edits: state }), take, size, say);
+  const values = new Values(header.values, page("values")?.textContent ?? "");
+  // Return the value that is read off at a point of a region, in words, as it is told.
+  async function read(point, region) {
+    const layer = header.layers.findIndex(({ first, count }) => region >= first && region < first + count);
+    const found = await values.at(layer, point, header.regions[region].interval);
+    return { ...found, words: valueInWords(header.values[layer], found, header.units.value) };
+  }
   // Say what is at a place of the picture, as the commands take it.
-  function clicked(x, y) {
+  async function clicked(x, y) {
     if (gl.isContextLost()) return (page("said").textContent = LOST);
     const camera = show.camera(), pixel = [x * camera.width, y * camera.height].map(Math.floor), found = show.placeAt(camera, ...pixel);
     if (found === null) return (page("said").textContent = "Nothing is visible there.");
     const told = header.regions[found.region], name = told.name ?? `Region ${told.number}`;
+    const error = show.doubtAt(camera, ...pixel), trust = error === null ? "" : `; expected error ${(100 * error).toPrecision(2)} %`;
     places.push(found.point);
-    page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}${measured(places)}`;
+    const away = measured(places, header.units.length), number = places.length, { words } = await read(found.point, found.region);
+    if (number !== places.length) return; // there was another click meanwhile
+    page("said").textContent = `${name} at ${found.point.map((v) => Number(v.toPrecision(5))).join(",")}${away}${words}${trust}`;
   }
   new Hands(canvas, orbit, changed, clicked);
   canvas.addEventListener("webglcontextlost", (event) => {
@@ -93,7 +103,7 @@ async function begin() {
   // For scripts, such as tests and notebooks: the state, the picture of a camera as svv writes it, functions to call
   // after each change, what the user has set so far, and a way to set it.
   return {
-    header, state, orbit, panel, film, changed, heard, place: (camera, column, row) => show.placeAt(camera, column, row), picture: (camera) => show.picture(camera), get show() { return show; },
+    header, state, orbit, panel, film, changed, heard, place: (camera, column, row) => show.placeAt(camera, column, row), read, doubt: (camera, column, row) => show.doubtAt(camera, column, row), picture: (camera) => show.picture(camera), get show() { return show; },
     told: () => ({ view: orbit.view, camera: show.camera(), edits: state }),
     take,
   };

@@ -3,7 +3,8 @@
 // has samples of its own, and those of all are composited in the order of their distances.
 // Before compiling, draw.js sets LAYERS, REGIONS (of all layers), WEIGHTS and LIGHTS (numbers of textures), LIT (bits: 1 harmonics,
 // 2 Blinn-Phong, 4 not the same in all layers), PAINTED, STROKES, MATCAPS (how many), BY_REGION and constants; it repeats a line that begins with
-// @WEIGHTS or @LIGHTS for each texture, # being its number. With PLACE, the pixel tells what it shows instead of its colour. Textures are (z, y, x): the scene's arrays are in raster order with z
+// @WEIGHTS or @LIGHTS for each texture, # being its number. With PLACE, the pixel tells what it shows instead of its colour; with DOUBT,
+// it has its colour over white and its expected error; with LINES, it also tells what lines.js takes. Textures are (z, y, x): the scene's arrays are in raster order with z
 // fastest; in each, the grids of all layers lie one behind the other along x.
 precision highp float;
 precision highp int;
@@ -18,6 +19,9 @@ uniform vec3 uBackground;
 uniform mat3 uLamp;       // turns directions towards the viewer into directions towards the light
 uniform vec4 uSun;        // direction towards a light that stays in the world; w is 1 if there is one
 uniform float uBrightness;
+#if LINES
+uniform float uUnit;      // size of the first layer's box in world units
+#endif
 
 uniform usampler3D uLeaps;
 uniform sampler3D uExtinction, uDiffuse;
@@ -28,6 +32,16 @@ uniform sampler3D uPaint;
 #endif
 #if MATCAPS
 uniform sampler3D uMatcaps; // pictures of lit spheres, one behind the other
+#endif
+#if DOUBT
+uniform sampler3D uDoubt;   // errors of cells, as parts of the largest
+uniform vec3 uDoubtSize;    // cells per box unit, by numbers of cells along z, y, x
+#endif
+#if SHADOWS
+uniform sampler3D uShadows; // how much of the light arrives
+uniform vec3 uShadowsSize;
+uniform vec2 uShadowsGrid[LAYERS]; // cells per box unit and begin of each layer's lattice
+uniform float uShadow;      // how far shadows darken
 #endif
 uniform vec3 uExtinctionSize, uColourSize, uLightSize, uPaintSize; // numbers of vertices of the textures along z, y, x
 
@@ -99,13 +113,21 @@ vec2 leftOf(int l, vec3 p, float pace) {
 }
 #endif
 
-out vec4 pixel;
+#if DOUBT
+out uvec4 pixel; // of 16 bits: those of bytes would show as lines where neighbours differ by one level
+#else
+layout(location = 0) out vec4 pixel;
+#endif
+#if LINES
+layout(location = 1) out uvec4 told; // the bits of alpha and the mean distance, the region from 1, the bits of the part from faces of cuts
+#endif
 
 const float CEILING = 9.0; // greatest logarithm of the extinction
 
 const float BEYOND = 1e30; // farther than any sample
 
-#if PLACE || CUTS
+#if PLACE || CUTS || LINES
+float faceShaded = 0.0; // how far it shows the face of a cut
 int regionShaded; // the region of the place that was shaded last
 #endif
 
@@ -229,8 +251,8 @@ vec3 matcapColour(int l, vec3 p, float number) {
 }
 #endif
 
-// The colour of a place in a layer and, in w, the factor on its extinction, wherever cuts are.
-vec4 uncut(int l, vec3 p) {
+// The colour of a place in a layer without shadows and, in w, the factor on its extinction, wherever cuts are.
+vec4 unshadowed(int l, vec3 p) {
   vec3 q = onGrid(p, uGrid[L].zw, uColourSize);
   int region = 0; // of the layer
 #if WEIGHTS > 0 && (BY_REGION || (LIT & 2) != 0)
@@ -241,7 +263,7 @@ vec4 uncut(int l, vec3 p) {
   for (int k = 1; k < COUNT; k++) if (weight[k] > weight[region]) region = k;
 #endif
   region += FIRST;
-#if PLACE || CUTS
+#if PLACE || CUTS || LINES
   regionShaded = region;
 #endif
   float factor = uRegion[region].x;
@@ -288,6 +310,14 @@ vec4 uncut(int l, vec3 p) {
   return vec4(colour, factor);
 }
 
+vec4 uncut(int l, vec3 p) {
+  vec4 found = unshadowed(l, p);
+#if SHADOWS
+  found.rgb *= 1.0 - uShadow * (1.0 - texture(uShadows, onGrid(p, uShadowsGrid[L], uShadowsSize)).r);
+#endif
+  return found;
+}
+
 // The same, cut open (svv/fields/scene/sections.py).
 vec4 shaded(int l, vec3 p) {
   vec4 found = uncut(l, p);
@@ -304,6 +334,7 @@ vec4 shaded(int l, vec3 p) {
     vec3 slope = vec3(cutDepth(l, c, p + aside.xyy), cutDepth(l, c, p + aside.yxy), cutDepth(l, c, p + aside.yyx)) - depth;
     near = own, face = p - depth * slope / max(length(slope), 1e-9);
   }
+  faceShaded = near;
   vec4 section = uSection[regionShaded];
   if (section.a > 0.5 && near > 0.0) {
     vec3 wash = section.rgb;
@@ -353,9 +384,21 @@ void main() {
   }
   vec3 ahead = step(0.0, d), sum = vec3(0.0);
   float front = 1.0;
+  vec3 ends[LAYERS]; // colour of the last sample that was shaded, which what is left behind it has as well
+#if DOUBT
+  float doubt = 0.0, errors[LAYERS];
+#endif
+#if PLACE || LINES
+  float shares[REGIONS], shownAt[LAYERS]; // weight of each region; distance of the last sample, and its region
+  int regions[LAYERS];
+  for (int k = 0; k < REGIONS; k++) shares[k] = 0.0;
+#endif
+#if LINES
+  float away = 0.0, face = 0.0, facesOf[LAYERS]; // distance and part of faces of cuts, times alpha
+#endif
 #if PLACE
-  float whole[REGIONS], heaviest[REGIONS], away[REGIONS]; // weight of each region; its heaviest sample, and how far that is
-  for (int k = 0; k < REGIONS; k++) whole[k] = heaviest[k] = away[k] = 0.0;
+  float heaviest[REGIONS], farthest[REGIONS]; // of each region, its heaviest sample, and how far that is
+  for (int k = 0; k < REGIONS; k++) heaviest[k] = farthest[k] = 0.0;
 #endif
   for (;;) {
     int l = 0; // the layer that is to be shaded at the least distance; at first, none is to be shaded
@@ -365,12 +408,23 @@ void main() {
     float waiting = waitings[L];
     if (waiting > 0.0) {
       vec4 found = shaded(l, place);
-      float through = exp(-waiting * found.a);
-      sum += front * (1.0 - through) * found.rgb;
+      float through = exp(-waiting * found.a), own = front * (1.0 - through);
+      ends[L] = found.rgb;
+      sum += own * found.rgb;
+#if DOUBT
+      errors[L] = texture(uDoubt, place.zyx * uDoubtSize).r;
+      doubt += own * errors[L];
+#endif
+#if PLACE || LINES
+      regions[L] = regionShaded, shownAt[L] = times[L];
+      shares[regionShaded] += own;
+#endif
+#if LINES
+      facesOf[L] = faceShaded;
+      away += own * times[L], face += own * faceShaded;
+#endif
 #if PLACE
-      float own = front * (1.0 - through);
-      whole[regionShaded] += own;
-      if (own > heaviest[regionShaded]) heaviest[regionShaded] = own, away[regionShaded] = times[L];
+      if (own > heaviest[regionShaded]) heaviest[regionShaded] = own, farthest[regionShaded] = times[L];
 #endif
       front *= through;
       factors[L] = found.a, waiting = waitings[L] = 0.0;
@@ -411,18 +465,46 @@ void main() {
     nexts[L] = i, waitings[L] = waiting, places[L] = place;
     times[L] = found ? (float(i) - 0.5) * uMarch[L].y : BEYOND;
   }
-  for (int l = 0; l < LAYERS; l++)
-    if (waitings[l] > 0.0) front *= exp(-waitings[l] * (factors[l] < 0.0 ? shaded(l, places[l]).a : factors[l]));
+  // What is left behind the last sample of a layer is a part of it (svv/kernels/types.py, ended).
+  for (int l = 0; l < LAYERS; l++) {
+    if (waitings[l] <= 0.0) continue;
+    bool alone = factors[l] < 0.0;
+    float through = exp(-waitings[l] * (alone ? shaded(l, places[l]).a : factors[l])), own = alone ? 0.0 : front * (1.0 - through);
+    front *= through;
+    if (alone) continue;
+    sum += own * ends[l];
+#if DOUBT
+    doubt += own * errors[l];
+#endif
+#if PLACE || LINES
+    shares[regions[l]] += own;
+#endif
+#if LINES
+    away += own * shownAt[l], face += own * facesOf[l];
+#endif
+  }
 #if PLACE
   // The region that shows most, from 1; before it, in three bytes, the distance as a fraction of FARTHEST.
   int shown = 0;
-  for (int k = 1; k < REGIONS; k++) if (whole[k] > whole[shown]) shown = k;
-  float fraction = clamp(away[shown] / FARTHEST, 0.0, 1.0) * 16777215.0;
+  for (int k = 1; k < REGIONS; k++) if (shares[k] > shares[shown]) shown = k;
+  float fraction = clamp(farthest[shown] / FARTHEST, 0.0, 1.0) * 16777215.0;
   float high = floor(fraction / 65536.0), middle = floor((fraction - 65536.0 * high) / 256.0);
   pixel = vec4(high, middle, floor(fraction - 65536.0 * high - 256.0 * middle), 1.0 - front > 1.0 / 512.0 ? float(shown + 1) : 0.0) / 255.0;
   return;
 #endif
   float alpha = 1.0 - front;
+#if DOUBT
+  vec4 told = vec4(sum + front, sqrt(doubt));
+  pixel = uvec4(65535.0 * clamp(told, 0.0, 1.0) + 0.5);
+  pixel.a = alpha > 1.0 / 512.0 ? max(pixel.a, 1u) : 0u;
+#else
   vec3 mean = alpha > 1.0 / 512.0 ? clamp(sum / alpha, 0.0, 1.0) * alpha : vec3(0.0);
   pixel = vec4(mean + uBackground * (alpha > 1.0 / 512.0 ? front : 1.0), 1.0);
+#if LINES
+  int largest = 0;
+  for (int k = 1; k < REGIONS; k++) if (shares[k] > shares[largest]) largest = k;
+  bool visible = alpha > 1.0 / 512.0;
+  told = uvec4(floatBitsToUint(alpha), floatBitsToUint(uUnit * away / alpha), visible ? uint(largest + 1) : 0u, floatBitsToUint(face));
+#endif
+#endif
 }

@@ -20,7 +20,7 @@ class Panel {
   constructor(root, header, state, changed) {
     Object.assign(this, { root, header, state, changed });
     this.updates = []; // functions that bring the controls in line with the state
-    root.append(this.regions(), ...this.paintings(), ...this.lights(), this.cuts(), this.background(), this.visions());
+    root.append(this.regions(), ...this.paintings(), ...this.lights(), ...this.doubts(), this.cuts(), this.background(), this.visions());
     this.update();
   }
 
@@ -137,7 +137,7 @@ class Panel {
 
   lights() {
     const kinds = this.header.layers.map(({ lighting }) => lighting), { state } = this;
-    if (kinds.every((lighting) => lighting === "none")) return [];
+    if (kinds.every((lighting) => lighting === "none")) return this.header.shadows === null ? [] : [this.section("Light", ...this.shadows())];
     const content = [this.slider("Amount", [0, 1, 0.01], (v) => (v === 0 ? "off" : percent(v)), () => state.light, (v) => (state.light = v), "Light")];
     if (kinds.includes("phong")) {
       const move = (name) => (v) => (state.lamp = { ...state.lamp, direction: null, [name]: v });
@@ -147,7 +147,37 @@ class Panel {
         this.slider("Brightness", [0, Math.max(2, state.lamp.intensity), 0.01], percent, () => state.lamp.intensity, (v) => (state.lamp = { ...state.lamp, intensity: v })),
       );
     }
-    return [this.section("Light", ...content)];
+    return [this.section("Light", ...content, ...this.shadows())];
+  }
+
+  // How far shadows darken, and where they come from: in the file, or a light of their own that is moved with the camera.
+  shadows() {
+    const { state, header: { shadows } } = this;
+    if (shadows === null) return [];
+    const own = () => {
+      const { azimuth, elevation, direction, shadow_light: light } = state.lamp;
+      if (light?.length === 2) return light;
+      return light === null && direction === null && (azimuth !== 0 || elevation !== 0) ? [azimuth, elevation] : shadows.upper_left;
+    };
+    const moved = (k) => (v) => (state.lamp = { ...state.lamp, shadow_light: own().map((before, axis) => (axis === k ? v : before)) });
+    const from = [
+      this.slider("From right", [-180, 180, 1], degrees, () => own()[0], moved(0), "Shadows from the right of the camera, in degrees"),
+      this.slider("From above", [-90, 90, 1], degrees, () => own()[1], moved(1), "Shadows from above the camera, in degrees"),
+    ];
+    this.updates.push(() => from.forEach((slider) => (slider.hidden = state.lamp.shadow === 0)));
+    return [this.slider("Shadows", [0, 1, 0.01], percent, () => state.lamp.shadow, (v) => (state.lamp = { ...state.lamp, shadow: v })), ...from];
+  }
+
+  // Shows the errors that pixels are expected to have instead of their colours, where the scene knows them.
+  doubts() {
+    const { state, header: { doubt } } = this;
+    if (doubt === null) return [];
+    const toggle = this.toggle("Doubt", "Show how far off the picture is expected to be", () => state.doubt, () => (state.doubt = !state.doubt));
+    const colours = doubt.heat.map((rgb) => toHex(rgb)).join(), least = made("span", {}, "0 %"), most = made("span", {}, `${(100 * doubt.darkest).toPrecision(2)} % or more`);
+    const scale = made("div", { class: "heat", role: "img", "aria-label": `Expected error, from none, pale, to ${most.textContent}, dark` }, least, most);
+    scale.style.background = `linear-gradient(to right, ${colours})`;
+    this.updates.push(() => (scale.hidden = !state.doubt));
+    return [this.section("Expected error", toggle, scale)];
   }
 
   // A plane that cuts the scene open, and whether the cuts of its file show.

@@ -8,6 +8,7 @@ function stateOf(header) {
     light: 1, // of the light's effect, on top of each region's own
     lamp: { ...header.lamp },
     background: [...header.background],
+    doubt: false, // whether the picture shows its expected errors instead of colours
     cuts: true, // whether those of the file show
     cut: { axis: null, at: 0.5, below: false }, // by a plane across this axis, at this part of the bounds; which side is cut off
   };

@@ -20,13 +20,15 @@ class Textures {
     this.gl = gl, this.all = {};
   }
 
-  // Make or replace a texture for grids of these sizes; `each` bytes a texel, 0 for whole numbers.
+  // Make or replace a texture for grids of these sizes; `each` bytes a texel, 0 for whole numbers, -1 for half floats.
   make(name, sizes, each) {
-    const gl = this.gl, { size, offsets } = stacked(sizes), texture = this.all[name]?.texture ?? gl.createTexture();
-    const [format, layout] = { 0: [gl.R8UI, gl.RED_INTEGER], 1: [gl.R8, gl.RED], [CHANNELS]: [gl.RGBA8, gl.RGBA] }[each];
-    this.all[name] = { texture, layout, size, sizes, offsets };
+    const gl = this.gl, { size, offsets } = stacked(sizes), texture = this.all[name]?.texture ?? gl.createTexture(), bytes = gl.UNSIGNED_BYTE;
+    const [format, layout, type] = {
+      [-1]: [gl.R16F, gl.RED, gl.FLOAT], 0: [gl.R8UI, gl.RED_INTEGER, bytes], 1: [gl.R8, gl.RED, bytes], [CHANNELS]: [gl.RGBA8, gl.RGBA, bytes],
+    }[each];
+    this.all[name] = { texture, layout, type, size, sizes, offsets };
     gl.bindTexture(gl.TEXTURE_3D, texture);
-    gl.texImage3D(gl.TEXTURE_3D, 0, format, size[2], size[1], size[0], 0, layout, gl.UNSIGNED_BYTE, null);
+    gl.texImage3D(gl.TEXTURE_3D, 0, format, size[2], size[1], size[0], 0, layout, type, null);
     for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
       gl.texParameteri(gl.TEXTURE_3D, side, each === 0 ? gl.NEAREST : gl.LINEAR);
     for (const axis of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R])
@@ -35,10 +37,10 @@ class Textures {
 
   // Fill in a layer's whole grid.
   fill(name, layer, data) {
-    const gl = this.gl, { texture, layout, sizes, offsets } = this.all[name], [x, y, z] = sizes[layer];
+    const gl = this.gl, { texture, layout, type, sizes, offsets } = this.all[name], [x, y, z] = sizes[layer];
     gl.bindTexture(gl.TEXTURE_3D, texture);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    gl.texSubImage3D(gl.TEXTURE_3D, 0, 0, 0, offsets[layer], z, y, x, layout, gl.UNSIGNED_BYTE, data);
+    gl.texSubImage3D(gl.TEXTURE_3D, 0, 0, 0, offsets[layer], z, y, x, layout, type, data);
   }
 
   // Upload `each` channels from `first` on of the layers' fields, null where a layer has none: bytes on whole grids, zero at

@@ -1,0 +1,65 @@
+"""Cast shadows on a scene's page: computed there, they follow the light, opacities and cuts as the renderer's do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from svv.fields.scene.joined import joined
+from svv.fields.scene.scene import Scene
+from svv.render.web.page import write_html
+from tests.cube import faint
+from tests.test_web import CLOSE, front, lit
+from tests.test_web_joined import beside
+
+RIGHT, ABOVE = (f"Shadows from {where} the camera, in degrees" for where in ("the right of", "above"))
+
+
+def test_shadows_follow_the_light_that_is_moved(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    scene = balls.with_shadow(1.0)  # from the camera's upper left
+    write_html(tmp_path / "balls.html", scene, "balls")
+    opened = open_page(tmp_path / "balls.html", size=(400, 300))
+    opened.ready()
+    page, camera, turned = opened.page, front(scene, frame=60), front(scene, frame=20)
+    assert min(opened.psnr(scene, one) for one in (camera, turned)) > CLOSE, "they turn with the camera"
+    page.get_by_label(RIGHT).fill("70")
+    page.get_by_label(ABOVE).fill("30")
+    moved = balls.with_shadow(1.0, (70.0, 30.0))
+    assert opened.psnr(moved, camera) > CLOSE > opened.psnr(scene, camera) + 5.0
+    page.get_by_label("Hide Region 0").click()
+    assert opened.psnr(moved.hidden(0), camera) > CLOSE, "what is hidden casts none"
+    page.get_by_label("Hide Region 0").click()
+    page.get_by_label("Cut", exact=True).select_option("1")
+    assert opened.psnr(moved.cut("y>50%"), camera) > CLOSE - 10.0  # as without shadows: tests/test_web_cuts.py
+    page.get_by_label("Cut", exact=True).select_option("")
+    page.get_by_label("Shadows", exact=True).fill("0")
+    assert opened.psnr(balls, camera) > CLOSE
+
+
+def test_what_is_shown_becomes_what_the_renderer_shows(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    scene = lit(balls).with_light(60.0, 20.0).with_shadow(1.0).edited(0, matcap="jade")
+    write_html(tmp_path / "lit.html", scene, "lit")
+    opened = open_page(tmp_path / "lit.html", size=(400, 300))
+    opened.ready()
+    camera = front(scene, frame=60)
+    assert opened.psnr(scene, camera) > 30.0, "shadows come from the light that was moved, and fall on MatCaps"
+    opened.page.get_by_label("Light from the right of the camera, in degrees").fill("-50")
+    # On the screen they are coarse at first, and then refined without anything else being done.
+    opened.until(
+        "window.svv.then((svv) => (window.shadows = svv.show.painter.shadows)) && window.shadows?.work === null"
+    )
+    assert opened.psnr(scene.with_light(-50.0, 20.0), camera) > 30.0
+
+
+@pytest.mark.slow
+def test_layers_shade_each_other(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    both = joined((faint(balls, 0.5), beside(balls))).with_shadow(1.0, (1.0, 0.7, 0.5))
+    write_html(tmp_path / "both.html", both, "both")
+    opened = open_page(tmp_path / "both.html", size=(400, 300))
+    opened.ready()
+    camera = front(both)
+    found, plain = opened.psnr(both, camera), opened.psnr(both.with_shadow(0.0), camera)
+    assert found > max(28.0, plain + 5.0) and np.isfinite(found)

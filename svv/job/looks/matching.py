@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from svv.core.colour.colour import colour_differences
 from svv.errors import BadInput
@@ -81,6 +80,8 @@ def matched(look: LookContent, scene: Scene, mapping: Mapping[int, int] | None =
     ``mapping`` gives the look's region for those of the scene that are not to be matched by themselves. Raises BadInput
     if the scene has no regions, a region does not exist, or nothing matches.
     """
+    from scipy.optimize import linear_sum_assignment
+
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     regions, sources = scene.regions, look.regions

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -19,14 +19,14 @@ from svv.core.geometry.cuts import Cut
 from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress
 from svv.fields.scene.history import MOST_CUTS, Edits, History, Step, edits_of, named_alone, restyled, with_edits
-from svv.fields.scene.matcaps import check_has_normals, describe_matcap, validate_matcap
-from svv.fields.scene.matter import check_has_extinction
-from svv.fields.scene.model import Model, S
+from svv.fields.scene.matcap_pictures import describe_matcap, validate_matcap
 from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, validate_name, validate_space
-from svv.fields.scene.splitting import piece_at
 from svv.fields.scene.stroke_edits import describe_stroke_edits, validate_stroke_edits
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SHADOW, WIDEST_LINE, RecolourName, SectionName
+
+if TYPE_CHECKING:
+    from svv.fields.scene.model import Model, S
 
 
 def edited(
@@ -78,6 +78,8 @@ def edited(
             changes[what] = float(factor)
             said.append(f"{what} {factor:g}")
     if matcap is not None:
+        from svv.fields.scene.matcaps import check_has_normals
+
         check_has_normals(scene)
     validators = (validate_space, recolour_in), (validate_name, name), (validate_matcap, matcap)
     for what, (validate, text) in zip(("recolour_in", "name", "matcap"), validators, strict=True):
@@ -134,6 +136,8 @@ def with_shadow(
     Raises:
         BadInput: Something is out of range, or the extinction is in a hash grid.
     """
+    from svv.fields.scene.matter import check_has_extinction
+
     for layer in scene.every_layer:
         check_has_extinction(layer, "shadow")
     check_regions(scene, 0)
@@ -170,6 +174,8 @@ def isolated(scene: S, *regions: int) -> S:
 
 def split_at(scene: S, point: Sequence[float], level: float, progress: Progress) -> S:
     """Return a scene of one transfer function, split at a point; see :meth:`svv.Scene.split_at`."""
+    from svv.fields.scene.splitting import piece_at
+
     region, parts, share = piece_at(scene, point, level, progress)
     # Styles of parts that were undone must not become those of the new part.
     others = tuple(replace(other, styles=other.styles[: len(scene.regions)]) for other in scene.others)
@@ -226,6 +232,8 @@ def with_occlusion(scene: S, amount: float, *regions: int) -> S:
 
     Raises BadInput if the amount is outside [0, 1], a region does not exist, or the extinction is in a hash grid.
     """
+    from svv.fields.scene.matter import check_has_extinction
+
     for layer in scene.every_layer:
         check_has_extinction(layer, "ambient occlusion")
     return _with_amount(scene, "occlusion", amount, regions, "The ambient occlusion")

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
 from svv.fields.scene.region import Region
-from svv.fields.scene.scene import Scene
 from svv.io.pictures.picture_data import mask_in, picture_in
 from svv.train.paint.ink import StyleInput
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 Colour = tuple[float, float, float]
 

@@ -10,7 +10,7 @@ from svv.core.json_values import object_in
 from svv.errors import BadInput
 from svv.fields.scene import stroke_edits
 from svv.fields.scene.history import edits_of, with_edits
-from svv.fields.scene.matcaps import picture_of, validate_matcap
+from svv.fields.scene.matcap_pictures import picture_of, validate_matcap
 from svv.fields.scene.region import Region, validate_name
 from svv.fields.scene.scene_validation import values_of
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -73,12 +73,21 @@ def save(
     `svv figure --look`.
     """
     from svv.cli.style import read_styles
+    from svv.fields.scene.closed import NeedsNetworks, read_closed
     from svv.job.looks.look import Look
 
     check_targets(out)
-    loaded = load(scene)
     given = {str(one.name): one for one in read_styles(kept.style, [])} if kept.style else {}
-    Look.of(loaded, _camera(loaded, kept), figure, given, kept.about).save(out)
+
+    def look_of(scene: Scene) -> Look:
+        return Look.of(scene, _camera(scene, kept), figure, given, kept.about)
+
+    closed = read_closed(scene)
+    try:
+        look = look_of(load(scene) if closed is None else cast("Scene", closed))
+    except NeedsNetworks:
+        look = look_of(load(scene))
+    look.save(out)
     print(out)
 
 

@@ -78,8 +78,6 @@ def edited(
             changes[what] = float(factor)
             said.append(f"{what} {factor:g}")
     if matcap is not None:
-        from svv.fields.scene.matcaps import check_has_normals
-
         check_has_normals(scene)
     validators = (validate_space, recolour_in), (validate_name, name), (validate_matcap, matcap)
     for what, (validate, text) in zip(("recolour_in", "name", "matcap"), validators, strict=True):
@@ -136,8 +134,6 @@ def with_shadow(
     Raises:
         BadInput: Something is out of range, or the extinction is in a hash grid.
     """
-    from svv.fields.scene.matter import check_has_extinction
-
     for layer in scene.every_layer:
         check_has_extinction(layer, "shadow")
     check_regions(scene, 0)
@@ -232,8 +228,6 @@ def with_occlusion(scene: S, amount: float, *regions: int) -> S:
 
     Raises BadInput if the amount is outside [0, 1], a region does not exist, or the extinction is in a hash grid.
     """
-    from svv.fields.scene.matter import check_has_extinction
-
     for layer in scene.every_layer:
         check_has_extinction(layer, "ambient occlusion")
     return _with_amount(scene, "occlusion", amount, regions, "The ambient occlusion")
@@ -433,6 +427,24 @@ def check_regions(scene: Model, *regions: int) -> None:
     for region in regions:
         if not 0 <= region < len(scene.regions):
             raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(scene.regions) - 1}.")
+
+
+def check_has_extinction(scene: Model, what: str) -> None:
+    """Raise BadInput if ``what``, such as "ambient occlusion", cannot be computed for the scene."""
+    if not scene.has_extinction:
+        raise BadInput(
+            f"This scene's {what} cannot be computed, because its extinction is in a hash grid: train it again with "
+            "--encoding lattice."
+        )
+
+
+def check_has_normals(scene: Model) -> None:
+    """Raise BadInput if the scene has no normals to look MatCaps up by."""
+    if not scene.has_normals:
+        raise BadInput(
+            "This scene has no normals for a MatCap, because its extinction is in a hash grid: train it again with "
+            "--encoding lattice."
+        )
 
 
 def changed(scene: S, what: str, changes: dict[int, Edits]) -> S:

@@ -12,9 +12,9 @@ from torch import Tensor
 
 from svv.core.colour.light import NORMAL_SCALE, normals_of
 from svv.core.colour.matcaps import matcap_colours
-from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.phong import Beams, gradient_of
+from svv.fields.scene.edits import check_has_normals
 from svv.fields.scene.matcap_pictures import picture_of
 from svv.fields.scene.model import Model
 from svv.fields.scene.occlusion import occlude
@@ -27,15 +27,6 @@ SMOOTHING = 2.0
 grain in reflections."""
 
 _known: WeakKeyDictionary[SparseLattice, tuple[int, SparseLattice]] = WeakKeyDictionary()
-
-
-def check_has_normals(scene: Model) -> None:
-    """Raise BadInput if the scene has no normals to look MatCaps up by."""
-    if scene.palette_network is None or (scene.palette_network.phong is None and scene.base.density is None):
-        raise BadInput(
-            "This scene has no normals for a MatCap, because its extinction is in a hash grid: train it again with "
-            "--encoding lattice."
-        )
 
 
 @torch.no_grad()

@@ -13,7 +13,7 @@ from torch import nn
 
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
-from svv.core.json_values import number_in, object_in, text_in
+from svv.core.json_values import number_in, text_in
 from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.kept_values import KeptValues
@@ -31,7 +31,7 @@ from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
 from svv.fields.scene.scene_validation import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
-from svv.fields.scene.style_pictures import KEPT, drop_styles, put_apart, put_back
+from svv.fields.scene.style_pictures import drop_styles, made_in, put_apart
 from svv.fields.strokes.stored_strokes import Brushed
 
 Arrays = dict[str, NDArray[np.generic]]
@@ -237,7 +237,7 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:  # long
     if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
     return kind(
-        settings, occupancy, marching, base, palette, styled, values, steps, rig, _made_in(header["made"], tensors),
+        settings, occupancy, marching, base, palette, styled, values, steps, rig, made_in(header["made"], tensors),
         expected, regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
         cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), kept=kept, **images,
     )  # fmt: skip
@@ -271,12 +271,6 @@ def _fill(
     fill_base(base, function, grid, occupancy)
     if palette is not None:
         fill_palette(palette, base)
-
-
-def _made_in(told: object, tensors: Arrays) -> dict[str, Any]:
-    """Return the record of how a painting was made, or a scene, whose record holds that of its painting."""
-    inner = {name: put_back(value, tensors) for name, value in object_in(told, "made").items() if name != KEPT}
-    return dict(put_back({**object_in(told, "made"), **inner}, tensors))
 
 
 def _value_function(header: dict[str, Any], tensors: Arrays) -> ValueFunction | None:
@@ -344,7 +338,7 @@ def _variant_in(told: Mapping[str, Any], network: UnrestrictedField, tensors: Ar
     """Return a variant from a file's header; files from before glazes were kept have none."""
     styles = tuple(None if style is None else text_in(style, "style") for style in told["styles"])
     glazes = tuple(number_in(glaze, "glaze") for glaze in told.get("glazes", ()))
-    return Variant(text_in(told["name"], "name"), network, styles, _made_in(told["made"], tensors), glazes)
+    return Variant(text_in(told["name"], "name"), network, styles, made_in(told["made"], tensors), glazes)
 
 
 def info_of(scene: Model) -> dict[str, Any]:

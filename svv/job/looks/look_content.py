@@ -82,7 +82,7 @@ class LookContent:
 
 def moved(camera: Camera, scene: Scene, to_box: bool) -> Camera:
     """Return a camera in sides of the scene's box from its middle, or such a camera in the world."""
-    box = scene.occupancy.box
+    box = scene.box
     middle, side = np.asarray(box.bounds, np.float64).mean(0), float(box.size)
     matrix = np.array(camera.camera_to_world)
     matrix[:3, 3] = (matrix[:3, 3] - middle) / side if to_box else matrix[:3, 3] * side + middle

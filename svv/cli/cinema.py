@@ -15,11 +15,11 @@ import typer
 
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
-from svv.cli.options import Out, SceneFile
+from svv.cli.options import Out, SceneFile, SceneToCome
 from svv.errors import BadInput, Progress, part
 from svv.options.baking import BakeOptions
 from svv.options.cinema import DatabaseOptions, ExportOptions
-from svv.progress import shown
+from svv.progress import collect_again, shown
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -149,7 +149,7 @@ WRITERS = {".html": _page, ".cdb": _database, ".vti": _volume, ".vdb": _openvdb}
 
 
 def view(
-    scene: SceneFile,
+    scene: SceneToCome,
     follow: Annotated[
         bool, typer.Option("--follow", help="Show newer scenes in the file as they come, until Ctrl-C is pressed.")
     ] = False,
@@ -181,6 +181,7 @@ def _follow(scene: Path) -> None:
     if hasattr(os, "nice"):
         os.nice(POLITE)
     follower = Follower(scene)
+    collect_again()
     opened = webbrowser.open(follower.address)
     print(follower.address if opened else f"{follower.address}: no browser could be started; open this address in one.")
     try:

@@ -134,6 +134,7 @@ def apply(
     Regions match by name, by overlapping values, or by colour; a table says which did, and what did not. Edits are one
     step of the history, which `svv edit --undo` takes back. After Ctrl-C, the same command resumes.
     """
+    from svv.fields.scene.closed import read_closed
     from svv.io.files.atomic import write_json
     from svv.io.scene_file import checkpoint_of
     from svv.job.looks.look import Look
@@ -141,7 +142,9 @@ def apply(
     if out is None and not options.dry_run:
         raise BadInput("Give --out SCENE.svv, or --dry-run to see which regions match.")
     check_targets(out, options.camera)
-    chosen, loaded = Look.load(look), load(scene, where.device)
+    chosen = Look.load(look)
+    closed = read_closed(scene) if options.dry_run else None  # what matches, its header says
+    loaded = load(scene, where.device) if closed is None else cast("Scene", closed)
     matches = chosen.matched(loaded, options.map)
     print("\n".join(matches.describe(chosen, loaded)))
     camera = chosen.camera_for(loaded)

@@ -65,7 +65,6 @@ def probe(
     Values need a scene trained with --keep-values, or of the encoding values; each comes with its uncertainty. Of two
     pixels or more, also the distances from place to place are told, and of three the angle at the middle one.
     """
-    from svv.fields.scene.probing import describe_measures, measure
     from svv.io.files.atomic import write_json
 
     pixels = parse_points(options.at, "--at")
@@ -77,6 +76,8 @@ def probe(
     if options.frame is not None and options.camera is None:
         raise BadInput("--frame needs --camera, a file of cameras.")
     check_targets(json)
+    from svv.fields.scene.probing import describe_measures, measure
+
     loaded = _shown(load(scene, options.device), options)
     camera = _camera(loaded, options)
     found = [loaded.probe(camera, pixel, options.network) for pixel in pixels]

@@ -10,6 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from svv.core.colour.matcaps import MATCAPS, matcap_picture
 from svv.errors import BadInput
 from svv.io.pictures.picture_data import as_data, picture_in
@@ -64,13 +67,18 @@ def _check_square(shape: tuple[int, ...], name: str) -> None:
         )
 
 
-@lru_cache(maxsize=32)
-def picture_of(matcap: str) -> Tensor:
+def read_matcap(matcap: str) -> NDArray[np.floating]:
     """Return the picture of a region's MatCap, sRGB in [0, 1]; raises BadInput if there is none. (H, W, 3)"""
-    import torch
-
     if matcap.startswith("data:"):
-        return torch.from_numpy(picture_in(matcap, "The picture of a MatCap").copy())
+        return picture_in(matcap, "The picture of a MatCap")
     if matcap not in MATCAPS:
         raise BadInput(f"This version of svv has no MatCap '{matcap}': choose one of {', '.join(MATCAPS)}.")
-    return torch.from_numpy(matcap_picture(matcap).copy())
+    return matcap_picture(matcap)
+
+
+@lru_cache(maxsize=32)
+def picture_of(matcap: str) -> Tensor:
+    """Return what :func:`read_matcap` does, to be drawn. (H, W, 3)"""
+    import torch
+
+    return torch.from_numpy(read_matcap(matcap).copy())

@@ -213,14 +213,15 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:  # long
     for name, network in named:
         if network is not None:
             arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
-            state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
-            for key, encoding in _encodings(name, network):
+            encodings = _encodings(name, network)
+            tables = tuple(key for key, _ in encodings)
+            state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items() if not k.startswith(tables)}
+            for key, encoding in encodings:
                 if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors, there):
                     left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
-                state = {k: v for k, v in state.items() if not k.startswith(key)}
                 state[key] = encoding.table.detach() if key in left_out else encoding.unpacked(packed)
-            network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
+            network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()}, assign=True)
             network.requires_grad_(False)
     if "base.density.table" in left_out:
         _fill(base, palette, occupancy, values, steps)

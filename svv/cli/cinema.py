@@ -15,7 +15,7 @@ import typer
 
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
-from svv.cli.options import Out, SceneFile, SceneToCome
+from svv.cli.options import Out, SceneFile
 from svv.errors import BadInput, Progress, part
 from svv.options.baking import BakeOptions
 from svv.options.cinema import DatabaseOptions, ExportOptions
@@ -149,7 +149,7 @@ WRITERS = {".html": _page, ".cdb": _database, ".vti": _volume, ".vdb": _openvdb}
 
 
 def view(
-    scene: SceneToCome,
+    scene: SceneFile,
     follow: Annotated[
         bool, typer.Option("--follow", help="Show newer scenes in the file as they come, until Ctrl-C is pressed.")
     ] = False,

@@ -15,18 +15,7 @@ from svv.errors import BadInput
 Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write the result.")]
 Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this JSON file.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same result.")]
-
-
-def _validate_scene(path: Path) -> Path:
-    """Return the path of a scene file; raises BadInput before a wrong one has made a command load what it needs."""
-    from svv.io.scene_file import read_scene_header
-
-    read_scene_header(path)
-    return path
-
-
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.", callback=_validate_scene)]
-SceneToCome = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
 
 
 def examples(*lines: str) -> str:

@@ -76,9 +76,9 @@ def probe(
     if options.frame is not None and options.camera is None:
         raise BadInput("--frame needs --camera, a file of cameras.")
     check_targets(json)
+    loaded = _shown(load(scene, options.device), options)
     from svv.fields.scene.probing import describe_measures, measure
 
-    loaded = _shown(load(scene, options.device), options)
     camera = _camera(loaded, options)
     found = [loaded.probe(camera, pixel, options.network) for pixel in pixels]
     for one, (column, row) in zip(found, pixels, strict=True):

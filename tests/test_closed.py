@@ -90,8 +90,7 @@ def test_the_file_is_that_of_the_whole_scene(file: Path, tmp_path: Path) -> None
 def test_what_needs_networks_is_not_guessed(tmp_path: Path) -> None:
     path = tmp_path / "a.svv"
     lit_cube_scene().save(path)
-    closed = read_closed(path)
-    assert closed is not None
+    closed: Any = read_closed(path)
     with pytest.raises(NeedsNetworks):
         closed.edited(0, specular=0.5).save(path)
     for name in ("render", "probe", "base", "with_variant"):
@@ -99,7 +98,6 @@ def test_what_needs_networks_is_not_guessed(tmp_path: Path) -> None:
             getattr(closed, name)
     doubting().edited(0, name="b").edited(1, name="b").edited(2, name="b").save(path)
     closed = read_closed(path)
-    assert closed is not None
     with pytest.raises(NeedsNetworks):
         closed.edited(0, name="c").save(path)
 

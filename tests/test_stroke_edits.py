@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -180,7 +180,8 @@ def test_strokes_are_edited_without_networks(oil: Scene, tmp_path: Path) -> None
     oil.save(tmp_path / "a.svv")
     closed = read_closed(tmp_path / "a.svv")
     assert closed is not None and closed.regions_with_strokes == oil.regions_with_strokes != ()
-    for name, scene in {"b.svv": closed, "c.svv": oil}.items():
+    scenes: dict[str, Any] = {"b.svv": closed, "c.svv": oil}
+    for name, scene in scenes.items():
         scene.with_strokes(relief=0.5, width=1.5, light=(0.0, 0.0, 2.0)).save(tmp_path / name)
     assert (tmp_path / "b.svv").read_bytes() == (tmp_path / "c.svv").read_bytes()
     assert to_json(Look.of(cast("Scene", closed))) == to_json(Look.of(oil))

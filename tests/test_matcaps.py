@@ -15,7 +15,8 @@ from svv.cli import app as cli
 from svv.core.colour.matcaps import MATCAPS, matcap_colours, matcap_picture
 from svv.errors import BadInput
 from svv.fields.scene.image import image_kernels_of
-from svv.fields.scene.matcaps import SMOOTHING, normals_at, picture_of, validate_matcap
+from svv.fields.scene.matcap_pictures import picture_of, validate_matcap
+from svv.fields.scene.matcaps import SMOOTHING, normals_at
 from svv.fields.scene.scene import Scene
 from svv.job.looks.file import from_json, to_json
 from svv.job.looks.look import Look

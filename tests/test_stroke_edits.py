@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from PIL import Image
 from svv.cli import app as cli
 from svv.core.strokes.strokes import Brush, joined, straight_stroke
 from svv.errors import BadInput
+from svv.fields.scene.closed import read_closed
 from svv.fields.scene.edit_request import with_edit
 from svv.fields.scene.history import edits_of
 from svv.fields.scene.joined import joined as together
@@ -29,6 +31,8 @@ from svv.fields.scene.stroke_edits import (
     validate_stroke_edits,
 )
 from svv.fields.scene.stroke_opacity import strokes_of
+from svv.job.looks.file import to_json
+from svv.job.looks.look import Look
 from svv.options.baking import BakeOptions
 from svv.options.editing import PaintEdit, SceneEdit
 from svv.render.baking.voxels import grid_of, matter_of
@@ -170,6 +174,17 @@ def test_a_saved_edit_is_shown_as_before(oil: Scene, name: str, tmp_path: Path) 
     assert np.abs(image(again) - image(edited)).mean() < 0.001
     assert np.abs(image(again.undone()) - image(scene)).mean() < 0.001
     assert (tmp_path / "edited.svv").stat().st_size < (tmp_path / "laid.svv").stat().st_size + 6000
+
+
+def test_strokes_are_edited_without_networks(oil: Scene, tmp_path: Path) -> None:
+    oil.save(tmp_path / "a.svv")
+    closed = read_closed(tmp_path / "a.svv")
+    assert closed is not None and closed.regions_with_strokes == oil.regions_with_strokes != ()
+    scenes: dict[str, Any] = {"b.svv": closed, "c.svv": oil}
+    for name, scene in scenes.items():
+        scene.with_strokes(relief=0.5, width=1.5, light=(0.0, 0.0, 2.0)).save(tmp_path / name)
+    assert (tmp_path / "b.svv").read_bytes() == (tmp_path / "c.svv").read_bytes()
+    assert to_json(Look.of(cast("Scene", closed))) == to_json(Look.of(oil))
 
 
 def test_a_palette_gives_its_colours_and_keeps_the_form(oil: Scene) -> None:

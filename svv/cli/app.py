@@ -26,6 +26,7 @@ from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
 from svv.io.files.locks import alone
 from svv.io.files.memory import check_address_space
+from svv.progress import collect_later
 from svv.train.run.ranks import place
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -194,6 +195,7 @@ paraview.add_to(app)  # last, as in the help
 
 def main() -> NoReturn:
     """Run the command line; an error becomes one sentence and an exit code."""
+    collect_later()
 
     def run() -> object:
         if place().count > 1:

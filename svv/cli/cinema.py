@@ -20,7 +20,7 @@ from svv.errors import BadInput, Progress, part
 from svv.options.baking import BakeOptions
 from svv.options.cinema import DatabaseOptions, ExportOptions
 from svv.options.pages import PageOptions
-from svv.progress import shown
+from svv.progress import collect_again, shown
 
 if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
@@ -201,6 +201,7 @@ def _follow(scene: Path) -> None:
     if hasattr(os, "nice"):
         os.nice(POLITE)
     follower = Follower(scene)
+    collect_again()
     opened = webbrowser.open(follower.address)
     print(follower.address if opened else f"{follower.address}: no browser could be started; open this address in one.")
     try:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -133,8 +134,8 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     All changes of one command are one step in the scene file's history, which --undo reverts. --reset is applied first,
     then --split-at, the options that hide and show regions, and all others.
     """
+    from svv.fields.scene.closed import NeedsNetworks, read_closed
     from svv.fields.scene.edit_request import with_edit
-    from svv.fields.scene.scene import Scene
     from svv.io.files.atomic import check_writable
 
     chosen = () if region is None else (region,)
@@ -150,6 +151,15 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     edits = bool(request or own or asked.distinct or asked.say)
     _check(region, own, bool(own or occlusion or paint or outline or sections), steps, edits)
     check_writable(out)
+    plain = part.split_at is None and asked.say is None and asked.distinct is None
+    closed = read_closed(scene) if plain else None  # most edits change the header alone, and need no networks
+    if closed is not None:
+        with suppress(NeedsNetworks):
+            _after(with_edit(cast("Scene", closed), request), steps).save(out)
+            print(out)
+            return
+    from svv.fields.scene.scene import Scene
+
     result = loaded = Scene.load(scene)
     if part.split_at is None:
         result = with_edit(result, request)

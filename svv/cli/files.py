@@ -23,6 +23,9 @@ def check_targets(*paths: Path | None) -> None:
 
 def load(path: Path, device: str = "cpu") -> Scene:
     """Read a scene onto a device; raises BadInput if either is not available."""
+    from svv.io.scene_file import read_scene_header
+
+    read_scene_header(path)  # a wrong file is told of before the rest is loaded
     from svv.fields.devices.gpu import device_named
     from svv.fields.scene.scene import Scene
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -73,12 +73,21 @@ def save(
     `svv figure --look`.
     """
     from svv.cli.style import read_styles
+    from svv.fields.scene.closed import NeedsNetworks, read_closed
     from svv.job.looks.look import Look
 
     check_targets(out)
-    loaded = load(scene)
     given = {str(one.name): one for one in read_styles(kept.style, [])} if kept.style else {}
-    Look.of(loaded, _camera(loaded, kept), figure, given, kept.about).save(out)
+
+    def look_of(scene: Scene) -> Look:
+        return Look.of(scene, _camera(scene, kept), figure, given, kept.about)
+
+    closed = read_closed(scene)
+    try:
+        look = look_of(load(scene) if closed is None else cast("Scene", closed))
+    except NeedsNetworks:
+        look = look_of(load(scene))
+    look.save(out)
     print(out)
 
 
@@ -125,6 +134,7 @@ def apply(
     Regions match by name, by overlapping values, or by colour; a table says which did, and what did not. Edits are one
     step of the history, which `svv edit --undo` takes back. After Ctrl-C, the same command resumes.
     """
+    from svv.fields.scene.closed import read_closed
     from svv.io.files.atomic import write_json
     from svv.io.scene_file import checkpoint_of
     from svv.job.looks.look import Look
@@ -132,7 +142,9 @@ def apply(
     if out is None and not options.dry_run:
         raise BadInput("Give --out SCENE.svv, or --dry-run to see which regions match.")
     check_targets(out, options.camera)
-    chosen, loaded = Look.load(look), load(scene, where.device)
+    chosen = Look.load(look)
+    closed = read_closed(scene) if options.dry_run else None  # what matches, its header says
+    loaded = load(scene, where.device) if closed is None else cast("Scene", closed)
     matches = chosen.matched(loaded, options.map)
     print("\n".join(matches.describe(chosen, loaded)))
     camera = chosen.camera_for(loaded)

@@ -22,5 +22,7 @@ def mcp(
     below the folder only. Needs the extra `agents`.
     """
     from svv.job.agents import serve
+    from svv.progress import collect_again
 
+    collect_again()
     serve(root)

@@ -65,7 +65,6 @@ def probe(
     Values need a scene trained with --keep-values, or of the encoding values; each comes with its uncertainty. Of two
     pixels or more, also the distances from place to place are told, and of three the angle at the middle one.
     """
-    from svv.fields.scene.probing import describe_measures, measure
     from svv.io.files.atomic import write_json
 
     pixels = parse_points(options.at, "--at")
@@ -78,6 +77,8 @@ def probe(
         raise BadInput("--frame needs --camera, a file of cameras.")
     check_targets(json)
     loaded = _shown(load(scene, options.device), options)
+    from svv.fields.scene.probing import describe_measures, measure
+
     camera = _camera(loaded, options)
     found = [loaded.probe(camera, pixel, options.network) for pixel in pixels]
     for one, (column, row) in zip(found, pixels, strict=True):

@@ -101,32 +101,50 @@ def _pieces(
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
     tables = {name: a.shape for name, a in arrays.items() if deflate and a.dtype == np.uint8 and a.ndim == 2 and a.size}
     arrays |= {name: _deflated(arrays[name]) for name in tables}
-    version = WITH_PARTS if "parts" in header else FORMAT_VERSION
-    version = WITH_STEPS if "steps" in header or "layers" in header else version
-    version = WITH_STROKES if "brushed" in header else version
-    text = to_json({"version": version, "header": header, "deflated": tables})
-    told: dict[str, object] = {"__metadata__": {_KEY: text}}
+    told: dict[str, object] = {}
     end = 0
     names = sorted(arrays, key=lambda name: (list(TYPES).index(arrays[name].dtype.name), name))
     for name in names:
         array = arrays[name] = arrays[name].astype(arrays[name].dtype.newbyteorder("<"), copy=False)
         begin, end = end, end + array.nbytes
         told[name] = {"dtype": TYPES[array.dtype.name], "shape": array.shape, "data_offsets": [begin, end]}
-    start = json.dumps(told, separators=(",", ":"), ensure_ascii=False).encode()
-    start += b" " * (-len(start) % 8)
-    yield len(start).to_bytes(8, "little") + start
+    yield _start(header, tables, told)
     for name in names:
         yield arrays[name].reshape(-1).view(np.uint8).data
 
 
+def _start(header: Mapping[str, object], tables: Mapping[str, object], arrays: Mapping[str, object]) -> bytes:
+    """Return what lies before the arrays: the header, the shapes of the deflated tables, and where each array lies."""
+    version = WITH_PARTS if "parts" in header else FORMAT_VERSION
+    version = WITH_STEPS if "steps" in header or "layers" in header else version
+    version = WITH_STROKES if "brushed" in header else version
+    text = to_json({"version": version, "header": header, "deflated": tables})
+    start = json.dumps({"__metadata__": {_KEY: text}, **arrays}, separators=(",", ":"), ensure_ascii=False).encode()
+    start += b" " * (-len(start) % 8)
+    return len(start).to_bytes(8, "little") + start
+
+
+def write_with_header(path: str | Path, header: Mapping[str, object], content: bytes) -> None:
+    """Write a scene with the arrays of another one's file, as they lie there, and a header that describes them.
+
+    ``content``: that of the other file (:func:`scene_content`). Raises BadInput as :func:`write_scene_file`.
+    """
+    end = 8 + _length(content, str(path))
+    told = parsed(content[8:end])
+    tables = parsed(told.pop("__metadata__")[_KEY]).get("deflated", {})
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.write(_start(header, tables, told))
+        file.write(memoryview(content)[end:])
+
+
 def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Read a scene's header and arrays; raises BadInput if the file is missing, damaged, or of another format."""
-    return parse_scene(_content_of(Path(path)), str(Path(path)))
+    return parse_scene(scene_content(Path(path)), str(Path(path)))
 
 
 def read_scene_header(path: str | Path) -> dict[str, Any]:
     """Read a scene's header alone, which takes no time however large its arrays are; raises BadInput if that fails."""
-    return header_in(_content_of(Path(path), whole=False), str(path))
+    return header_in(scene_content(Path(path), whole=False), str(path))
 
 
 def told_of(info: Mapping[str, object]) -> dict[str, object]:
@@ -140,11 +158,15 @@ def read_scene_info(path: str | Path) -> dict[str, Any] | None:
     It takes neither the arrays nor the libraries that they need. None if the file does not say it, or is not whole;
     raises BadInput as :func:`read_scene_header`.
     """
-    content = _content_of(Path(path), whole=False)
-    told, arrays = header_in(content, str(path)).get(_TOLD), parsed(content[8 : 8 + _length(content, str(path))])
+    return info_in(scene_content(Path(path), whole=False), str(path), Path(path).stat().st_size)
+
+
+def info_in(content: bytes, name: str, size: int) -> dict[str, Any] | None:
+    """Return what :func:`read_scene_info` does, from (the beginning of) a scene file's content of ``size`` bytes."""
+    told, arrays = header_in(content, name).get(_TOLD), parsed(content[8 : 8 + _length(content, name)])
     try:
         ends = (array["data_offsets"][1] for name, array in arrays.items() if name != "__metadata__")
-        whole = Path(path).stat().st_size == 8 + _length(content, str(path)) + max(ends, default=0)
+        whole = size == 8 + _length(content, name) + max(ends, default=0)
         told = object_in(told, "what is told")
         info = dict(object_in(told["info"], "the information"))
         for region in each_in(info["regions"], object_in, "regions"):
@@ -161,7 +183,7 @@ def header_in(content: bytes, name: str) -> dict[str, Any]:
     return _validate_header(name, content[8 : _length(content, name) + 8])[0]
 
 
-def _content_of(file: Path, whole: bool = True) -> bytes:
+def scene_content(file: Path, whole: bool = True) -> bytes:
     """Return the content of a scene file, or only the part before its arrays; raises BadInput if it cannot be read."""
     try:
         with file.open("rb") as stream:

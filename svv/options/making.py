@@ -12,6 +12,9 @@ from svv.options.described import Setting
 DRAWN, PREFIX = "ink:", "gallery:"
 """Prefixes of an ink's name and of a gallery picture's name, where a style is expected."""
 
+LEAST_STROKE, MOST_STROKE = 0.25, 4.0
+"""Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
+
 PresetName = Literal["draft", "fast", "balanced", "best", "paper"]
 EncodingName = Literal["lattice", "hash", "values"]
 LightingName = Literal["network", "phong", "auto"]
@@ -193,7 +196,7 @@ class PaintOptions(SharingOptions):
 
     keep: Annotated[tuple[int, ...], Setting(metavar="K", panel="")] = ()
     """A region to leave unpainted."""
-    stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0
+    stroke_size: Annotated[float, Setting(metavar="F", slider=(LEAST_STROKE, MOST_STROKE))] = 1.0
     """Scale of the strokes, from 0.25 to 4; at 1 they are 10 pixels wide in a picture of 800."""
     manner: MannerName = "auto"
     """Brush strokes, or pieces of the picture; auto takes strokes for paintings, otherwise pieces."""

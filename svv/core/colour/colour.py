@@ -7,12 +7,13 @@ brightness, all in [0, 1]; hue is a circle on which 0 and 1 are the same red.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 WHITE = (1.0, 1.0, 1.0)
 """Background over which images are compared and shown."""
@@ -23,7 +24,7 @@ LUMA = (0.2126, 0.7152, 0.0722)
 GREY_SATURATION = 0.02
 """Saturation below which a hue is noise, because eight bits cannot resolve it."""
 
-Hue = TypeVar("Hue", float, NDArray[np.float64], Tensor)
+Hue = TypeVar("Hue", float, NDArray[np.float64], "Tensor")
 
 
 def rgb_to_hsb(rgb: Tensor) -> Tensor:
@@ -32,6 +33,8 @@ def rgb_to_hsb(rgb: Tensor) -> Tensor:
     Negative components are read as 0 and brightness may exceed 1, since offset palette colours leave the gamut. Grey
     has hue 0; black has saturation 0, too. Gradients are finite everywhere.
     """
+    import torch
+
     rgb = rgb.clamp(min=0)
     red, green, blue = rgb.unbind(-1)
     value = rgb.amax(-1)
@@ -52,6 +55,8 @@ def rgb_to_hsb(rgb: Tensor) -> Tensor:
 
 def hsb_to_rgb(hsb: Tensor) -> Tensor:
     """Convert HSB to RGB; a hue outside [0, 1) wraps around. (..., 3) -> (..., 3)."""
+    import torch
+
     hue, saturation, value = hsb.unbind(-1)
     k = torch.remainder(torch.tensor([5.0, 3.0, 1.0]).to(hsb) + 6 * hue[..., None], 6.0)
     drop = torch.minimum(k, 4 - k).clamp(0, 1)
@@ -60,11 +65,15 @@ def hsb_to_rgb(hsb: Tensor) -> Tensor:
 
 def hsb_array(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
     """Apply :func:`rgb_to_hsb` to an array. (..., 3) -> (..., 3)."""
+    import torch
+
     return np.asarray(rgb_to_hsb(torch.from_numpy(np.array(rgb, dtype=np.float64))).numpy())
 
 
 def rgb_array(hsb: NDArray[np.floating]) -> NDArray[np.float64]:
     """Apply :func:`hsb_to_rgb` to an array. (..., 3) -> (..., 3)."""
+    import torch
+
     return np.asarray(hsb_to_rgb(torch.from_numpy(np.array(hsb, dtype=np.float64))).numpy())
 
 
@@ -88,6 +97,8 @@ def hsb_change(palette: Tensor, target: Tensor) -> Tensor:
 
     What is added to the hue; the hue that all take, -1 for their own; what is added to saturation and brightness.
     """
+    import torch
+
     before, after = rgb_to_hsb(palette), rgb_to_hsb(target)
     was_grey, is_grey = before[..., 1] < GREY_SATURATION, after[..., 1] < GREY_SATURATION
     turn = torch.where(was_grey | is_grey, 0.0, after[..., 0] - before[..., 0])
@@ -101,6 +112,8 @@ def with_change(colours: Tensor, change: Tensor) -> Tensor:
 
     Where nothing is added and colours keep their hue, they stay as they are, also out of range.
     """
+    import torch
+
     hsb, all_take = rgb_to_hsb(colours), change[..., 1:2] >= 0.0
     hue = torch.where(all_take, change[..., 1:2], hsb[..., :1] + change[..., :1])
     rest = (hsb[..., 1:] + change[..., 2:]).clamp(0, 1)

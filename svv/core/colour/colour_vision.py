@@ -12,7 +12,6 @@ from typing import Literal, get_args
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from svv.core.colour.colour import colour_differences
 from svv.core.colour.oklab import oklab_to_rgb, rgb_to_oklab
@@ -67,6 +66,8 @@ def set_difference(a: Array, b: Array, weights_a: Array, weights_b: Array, visio
     It is the mean over the best way to match the colours of one set (A, 3) with those of the other (B, 3) by their
     weights, which sum to 1: light is compared with light (the earth mover's distance, Rubner et al. 2000).
     """
+    from scipy.optimize import linprog
+
     apart = colour_differences(simulated(a, vision), simulated(b, vision))
     rows, columns = apart.shape
     # How much of each colour is matched with each: it adds up to the weights. The last sum follows from the others.

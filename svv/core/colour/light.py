@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 COEFFICIENTS = ("ambient", "diffuse", "specular", "shininess")
 """Reflection coefficients of a surface, in the order in which tensors hold them: fractions of the light, >= 0, and the
@@ -210,6 +211,8 @@ def blinn_phong(
     where n . l <= 0. ``facing`` v, ``toward`` l: unit vectors towards the viewer and the light (S, 3); ``intensity``:
     i; ``coefficients``: k_a, k_d, k_s and p of each sample (S, 4).
     """
+    import torch
+
     ambient, diffuse, specular, shininess = coefficients.unbind(1)
     rim = RIM_COSINE * (1.0 - (facing * toward).sum(1)).clamp(0.0, 1.0)
     side = torch.where((normal * facing).sum(1) < -rim, -1.0, 1.0)

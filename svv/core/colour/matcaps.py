@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from svv.core.colour.light import LEAST_COSINE
 from svv.core.colour.srgb import encoded
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 SIDE = 256
 """Side of the pictures in pixels."""
@@ -47,6 +49,8 @@ def matcap_colours(normal: Tensor, facing: Tensor, up: Tensor, picture: Tensor) 
     >>> bool(torch.allclose(matcap_colours(front, front, torch.tensor([0.0, 1.0, 0.0]), picture)[0], picture[4, 4]))
     True
     """
+    import torch
+
     right = torch.linalg.cross(up.expand_as(facing), facing)
     right = right / right.norm(dim=1, keepdim=True).clamp(min=LEAST_COSINE)
     above = torch.linalg.cross(facing, right)

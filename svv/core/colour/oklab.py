@@ -5,8 +5,11 @@ RGB is gamma-encoded sRGB in [0, 1].
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
 
 TO_CONES = (
     (0.4122214708, 0.5363325363, 0.0514459929),
@@ -37,6 +40,8 @@ FROM_CONES = (
 
 def rgb_to_oklab(rgb: Tensor) -> Tensor:
     """Return lightness in [0, 1] and two coordinates of colour; negative components are read as 0. (..., 3)"""
+    import torch
+
     rgb = rgb.clamp(min=0.0)
     light = torch.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     return (light @ rgb.new_tensor(TO_CONES).T) ** (1.0 / 3.0) @ rgb.new_tensor(TO_LAB).T
@@ -44,6 +49,8 @@ def rgb_to_oklab(rgb: Tensor) -> Tensor:
 
 def oklab_to_rgb(lab: Tensor) -> Tensor:
     """Invert :func:`rgb_to_oklab`; the result may lie outside [0, 1]. (..., 3)"""
+    import torch
+
     light = (lab @ lab.new_tensor(FROM_LAB).T) ** 3 @ lab.new_tensor(FROM_CONES).T
     return torch.where(light <= 0.0031308, 12.92 * light, 1.055 * light.clamp(min=1e-9) ** (1.0 / 2.4) - 0.055)
 
@@ -55,6 +62,8 @@ def shift_in_oklab(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
     saturation and brightness, in which a blue and a yellow of the same brightness do not look equally light. Samples
     are in [0, 1] where their palette colour was edited.
     """
+    import torch
+
     shifted = oklab_to_rgb(rgb_to_oklab(colours) + rgb_to_oklab(target) - rgb_to_oklab(palette)).clamp(0.0, 1.0)
     edited = (palette != target).any(-1, keepdim=True)
     return torch.where(edited, shifted, colours)

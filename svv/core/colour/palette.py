@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.spatial import ConvexHull, QhullError
 
 from svv.core.colour.colour import hsb_array, hue_distance
 from svv.core.colour.hex_codes import to_hex
@@ -152,6 +150,8 @@ def _bins(
 
 def _hull_corners(colours: Array, mass: Array) -> NDArray[np.int64]:
     """Return the indices of the bins that are corners of the convex hull of all bins and black."""
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         hull = ConvexHull(np.concatenate((colours, np.zeros((1, 3)))))
     except QhullError:  # all colours in one plane: every bin may be a corner
@@ -180,6 +180,8 @@ def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
     Generators are scaled to a brightness of 1: coefficients are comparable amounts of light. A channel clipped by a
     highlight is only a lower bound, which a mixture may exceed.
     """
+    from scipy.optimize import nnls
+
     matrix = (generators / np.maximum(generators.max(1, keepdims=True), LEAST_BRIGHTNESS)).T
     clipped = colours >= CLIPPED_CHANNEL
     solved = [

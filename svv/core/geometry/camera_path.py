@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.geometry.key_curves import along, turned
@@ -71,6 +70,8 @@ class CameraPath:
         ``centre``: as in :func:`camera_path`; ``names`` call the key frames in errors, by default by their numbers.
         Raises BadInput if there are pinhole and orthographic cameras, or two neighbours look in opposite directions.
         """
+        from scipy.spatial.transform import Rotation
+
         self._parallel = keys[0].is_orthographic
         if any(key.is_orthographic != self._parallel for key in keys):
             raise BadInput("The cameras of a path must be all of perspective or all of parallel projection, not both.")

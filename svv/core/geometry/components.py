@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
 
 LEAST_PART = 1e-3
 """Size of a piece, as a fraction of the cells that are looked at, below which it is dust: it belongs to the nearest
@@ -28,6 +27,8 @@ def pieces(visible: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.in
 
     The size of piece 0 is 0.
     """
+    from scipy.ndimage import label
+
     labels, _ = label(visible, TOUCHING)
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0

@@ -9,14 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike, NDArray
-from torch import Tensor
 
 from svv.core.geometry.box import Box
 from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 HOW = (
     "give sides of planes such as x>50% or x>50%&y<12.5, plane:X,Y,Z:NX,NY,NZ, box:X,Y,Z:X,Y,Z, sphere:X,Y,Z:R or "
@@ -121,6 +123,8 @@ class Cut:
 
     def span(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
         """Return where rays (R, 3), with unit directions, enter and leave the shape; enter > leave for a miss. (R,)"""
+        import torch
+
         near = torch.full_like(origins[:, 0], -torch.inf)
         far = torch.full_like(near, torch.inf)
         for *n, d in self.planes:
@@ -151,6 +155,8 @@ class Cut:
 
         Near a face, it is the distance from it; near an edge, the distance from the nearer of its faces.
         """
+        import torch
+
         depth = torch.full_like(points[:, 0], torch.inf)
         for *n, d in self.planes:
             depth = torch.minimum(depth, points @ points.new_tensor(n) - d)
@@ -250,6 +256,8 @@ def clip_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tuple
     They are in ascending order, from 0 on; those with end <= begin are none. Rays, with unit ``directions`` (R, 3), are
     in the coordinates of the cuts.
     """
+    import torch
+
     begins, ends = [], []
     for cut in cuts:
         near, far = cut.span(origins, directions)

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -48,6 +51,8 @@ def turned(keys: Rotation, times: ArrayLike, at: ArrayLike, names: Sequence[str]
     ``names`` call the cameras of the keys in the BadInput that is raised if two neighbours are half a turn apart.
     Source: K. Shoemake, Animating Rotation with Quaternion Curves, SIGGRAPH 1985.
     """
+    from scipy.spatial.transform import Rotation
+
     when = np.asarray(times, np.float64)
     if len(when) == 1:
         return np.asarray(np.repeat(keys.as_matrix(), len(np.atleast_1d(at)), axis=0))

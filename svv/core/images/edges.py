@@ -15,7 +15,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d, maximum_filter
 
 from svv.core.geometry.cameras import Distance
 
@@ -112,6 +111,8 @@ def lines_of(
     its number, -1 where nothing is visible, all (H, W); ``box``: longest side of the scene's box in world units;
     ``scale``: shorter side of the whole image, of which these may be a crop, divided by :data:`VIEW`.
     """
+    from scipy.ndimage import maximum_filter
+
     sigma = max(LEAST_DEVIATION, CHANGE_DEVIATION * scale)
     share = _gauss(alpha, sigma)
     seen = np.where(np.isnan(depth), 0.0, depth).astype(np.float32)
@@ -259,6 +260,8 @@ def _ramp(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.f
 
 def _gauss(image: Floats, sigma: float) -> Floats:
     """Smooth an image; beyond its borders it is extrapolated with the same slope, or slopes would seem to end there."""
+    from scipy.ndimage import correlate1d
+
     radius = int(np.ceil(2.7 * sigma))
     kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     kernel /= kernel.sum()

@@ -20,7 +20,6 @@ import numpy as np
 import vtkmodules.vtkRenderingOpenGL2 as opengl  # also registers the implementation of renderers
 import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401  # and that of the mappers
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkMultiThreader, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
@@ -112,6 +111,8 @@ class CpuMapper:
 
     def _skip_empty_rays(self, cast: vtkFixedPointRayCastImage, camera: Camera, used: tuple[slice, slice]) -> None:
         """Skip rays that miss all visible cells, and end others behind the last in their tile, by a depth buffer."""
+        from scipy.ndimage import maximum_filter
+
         position, direction, up = self._stage.pose(camera)
         offset = self._blocks - position
         depth = offset @ direction

@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from svv.core.geometry.box import Box
 from svv.core.strokes.strokes import Strokes
@@ -145,6 +144,8 @@ def _look_up(
 
     It is interpolated where the scene is painted there, otherwise it is that of the nearest vertex.
     """
+    from scipy.spatial import cKDTree
+
     old, box, new = network.encoding, scene.occupancy.box, result.encoding
     assert isinstance(old, SparseLattice) and isinstance(new, SparseLattice)
     vertices = new.vertices_of_level(0, occupancy.occupied, occupancy.cells) / new.resolutions[0]

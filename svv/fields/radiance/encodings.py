@@ -22,6 +22,9 @@ from svv.kernels.types import Context, Lattice
 VERTICES_AT_A_TIME = 1 << 18
 """Vertices processed together, because millions at once would take hundreds of megabytes."""
 
+ROWS_AT_A_TIME = 1 << 14
+"""Rows of a table that are unpacked together, which stay in the cache."""
+
 
 class _Asked(Context):
     x: Tensor
@@ -190,11 +193,14 @@ class SparseLattice(Encoding):
         ends = arrays[".ends"].astype(np.float32)
         if codes.shape != tuple(self.table.shape) or ends.shape != (self.levels, 2, self.features):
             raise ValueError(f"a table of {codes.shape} and {ends.shape} does not fit this lattice")
-        part = torch.from_numpy(codes.astype(np.float32)) / 255.0
+        table = torch.empty(codes.shape)
         for level, (low, high) in enumerate(torch.from_numpy(ends)):
             rows = self.rows_of_level(level)
-            part[rows] = low * (1.0 - part[rows]) + high * part[rows]  # reproduces both ends exactly
-        return part
+            for start in range(rows.start, rows.stop, ROWS_AT_A_TIME):
+                some = slice(start, min(start + ROWS_AT_A_TIME, rows.stop))
+                part = torch.from_numpy(codes[some].astype(np.float32)).div_(255.0)
+                torch.add(low * (1.0 - part), high * part, out=table[some])  # reproduces both ends exactly
+        return table
 
     def look_up(self, x: Tensor) -> Tensor:
         return kernels_for(x).lattice_encode(x, self.layout, self.table)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, maximum_filter
 from torch import Tensor
 from torch.nn.functional import max_pool2d, pad
 
@@ -233,6 +232,8 @@ def _believed(
     nothing need be there. It is kept only where a visible pixel shows none of the cells that enough views contain.
     Arguments are as in :func:`svv.fields.radiance.hull_kernels.mark_unexplained`.
     """
+    from scipy.ndimage import binary_dilation, maximum_filter
+
     number = len(tables)
     enough = min(max(min(SURE_VIEWS, 0.5 * number), SURE_SHARE * number), MOST_SEEN)
     hull, sure = counts > 0, counts >= enough

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from torch import Tensor, nn
 
 from svv.core.colour import palette_shading
@@ -95,6 +94,8 @@ def features_of(
 
 def _sampled(field: NDArray[np.float32], at: NDArray[np.generic]) -> NDArray[np.float32]:
     """Return a field's values at grid coordinates (V, 3), interpolated trilinearly unless these are whole. (V,)"""
+    from scipy.ndimage import map_coordinates
+
     if np.issubdtype(at.dtype, np.integer):
         return np.asarray(field[tuple(np.minimum(at, np.array(field.shape) - 1).T)], np.float32)
     return np.asarray(map_coordinates(field, at.T, order=1, mode="nearest"), np.float32)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
@@ -149,6 +148,8 @@ def gradient_of(
     They are shorter where the gradient nearly vanishes. The levels of ``density`` sum to the extinction's logarithm;
     ``deviation``: that of the Gaussian whose derivatives give the gradient, in cells.
     """
+    from scipy.ndimage import gaussian_filter
+
     _, vertices, field = softened_extinction(density, occupancy, resolution)
     x, y, z = vertices.T
     found = np.empty((len(vertices), 3), np.float32)

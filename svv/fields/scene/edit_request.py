@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from svv.errors import Progress, silent
-from svv.fields.scene.scene import Scene
 from svv.options.editing import SPLIT_LEVEL, SceneEdit
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 
 def with_edit(scene: Scene, edit: SceneEdit, progress: Progress = silent) -> Scene:

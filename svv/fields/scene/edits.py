@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -19,14 +19,14 @@ from svv.core.geometry.cuts import Cut
 from svv.core.images.outlines import Pen
 from svv.errors import BadInput, Progress
 from svv.fields.scene.history import MOST_CUTS, Edits, History, Step, edits_of, named_alone, restyled, with_edits
-from svv.fields.scene.matcaps import check_has_normals, describe_matcap, validate_matcap
-from svv.fields.scene.matter import check_has_extinction
-from svv.fields.scene.model import Model, S
+from svv.fields.scene.matcap_pictures import describe_matcap, validate_matcap
 from svv.fields.scene.parts import counted
 from svv.fields.scene.region import Region, validate_name, validate_space
-from svv.fields.scene.splitting import piece_at
 from svv.fields.scene.stroke_edits import describe_stroke_edits, validate_stroke_edits
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SHADOW, WIDEST_LINE, RecolourName, SectionName
+
+if TYPE_CHECKING:
+    from svv.fields.scene.model import Model, S
 
 
 def edited(
@@ -170,6 +170,8 @@ def isolated(scene: S, *regions: int) -> S:
 
 def split_at(scene: S, point: Sequence[float], level: float, progress: Progress) -> S:
     """Return a scene of one transfer function, split at a point; see :meth:`svv.Scene.split_at`."""
+    from svv.fields.scene.splitting import piece_at
+
     region, parts, share = piece_at(scene, point, level, progress)
     # Styles of parts that were undone must not become those of the new part.
     others = tuple(replace(other, styles=other.styles[: len(scene.regions)]) for other in scene.others)
@@ -425,6 +427,24 @@ def check_regions(scene: Model, *regions: int) -> None:
     for region in regions:
         if not 0 <= region < len(scene.regions):
             raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(scene.regions) - 1}.")
+
+
+def check_has_extinction(scene: Model, what: str) -> None:
+    """Raise BadInput if ``what``, such as "ambient occlusion", cannot be computed for the scene."""
+    if not scene.has_extinction:
+        raise BadInput(
+            f"This scene's {what} cannot be computed, because its extinction is in a hash grid: train it again with "
+            "--encoding lattice."
+        )
+
+
+def check_has_normals(scene: Model) -> None:
+    """Raise BadInput if the scene has no normals to look MatCaps up by."""
+    if not scene.has_normals:
+        raise BadInput(
+            "This scene has no normals for a MatCap, because its extinction is in a hash grid: train it again with "
+            "--encoding lattice."
+        )
 
 
 def changed(scene: S, what: str, changes: dict[int, Edits]) -> S:

@@ -17,10 +17,9 @@ from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import CameraRig
 from svv.core.geometry.cuts import Cut
 from svv.errors import BadInput, Progress, silent
+from svv.fields.scene.edits import check_has_extinction, with_part, without_undone_splits
 from svv.fields.scene.edits import split_at as split_alone
-from svv.fields.scene.edits import with_part, without_undone_splits
 from svv.fields.scene.history import MOST_CUTS, History
-from svv.fields.scene.matter import check_has_extinction
 from svv.fields.scene.model import Model, S
 from svv.fields.scene.region import Region, of_layer
 from svv.io.views.view_meta import VolumeGrid

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.rays.extinction import MOST_LOG_EXTINCTION
-from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice, places_of, vertices_of
+from svv.fields.scene.edits import check_has_extinction
 from svv.fields.scene.model import Model
 
 FINEST = 128
@@ -44,15 +44,6 @@ class Matter:
 
 
 _known: WeakKeyDictionary[SparseLattice, Matter] = WeakKeyDictionary()
-
-
-def check_has_extinction(scene: Model, what: str) -> None:
-    """Raise BadInput if ``what``, such as "ambient occlusion", cannot be computed for the scene."""
-    if scene.base.density is None:
-        raise BadInput(
-            f"This scene's {what} cannot be computed, because its extinction is in a hash grid: train it again with "
-            "--encoding lattice."
-        )
 
 
 def matter_of(scene: Model) -> Matter:

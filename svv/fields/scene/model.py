@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from svv.core.colour.colour import shift_colours
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.colour.oklab import shift_in_oklab
+from svv.core.geometry.box import Box
 from svv.core.geometry.cameras import Camera, CameraRig
 from svv.core.geometry.cuts import Cut
 from svv.core.strokes.strokes import Floats
@@ -198,6 +199,21 @@ class Model:
         if self.camera_rig is None:
             raise BadInput("The scene does not record where the cameras of its views stood; train it again.")
         return self.camera_rig
+
+    @property
+    def has_extinction(self) -> bool:
+        """Whether its extinction is on a lattice, where light through the scene can be computed."""
+        return self.base.density is not None
+
+    @property
+    def has_normals(self) -> bool:
+        """Whether it has surfaces with normals: those of the explicit light, or of its extinction."""
+        return self.palette_network is not None and (self.palette_network.phong is not None or self.has_extinction)
+
+    @property
+    def box(self) -> Box:
+        """The box of what was learned, without its members."""
+        return self.occupancy.box
 
     @property
     def bounds(self) -> NDArray[np.float64]:

@@ -13,7 +13,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from svv.fields.radiance.encodings import SparseLattice
@@ -106,6 +105,8 @@ def _smoothed(
     light: NDArray[np.float32], at: tuple[NDArray[np.integer], ...], field: NDArray[np.float32], width: float
 ) -> NDArray[np.float32]:
     """Return the light (V,) at vertices ``at`` these places of arrays like ``field``, smoothed; ``width`` in cells."""
+    from scipy.ndimage import gaussian_filter
+
     weight, weighted = np.zeros_like(field), np.zeros_like(field)
     weight[at], weighted[at] = light**2, light**3
     return np.asarray(gaussian_filter(weighted, width)[at] / (gaussian_filter(weight, width)[at] + 1e-9))

@@ -13,14 +13,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from svv.fields.scene.region import Region
 from svv.io.files.keyed_results import digest
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
 
 MOST_ZONES = 256
 """Maximum number of zones, whose numbers are bytes."""
@@ -60,6 +63,8 @@ class Parts:
 
         ``parents``: region that each active part was split from.
         """
+        import torch
+
         if position.device not in self._moved:
             table = table_of(self.inside[:, : self.active], colours, parents)
             self._moved[position.device] = (

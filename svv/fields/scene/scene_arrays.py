@@ -13,7 +13,7 @@ from torch import nn
 
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
-from svv.core.json_values import number_in, object_in, text_in
+from svv.core.json_values import number_in, text_in
 from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.kept_values import KeptValues
@@ -31,7 +31,7 @@ from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
 from svv.fields.scene.scene_validation import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
-from svv.fields.scene.style_pictures import KEPT, drop_styles, put_apart, put_back
+from svv.fields.scene.style_pictures import drop_styles, made_in, put_apart
 from svv.fields.strokes.stored_strokes import Brushed
 
 Arrays = dict[str, NDArray[np.generic]]
@@ -213,14 +213,15 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:  # long
     for name, network in named:
         if network is not None:
             arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
-            state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
-            for key, encoding in _encodings(name, network):
+            encodings = _encodings(name, network)
+            tables = tuple(key for key, _ in encodings)
+            state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items() if not k.startswith(tables)}
+            for key, encoding in encodings:
                 if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors, there):
                     left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
-                state = {k: v for k, v in state.items() if not k.startswith(key)}
                 state[key] = encoding.table.detach() if key in left_out else encoding.unpacked(packed)
-            network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
+            network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()}, assign=True)
             network.requires_grad_(False)
     if "base.density.table" in left_out:
         _fill(base, palette, occupancy, values, steps)
@@ -237,7 +238,7 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:  # long
     if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
     return kind(
-        settings, occupancy, marching, base, palette, styled, values, steps, rig, _made_in(header["made"], tensors),
+        settings, occupancy, marching, base, palette, styled, values, steps, rig, made_in(header["made"], tensors),
         expected, regions=regions, unsplit=unsplit, parts=parts, lamp=Lamp(**values_of(Lamp, header.get("lamp", {}))),
         cuts=cuts_in(header.get("cuts", [])), painting=painting, others=tuple(variants), kept=kept, **images,
     )  # fmt: skip
@@ -271,12 +272,6 @@ def _fill(
     fill_base(base, function, grid, occupancy)
     if palette is not None:
         fill_palette(palette, base)
-
-
-def _made_in(told: object, tensors: Arrays) -> dict[str, Any]:
-    """Return the record of how a painting was made, or a scene, whose record holds that of its painting."""
-    inner = {name: put_back(value, tensors) for name, value in object_in(told, "made").items() if name != KEPT}
-    return dict(put_back({**object_in(told, "made"), **inner}, tensors))
 
 
 def _value_function(header: dict[str, Any], tensors: Arrays) -> ValueFunction | None:
@@ -344,7 +339,7 @@ def _variant_in(told: Mapping[str, Any], network: UnrestrictedField, tensors: Ar
     """Return a variant from a file's header; files from before glazes were kept have none."""
     styles = tuple(None if style is None else text_in(style, "style") for style in told["styles"])
     glazes = tuple(number_in(glaze, "glaze") for glaze in told.get("glazes", ()))
-    return Variant(text_in(told["name"], "name"), network, styles, _made_in(told["made"], tensors), glazes)
+    return Variant(text_in(told["name"], "name"), network, styles, made_in(told["made"], tensors), glazes)
 
 
 def info_of(scene: Model) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,10 @@ from svv.core.json_values import (
     whole_in,
 )
 from svv.core.volumes.classified import grid_shape
-from svv.fields.radiance.networks import DIRECTION_WIDTH, ENCODINGS, FACING_WIDTH, FieldSettings
 from svv.io.files.declared_sizes import check_fits
+
+if TYPE_CHECKING:
+    from svv.fields.radiance.networks import FieldSettings
 
 MOST_CELLS = 1 << 14
 """Largest number of cells of a grid per box unit."""
@@ -108,6 +110,8 @@ def occupied_of(header: Mapping[str, Any], tensors: Arrays, box: Box) -> NDArray
 
 def settings_of(told: Mapping[str, Any]) -> FieldSettings:
     """Return the architecture of the networks."""
+    from svv.fields.radiance.networks import ENCODINGS, FieldSettings
+
     s = dict(told)
     if "lit" in s:  # files from before the explicit light
         s["lighting"] = "network" if s.pop("lit") else "none"
@@ -134,6 +138,8 @@ def check_sizes(
     header: Mapping[str, Any], tensors: Arrays, settings: FieldSettings, occupied: NDArray[np.uint8]
 ) -> None:
     """Check that networks of the sizes that the header declares are in the file."""
+    from svv.fields.radiance.networks import DIRECTION_WIDTH, FACING_WIDTH
+
     hidden, features = tensors["base.colour_mlp.0.weight"].shape
     geometry = len(settings.resolutions) * settings.features if settings.encoding == "lattice" else 15
     if hidden != settings.width or features != geometry + DIRECTION_WIDTH + FACING_WIDTH * settings.facing:

@@ -13,8 +13,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, maximum_filter
-from scipy.special import ndtri
 from torch import Tensor
 
 from svv.core.geometry.cuts import Cut
@@ -178,6 +176,9 @@ def with_lines(
     ``rgba``: straight alpha (H, W, 4); ``share`` (H, W) from :func:`face_shares`; ``region`` (H, W); ``view``: pixels
     of the shorter side of an image in which lines are as wide as asked.
     """
+    from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, maximum_filter
+    from scipy.special import ndtri
+
     scale, out = min(region.shape) / view, rgba.copy()
     for number, one in enumerate(regions):
         own = np.where(region == number, share, np.float32(0.0))

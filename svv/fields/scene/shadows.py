@@ -18,7 +18,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, map_coordinates
 from torch import Tensor
 
 from svv.core.strokes.strokes import Floats
@@ -180,6 +179,8 @@ def _key(scene: Model, network: str) -> object:
 
 def _grid(scene: Model, network: str) -> _Grid:
     """Return the optical depth of what is seen of a scene."""
+    from scipy.ndimage import binary_dilation
+
     matter, box = matter_of(scene), scene.occupancy.box
     opacity = numbers_on([r.seen_opacity for r in scene.regions], torch.device("cpu"))
     region = torch.from_numpy(matter.region)
@@ -225,6 +226,8 @@ def _mean_depth(scene: Model, matter: Matter) -> Tensor:
 
 def _together(grids: list[_Grid]) -> _Grid:
     """Return the sum of optical depths on one grid around all."""
+    from scipy.ndimage import map_coordinates
+
     first = grids[0]
     if all(grid.fits(first) for grid in grids):
         depth = np.sum([grid.depth for grid in grids], axis=0)
@@ -244,6 +247,8 @@ def _together(grids: list[_Grid]) -> _Grid:
 
 def _at(scene: Model, matter: Matter, grid: _Grid, found: Floats) -> Floats:
     """Return the values of a grid at the vertices of the scene's own lattice. (V,)"""
+    from scipy.ndimage import map_coordinates
+
     low, spacing = np.array(scene.occupancy.box.low), scene.occupancy.box.size / matter.resolution
     if spacing == grid.spacing and (low - AROUND * spacing == grid.low).all():
         return np.ascontiguousarray(found[tuple((matter.vertices + AROUND).T)])

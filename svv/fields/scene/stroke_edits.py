@@ -10,18 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import LUMA
 from svv.core.colour.srgb import linear
 from svv.core.strokes.strokes import Brush, Floats, Strokes
 from svv.errors import BadInput
-from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.region import MOST_RELIEF, STROKE_WIDTHS, Region
-from svv.fields.strokes.stored_strokes import NOBODY, Brushed
+
+if TYPE_CHECKING:
+    from svv.fields.radiance.networks import UnrestrictedField
+    from svv.fields.strokes.stored_strokes import Brushed
 
 STROKE_EDITS = ("stroke_relief", "stroke_width", "stroke_light", "stroke_palette")
 """Fields of a region that are edits of its strokes."""
@@ -103,6 +104,8 @@ def luminance(colours: NDArray[np.floating]) -> NDArray[np.float64]:
     >>> luminance(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])).round(3).tolist()
     [0.0, 1.0]
     """
+    from svv.core.colour.colour import LUMA
+
     return np.asarray(linear(np.asarray(colours, np.float64)) @ np.array(LUMA))
 
 
@@ -159,6 +162,8 @@ def entries_of(regions: Sequence[Region], roots: Mapping[int, int]) -> dict[int,
 
     ``roots``: region with strokes -> region of the painting whose strokes it has (:attr:`.model.Model.stroked`).
     """
+    from svv.fields.strokes.stored_strokes import NOBODY
+
     found: dict[int, int] = {}
     for number, root in roots.items():
         own, whole = edits_of_strokes(regions[number]), regions[number].part_of
@@ -190,6 +195,8 @@ def _edited(
     network: UnrestrictedField, regions: Sequence[Region], entries: Mapping[int, int], owners: Owners
 ) -> UnrestrictedField:
     """Return paint whose lattice is baked when it is first read."""
+    from svv.fields.strokes.stored_strokes import Brushed
+
     laid = network.brushed
     assert laid is not None
     works = {

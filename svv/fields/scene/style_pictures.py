@@ -76,6 +76,12 @@ def put_back(painted: Any, tensors: Mapping[str, NDArray[np.generic]]) -> Any:
     return {**painted, KEPT: {"styles": styles, "laid": laid}}
 
 
+def made_in(told: object, tensors: Mapping[str, NDArray[np.generic]]) -> dict[str, Any]:
+    """Return the record of how a painting was made, or a scene, whose record holds that of its painting."""
+    inner = {name: put_back(value, tensors) for name, value in object_in(told, "made").items() if name != KEPT}
+    return dict(put_back({**object_in(told, "made"), **inner}, tensors))
+
+
 def _parts_in(told: object) -> dict[str, dict[str, object]]:
     """Return what a file says about the parts of divided pictures; raises as :func:`put_back` does."""
     found: dict[str, dict[str, object]] = {}

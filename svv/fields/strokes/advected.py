@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from svv.core.geometry.box import Box
 from svv.core.strokes.strokes import Strokes
@@ -51,6 +50,8 @@ class Field:
 
     def at(self, place: Points) -> Points:
         """Return values at box coordinates. (K, 3) -> (K,)"""
+        from scipy.ndimage import map_coordinates
+
         index = (place - self.origin).T * self.cells
         return np.asarray(map_coordinates(self.values, index, order=1, mode="nearest"), np.float64)
 

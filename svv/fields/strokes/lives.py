@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from skimage.measure import marching_cubes
 
 from svv.core.strokes.strokes import Strokes, joined
 from svv.fields.strokes.advected import Field, Laid, Places, Points, advected, landed, unit
@@ -260,6 +258,8 @@ class _Bare:
     """Sets down copies of strokes where a surface has become bare."""
 
     def __init__(self, strokes: Strokes, painted: Field) -> None:
+        from scipy.spatial import cKDTree
+
         self.field, self.width, self.painted = painted, strokes.unit, strokes
         where = strokes.where.astype(np.float64)
         self.level = float(np.median(painted.at(where)))
@@ -270,6 +270,8 @@ class _Bare:
 
     def surface(self, field: Field) -> Points:
         """Return places on the surface of a field, at most one in each cube of a third of a width. (B, 3)"""
+        from skimage.measure import marching_cubes
+
         if not field.values.min() < self.level < field.values.max():
             return np.zeros((0, 3))
         found = marching_cubes(field.values, self.level)[0] / field.cells + field.origin
@@ -283,6 +285,8 @@ class _Bare:
 
         ``now``: the values of now, and where the matter was in the painted step.
         """
+        from scipy.spatial import cKDTree
+
         if living is not None and len(place):
             place = place[cKDTree(living.where).query(place)[0] > self.far]
         if not len(place):
@@ -301,6 +305,8 @@ class _Bare:
         self, place: Points, living: Strokes, field: Field, generator: np.random.Generator
     ) -> Strokes | None:  # fmt: skip
         """Return copies of strokes that lie near, one after the other where it is still bare."""
+        from scipy.spatial import cKDTree
+
         middle = (living.start[:-1] + living.start[1:]) // 2
         # Outwards is towards lower values, or, around what is hollow, towards higher ones: as in the living strokes.
         upwards = field.slope(living.where[middle].astype(np.float64))

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import copy
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from svv.core.strokes.strokes import NOISE, Brush, Floats, Strokes
 from svv.fields.strokes.stroke_tables import bins_of, cells_near, tables_of
 from svv.kernels.numba import strokes as numba_strokes
 from svv.kernels.types import StrokeTables
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 MOST_BINS = 160
 """Maximum number of bins along the box: four million in all."""
@@ -116,6 +119,8 @@ class StrokePaint:
 
     @cached_property
     def _tree(self) -> cKDTree:
+        from scipy.spatial import cKDTree
+
         return cKDTree(self.strokes.where)
 
     def coverage(self, position: Floats) -> Floats:

@@ -10,7 +10,6 @@ from functools import cache
 import numpy as np
 import torch
 from numpy.typing import DTypeLike, NDArray
-from scipy.ndimage import binary_dilation
 from torch import Tensor
 
 from svv.core.strokes.strokes import FLOW, NOISE, RAGGED, RIM, TAPER, WET, Brush, Floats, Strokes
@@ -110,6 +109,8 @@ def _cells_of(where: Floats, reach: float) -> tuple[int, NDArray[np.bool_], NDAr
 
 def cells_near(where: Floats, reach: float) -> tuple[int, NDArray[np.bool_]]:
     """Return cells along the box, and a grid, two larger, of those with points (K, 3) or beside such cells."""
+    from scipy.ndimage import binary_dilation
+
     cells = max(int(1.0 / reach), 1)
     grid = np.zeros((cells + 2,) * 3, bool)
     grid[tuple((where * cells).astype(np.int64).clip(0, cells).T)] = True

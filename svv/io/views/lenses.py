@@ -10,7 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from svv.errors import BadInput
 
@@ -118,6 +117,8 @@ class Lens:
 
 def rectify(image: Images, lens: Lens) -> Images:
     """Resample an image (height, width, 4), straight alpha, to a pinhole camera of focal length ``lens.rectified``."""
+    from scipy.ndimage import map_coordinates
+
     where = _map(lens)
     alpha = map_coordinates(image[..., 3].astype(np.float32), where, order=1, mode="nearest")
     result = np.empty_like(image)

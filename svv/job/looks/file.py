@@ -32,9 +32,8 @@ from svv.job.looks.look_validation import validate_region_edits
 from svv.job.looks.offered import offered
 from svv.options.described import Described, described
 from svv.options.figures import FigureOptions
-from svv.options.making import AskedHandName
+from svv.options.making import LEAST_STROKE, MOST_STROKE, AskedHandName
 from svv.train.paint.ink import Ink, StyleInput, ink_named
-from svv.train.paint.plan import LEAST_STROKE, MOST_STROKE
 
 VERSION = 1
 """Version of the format, to be raised when an older program can no longer read a newer file."""

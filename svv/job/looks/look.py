@@ -9,19 +9,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from svv.core.geometry.given_cameras import GivenCamera, camera_of
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.history import edits_of
-from svv.fields.scene.scene import Scene
 from svv.fields.scene.style_pictures import KEPT
-from svv.job.looks.applying import Applied, applied
 from svv.job.looks.file import read, write
 from svv.job.looks.look_content import Laid, LookContent, LookRegion, moved, style_in
-from svv.job.looks.matching import Matches, matched
 from svv.options.described import chosen
 from svv.options.figures import FigureOptions
 from svv.train.paint.ink import StyleInput, ink_named
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
+    from svv.job.looks.applying import Applied
+    from svv.job.looks.matching import Matches
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class Look(LookContent):
 
     def matched(self, scene: Scene, mapping: Mapping[int, int] | None = None) -> Matches:
         """Return which region of a scene gets the look of which of this one's; see :func:`.matching.matched`."""
+        from svv.job.looks.matching import matched
+
         return matched(self, scene, mapping)
 
     def applied(
@@ -99,6 +104,8 @@ class Look(LookContent):
         **paint: object,
     ) -> Applied:
         """Return a scene with this look; see :func:`.applying.applied`."""
+        from svv.job.looks.applying import applied
+
         return applied(self, scene, mapping, progress, checkpoint, **paint)
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from svv.core.colour.light import Lamp
 from svv.core.geometry.cameras import Camera
 from svv.fields.scene.region import Region
-from svv.fields.scene.scene import Scene
 from svv.io.pictures.picture_data import mask_in, picture_in
 from svv.train.paint.ink import StyleInput
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 Colour = tuple[float, float, float]
 
@@ -80,7 +82,7 @@ class LookContent:
 
 def moved(camera: Camera, scene: Scene, to_box: bool) -> Camera:
     """Return a camera in sides of the scene's box from its middle, or such a camera in the world."""
-    box = scene.occupancy.box
+    box = scene.box
     middle, side = np.asarray(box.bounds, np.float64).mean(0), float(box.size)
     matrix = np.array(camera.camera_to_world)
     matrix[:3, 3] = (matrix[:3, 3] - middle) / side if to_box else matrix[:3, 3] * side + middle

@@ -10,7 +10,7 @@ from svv.core.json_values import object_in
 from svv.errors import BadInput
 from svv.fields.scene import stroke_edits
 from svv.fields.scene.history import edits_of, with_edits
-from svv.fields.scene.matcaps import picture_of, validate_matcap
+from svv.fields.scene.matcap_pictures import read_matcap, validate_matcap
 from svv.fields.scene.region import Region, validate_name
 from svv.fields.scene.scene_validation import values_of
 
@@ -41,7 +41,7 @@ def validate_region_edits(edits: object, name: str) -> dict[str, object]:
     validate_coefficients({key: getattr(region, key) for key in COEFFICIENTS})
     Pen(region.outline, region.outline_width, region.outline_colour)
     if region.matcap is not None:
-        picture_of(region.matcap)
+        read_matcap(region.matcap)
         if region.matcap != validate_matcap(region.matcap):
             raise BadInput(f"{name}: the MatCap must be a name or a picture inside the file.")
     if region.name is not None:

@@ -5,17 +5,18 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
-from svv.core.colour.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.scene.region import Region, label_of
-from svv.fields.scene.scene import Scene
 from svv.job.looks.look_content import LookContent, LookRegion, whole_of
 from svv.train.paint.ink import Ink, StyleInput
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 LEAST_OVERLAP = 0.25
 """Least fraction that two ranges of values share of what both cover, for their regions to be the same."""
@@ -81,6 +82,8 @@ def matched(look: LookContent, scene: Scene, mapping: Mapping[int, int] | None =
     ``mapping`` gives the look's region for those of the scene that are not to be matched by themselves. Raises BadInput
     if the scene has no regions, a region does not exist, or nothing matches.
     """
+    from scipy.optimize import linear_sum_assignment
+
     if not scene.regions:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     regions, sources = scene.regions, look.regions
@@ -152,6 +155,8 @@ def _by_values(regions: Sequence[Region], sources: Sequence[LookRegion]) -> NDAr
 
 def _by_colour(regions: Sequence[Region], sources: Sequence[LookRegion]) -> NDArray[np.float64]:
     """Return the CIEDE2000 of palette colours, infinite where a look has none."""
+    from svv.core.colour.colour import colour_differences
+
     own = np.array([region.colour for region in regions], np.float64)
     theirs = np.array([source.colour or (0.0, 0.0, 0.0) for source in sources], np.float64)
     return np.where([source.colour is None for source in sources], 1e6, colour_differences(own, theirs))

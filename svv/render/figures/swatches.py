@@ -17,7 +17,7 @@ from svv.core.colour.light import Lamp, blinn_phong
 from svv.core.colour.matcaps import matcap_colours
 from svv.core.colour.palette_shading import lit
 from svv.core.geometry.cameras import Camera
-from svv.fields.scene.matcaps import picture_of
+from svv.fields.scene.matcap_pictures import picture_of
 from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.region import label_of
 from svv.fields.scene.scene import Rendering, Scene

@@ -34,7 +34,7 @@ from svv.errors import BadInput, Progress, part, silent
 from svv.fields.radiance.phong import EXTINCTION_POWER
 from svv.fields.scene import sections, shadows
 from svv.fields.scene.joined import members
-from svv.fields.scene.matcaps import picture_of
+from svv.fields.scene.matcap_pictures import picture_of
 from svv.fields.scene.matter import FINEST, resolution_of
 from svv.fields.scene.model import in_words
 from svv.fields.scene.scene import Scene

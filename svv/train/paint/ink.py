@@ -11,18 +11,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour.colour import lab_to_rgb, rgb_to_lab
 from svv.errors import BadInput, Progress, part, silent
 from svv.options.making import DRAWN
-from svv.styles.gallery import open_style
 from svv.styles.gallery.offered import INKS, Layer
-from svv.train.paint import ink_kernels as numba_inking
-from svv.train.paint.quilt import LIGHT
-from svv.train.paint.surface_form import Floats, Form, in_cubes, slots_of
+
+if TYPE_CHECKING:
+    from svv.train.paint.surface_form import Floats, Form
 
 PAPER = (0.97, 0.955, 0.92)
 """Colour of paper, which is not inked: warm white, RGB."""
@@ -160,6 +159,8 @@ def ink_named(source: object) -> Ink | None:
 
 def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:
     """Return the name and picture or ink of ``ink:NAME``, ``gallery:NAME`` or a file; raises BadInput without one."""
+    from svv.styles.gallery import open_style
+
     ink = ink_named(source)
     return open_style(source, progress) if ink is None else (ink.name, ink)
 
@@ -173,6 +174,8 @@ def picture_of(style: Style) -> NDArray[np.floating]:
 
 def ink_colour(colour: Sequence[float]) -> Floats:
     """Return the ink colour of a region: dark, with the region's hue, RGB. (3,)"""
+    from svv.core.colour.colour import lab_to_rgb, rgb_to_lab
+
     _, a, b = rgb_to_lab(np.clip(np.asarray(colour, np.float64), 0.0, 1.0))
     scale = min(1.0, COLOURFUL / max(float(np.hypot(a, b)), 1e-9))
     return lab_to_rgb(np.array([DARKNESS, scale * a, scale * b]))
@@ -180,6 +183,8 @@ def ink_colour(colour: Sequence[float]) -> Floats:
 
 def tones(form: Form, points: Floats, normals: Floats) -> Floats:
     """Return the darkness of points (S, 3) with outward normals (S, 3), larger where darker, without a unit. (S,)"""
+    from svv.train.paint.quilt import LIGHT
+
     dark = -(normals @ (LIGHT / np.linalg.norm(LIGHT)))
     hollow = form.hollowness(points)
     return np.asarray(dark / max(dark.std(), 1e-3) + HOLLOW * hollow / max(hollow.std(), 1e-3), np.float32)
@@ -203,6 +208,9 @@ class Sheet:
     @classmethod
     def of(cls, form: Form, surface: Floats, side: float) -> Sheet:
         """Return the surface through visible points (S, 3); points at several depths are moved to their mean depth."""
+        from svv.train.paint import ink_kernels as numba_inking
+        from svv.train.paint.surface_form import in_cubes, slots_of
+
         points = np.ascontiguousarray(surface[in_cubes(surface, side)[0]])
         normals, tangents, _ = form.frames(points)
         tone = tones(form, points, normals)
@@ -237,6 +245,8 @@ class Strokes:
 
 def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
     """Draw the dots of stippling; ``unit``, of radii and distances, and ``cell``, of the paint, are in box units."""
+    from svv.train.paint import ink_kernels as numba_inking
+
     generator = np.random.default_rng(seed)
     near = generator.permutation(np.repeat(np.arange(len(sheet.points)), TRIES))
     aside = generator.uniform(-0.75, 0.75, (len(near), 2)).astype(np.float32) * sheet.side
@@ -269,6 +279,8 @@ class Family:
 
     def draw(self, layer: Layer, unit: float, thin: float, generator: np.random.Generator) -> slice:
         """Add the lines of a layer; returns their numbers."""
+        from svv.train.paint import ink_kernels as numba_inking
+
         first, order = self.count, generator.permutation(len(self.sheet.points))
         least = layer.tone + generator.uniform(-0.05, 0.05, 997)
         longest = (generator.uniform(*LENGTHS, 991) / STEP).astype(np.int64)
@@ -319,6 +331,8 @@ class Drawing:
         seed: int, progress: Progress,
     ) -> None:  # fmt: skip
         """Draw a region at visible points (S, 3), in ink of its colour's hue, as fine as pixels or cells allow."""
+        from svv.train.paint import ink_kernels as numba_inking
+
         self.form, self.cell, self.colour = form, cell, ink_colour(colour)
         fine = max(pixel, cell)
         self.depth, self.thin = DEPTH * fine, THIN * fine
@@ -336,6 +350,8 @@ class Drawing:
 
     def covered(self, position: Floats) -> Floats:
         """Return how much ink there is at box coordinates (V, 3), in [0, 1]. (V,)"""
+        from svv.train.paint import ink_kernels as numba_inking
+
         out = np.empty(len(position), np.float32)
         normal = self.form.frames(position)[0]
         numba_inking.cover(

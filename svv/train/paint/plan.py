@@ -16,14 +16,11 @@ from svv.fields.scene.region import Region
 from svv.fields.scene.scene import Scene
 from svv.io.files.keyed_results import digest
 from svv.measure import usable_cpus
-from svv.options.making import AskedHandName, MannerName, PaintOptions
+from svv.options.making import LEAST_STROKE, MOST_STROKE, AskedHandName, MannerName, PaintOptions
 from svv.styles.hand import Hand, measure_hand
 from svv.train.paint.ink import Ink, Style, StyleInput
 from svv.train.paint.manner import manner_of, technique_of
 from svv.train.paint.style_choice import pairs_by_colour, style_pairs, validate_masks
-
-LEAST_STROKE, MOST_STROKE = 0.25, 4.0
-"""Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
 
 HANDS = 16
 """Number of measured hands that are remembered."""

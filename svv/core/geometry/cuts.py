@@ -280,6 +280,8 @@ def divide_rays(cuts: Sequence[Cut], origins: Tensor, directions: Tensor) -> tup
 
     Each piece thus lies inside or outside of every cut. (R, M) each, as those of :func:`clip_rays`
     """
+    import torch
+
     whole, some = ([cut for cut in cuts if bool(cut.regions) == of_some] for of_some in (False, True))
     begin = torch.zeros_like(origins[:, :1])
     end = torch.full_like(begin, torch.inf)

@@ -176,9 +176,6 @@ def with_lines(
     ``rgba``: straight alpha (H, W, 4); ``share`` (H, W) from :func:`face_shares`; ``region`` (H, W); ``view``: pixels
     of the shorter side of an image in which lines are as wide as asked.
     """
-    from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, maximum_filter
-    from scipy.special import ndtri
-
     scale, out = min(region.shape) / view, rgba.copy()
     for number, one in enumerate(regions):
         own = np.where(region == number, share, np.float32(0.0))
@@ -205,6 +202,9 @@ def _around(marked: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
 
 def _line_cover(own: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     """Return how much of each pixel a line of a width covers that surrounds a face, of shares ``own``. (H, W) each"""
+    from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, maximum_filter
+    from scipy.special import ndtri
+
     blur = max(0.35 * width, 0.7)
     soft = gaussian_filter(own, blur)
     most = gaussian_filter(maximum_filter(soft, int(2 * np.ceil(BESIDE * width) + 1)), 0.5 * width)

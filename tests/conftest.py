@@ -124,6 +124,12 @@ def short_movies() -> Iterator[int]:
         yield usual
 
 
+@pytest.fixture
+def small_stills(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages are written with a small picture from the front, which takes a tenth of the time."""
+    monkeypatch.setattr("svv.render.web.page.FRONT_SIZE", 48)
+
+
 @pytest.fixture(scope="session")
 def cube() -> Scene:
     """A translucent cube, in which three regions lie about at random."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from svv.core.colour.colour import over
 from svv.core.geometry.cameras import Camera
@@ -18,6 +19,8 @@ from svv.render.web.page import html_of, write_html
 from tests.browser import Opened
 from tests.cube import cube_scene
 from tests.test_web import front, lit, paint
+
+pytestmark = pytest.mark.usefixtures("small_stills")
 
 CLOSE = 30.0
 """Least PSNR of pictures of errors, in dB: colours of neighbours, whose difference counts, are bytes on the page."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.core.colour.colour import over
@@ -21,6 +22,8 @@ from svv.render.web.html import viewer_file
 from svv.render.web.page import LINES, write_html
 from tests.test_outlines import camera, images, plane, sphere
 from tests.test_web import front
+
+pytestmark = pytest.mark.usefixtures("small_stills")
 
 INK = """(() => {
   const opacitiesOf = () => [1, 1, 1], cutsOf = () => [0];

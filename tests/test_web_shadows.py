@@ -15,6 +15,8 @@ from tests.cube import faint
 from tests.test_web import CLOSE, front, lit
 from tests.test_web_joined import beside
 
+pytestmark = pytest.mark.usefixtures("small_stills")
+
 RIGHT, ABOVE = (f"Shadows from {where} the camera, in degrees" for where in ("the right of", "above"))
 
 
@@ -35,10 +37,14 @@ def test_shadows_follow_the_light_that_is_moved(open_page: Any, balls: Scene, tm
     page.get_by_label("Cut", exact=True).select_option("1")
     assert opened.psnr(moved.cut("y>50%"), camera) > CLOSE - 10.0  # as without shadows: tests/test_web_cuts.py
     page.get_by_label("Cut", exact=True).select_option("")
+    for name in ("Add key frame", "Add key frame", "Save shot"):
+        page.get_by_role("button", name=name).click()
+    assert page.get_by_role("status").inner_text().startswith("A shot has the shadows of its scene")
     page.get_by_label("Shadows", exact=True).fill("0")
     assert opened.psnr(balls, camera) > CLOSE
 
 
+@pytest.mark.slow
 def test_what_is_shown_becomes_what_the_renderer_shows(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     scene = lit(balls).with_light(60.0, 20.0).with_shadow(1.0).edited(0, matcap="jade")
     write_html(tmp_path / "lit.html", scene, "lit")

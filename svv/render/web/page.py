@@ -171,7 +171,7 @@ def html_of(
     if values:
         size = f"{len(values) / 1e6:.2g} MB"
         tell(f"the volume's values are {size} of it" if kept else f"the volume's values would add {size} (--values)")
-    page = _page(header, arrays, values if kept else "", stills, title, in_words(scene))
+    page = _page(header, arrays, stills, title, in_words(scene), values if kept else "")
     progress(1.0, "")
     return page
 
@@ -229,7 +229,9 @@ def _cuts(scene: Scene) -> list[dict[str, object]]:
     ]
 
 
-def _page(header: dict[str, Any], arrays: str, values: str, stills: dict[str, str], title: str, words: str) -> bytes:
+def _page(
+    header: dict[str, Any], arrays: str, stills: dict[str, str], title: str, words: str, values: str = ""
+) -> bytes:
     def read(name: str) -> str:
         return re.sub(r"^ *//.*\n", "", viewer_file(name), flags=re.MULTILINE)  # comments are for the sources
 

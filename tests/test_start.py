@@ -70,9 +70,9 @@ def test_commands_that_need_no_networks_load_none(folder: Path) -> None:
         "look save a.svv --view 30,20 --about A --out look.json", "look show look.json",
         "edit a.svv --region 0 --colour #d02020 --name 1=bone --out b.svv", "edit b.svv --undo --out c.svv",
         "edit a.svv --isolate 0 --cut x>50% --section hatched --outline 1 --out d.svv",
-        "edit a.svv --shadow 0.5 --occlusion 0.5 --matcap 0=jade --out e.svv",
+        "edit b.svv --say hide+bone --out f.svv", "edit a.svv --shadow 0.5 --occlusion 0.5 --matcap 0=jade --out e.svv",
     ]  # fmt: skip
-    found = run([line.split() for line in light], folder)
+    found = run([[word.replace("+", " ") for word in line.split()] for line in light], folder)
     assert {code for code, _ in found.values()} <= {0, None}, found
 
 

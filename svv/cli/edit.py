@@ -151,12 +151,11 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     edits = bool(request or own or asked.distinct or asked.say)
     _check(region, own, bool(own or occlusion or paint or outline or sections), steps, edits)
     check_writable(out)
-    plain = part.split_at is None and asked.say is None and asked.distinct is None
-    closed = read_closed(scene) if plain else None  # most edits change the header alone, and need no networks
-    if closed is not None:
+    closed = read_closed(scene) if part.split_at is None and asked.distinct is None else None
+    if closed is not None:  # most edits change the header alone
         with suppress(NeedsNetworks):
-            _after(with_edit(cast("Scene", closed), request), steps).save(out)
-            print(out)
+            understood = _save_closed(cast("Scene", closed), request, asked.say, steps, out)
+            print(*understood, out, sep="\n")
             return
     from svv.fields.scene.scene import Scene
 
@@ -175,6 +174,20 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     result = _after(result, steps)
     result.save(out)
     print(out)
+
+
+def _save_closed(scene: Scene, request: SceneEdit, say: str | None, steps: Steps, out: Path) -> tuple[str, ...]:
+    """Edit and save a scene without its networks, and return how words were understood; raises NeedsNetworks."""
+    from svv.fields.scene.edit_request import with_edit
+
+    result, understood = with_edit(scene, request), tuple[str, ...]()
+    if say is not None:
+        from svv.job.words import say as words
+
+        spoken = words.say(result, say)
+        result, understood = spoken.scene.as_one_step(scene), spoken.understood
+    _after(result, steps).save(out)
+    return understood
 
 
 def _check(region: int | None, own: RegionEdit, of_region: bool, steps: Steps, edits: bool) -> None:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from svv.core.colour.colour import colour_differences
@@ -52,11 +51,15 @@ def simulated(rgb: NDArray[np.floating], vision: VisionName) -> Array:
 
 def oklab(rgb: NDArray[np.floating]) -> Array:
     """Apply :func:`svv.core.colour.oklab.rgb_to_oklab` to an array. (..., 3)"""
+    import torch
+
     return np.asarray(rgb_to_oklab(torch.from_numpy(np.array(rgb, np.float64))).numpy())
 
 
 def from_oklab(lab: NDArray[np.floating]) -> Array:
     """Apply :func:`svv.core.colour.oklab.oklab_to_rgb` to an array. (..., 3)"""
+    import torch
+
     return np.asarray(oklab_to_rgb(torch.from_numpy(np.array(lab, np.float64))).numpy())
 
 

@@ -221,7 +221,7 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:  # long
                     left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
                 state[key] = encoding.table.detach() if key in left_out else encoding.unpacked(packed)
-            network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()}, assign=True)
+            network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
             network.requires_grad_(False)
     if "base.density.table" in left_out:
         _fill(base, palette, occupancy, values, steps)

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene.region import label_of, swatches
-from svv.fields.scene.scene import Scene
 from svv.job.words.colours import changed
 from svv.job.words.grammar import Clause, understood
 from svv.options.making import PREFIX, PaintOptions, PresetName
 from svv.train.paint.ink import StyleInput, style_named
-from svv.train.pipeline import stylize_scene
+
+if TYPE_CHECKING:
+    from svv.fields.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,8 @@ def _painted(
     wanted = {k: str(clause.wants["style"]) for clause in clauses if "style" in clause.wants for k in clause.regions}
     if not wanted:
         return scene
+    from svv.train.pipeline import stylize_scene
+
     names = sorted(set(wanted.values()))
     styles = []
     for name in names:

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from svv.core.geometry.cuts import Cut
 from svv.core.images.metrics import psnr
 from svv.errors import BadInput
+from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.fields.splats.splats import Splats
 from svv.options.splats import SplatOptions
@@ -17,6 +19,7 @@ from svv.train.splats import fit, starting
 from svv.train.splats.fit import fit_splats
 from svv.train.splats.raster import Eye, Gaussians, draw
 from svv.train.splats.starting import cameras_around, quaternions_of, turns_of
+from tests.cube import cube_scene, faint, hash_cube_scene
 from tests.solid_ball import solid_ball
 
 SIDE = 64
@@ -29,19 +32,21 @@ def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "PIXELS", pixels)
 
 
-def picture_of(splats: Splats, scene: Scene, camera: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def pictures_of(
+    splats: Splats, scene: Scene, camera: int, network: str | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """A picture of splats, and that of the scene, both on white, from a side that was not fitted. (H, W, 3)"""
     bounds = scene.bounds
     own = cameras_around(bounds.mean(axis=0), 0.5 * float(np.ptp(bounds, axis=0).max()), 7, SIDE, 0.3)[camera]
     gaussians = Gaussians(splats.centres, splats.scales, splats.rotations, splats.opacities, splats.harmonics)
     image = draw(gaussians, Eye.of(own, np.zeros(3), 1.0)).image
     shown = (image[:3] + 1.0 - image[3]).clip(0.0, 1.0).transpose(1, 2, 0)
-    return shown, scene.render(own, background=(1.0, 1.0, 1.0)).rgba[..., :3]
+    return shown, scene.render(own, network, (1.0, 1.0, 1.0)).rgba[..., :3]
 
 
-def likeness(splats: Splats, scene: Scene) -> float:
+def likeness(splats: Splats, scene: Scene, network: str | None = None) -> float:
     """Mean PSNR over sides that were not fitted, dB."""
-    return float(np.mean([psnr(*picture_of(splats, scene, camera)) for camera in range(7)]))
+    return float(np.mean([psnr(*pictures_of(splats, scene, camera, network)) for camera in range(7)]))
 
 
 def test_a_ball_of_splats_looks_like_the_ball() -> None:
@@ -86,6 +91,24 @@ def test_regions_and_their_edits_are_in_the_splats(balls: Scene) -> None:
     green = fit_splats(scene.edited(1, colour=(0.1, 0.8, 0.2)), SplatOptions(count=600, steps=30, degree="0"))
     colour = (0.5 + 0.28209479 * green.harmonics[green.regions == 1, 0]).mean(axis=0)
     assert colour[1] > colour[0] + 0.2 and colour[1] > colour[2] + 0.2
+
+
+@pytest.mark.parametrize("kind", ["joined", "hash grid", "cut", "base network"])
+def test_scenes_of_every_kind_become_splats(kind: str) -> None:
+    """Members of a joined scene add up; a scene without a lattice, a cut one, and one without regions look the same."""
+    scene, network = faint(cube_scene(), 3.0), None
+    if kind == "joined":
+        scene = joined([faint(scene, 0.5), faint(cube_scene(1), 0.5)])
+    elif kind == "hash grid":
+        scene = hash_cube_scene()
+    elif kind == "cut":
+        scene = scene.cut(Cut(planes=((1.0, 0.0, 0.0, 0.1),)))
+    else:
+        network = "base"
+    splats = fit_splats(scene, SplatOptions(count=2000, steps=60, network=network))  # type: ignore[arg-type]
+    assert likeness(splats, scene, network) > 30.0
+    assert len(splats.names) == (1 if network else len(scene.regions))
+    assert splats.regions.max() < len(splats.names)
 
 
 def test_where_a_scene_lies_and_how_large_it_is_changes_nothing() -> None:

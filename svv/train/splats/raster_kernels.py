@@ -36,7 +36,10 @@ SUMS = 11
 """Sums of a pair: those of the gradient by the exponent, times 1, dx, dy, dx dx, dx dy, dy dy; gradients by RGB; the
 weight in pixels, and the weight times the pixels' errors."""
 
-ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
+BLOCK = 256
+"""Splats that share memory to work in."""
+
+ZERO, HALF, ONE, TWO = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0))
 LEAST, MOST, ENOUGH = np.float32(LEAST_ALPHA), np.float32(MOST_ALPHA), np.float32(LEAST_TRANSMITTANCE)
 WIDENED, NEAR, LEVELS = np.float32(LOW_PASS), np.float32(NEAREST), np.float32(1.0 / LEAST_ALPHA)
 ALL = np.int64((1 << LANES) - 1)
@@ -132,46 +135,45 @@ def project(  # type: ignore[no-untyped-def]
     uint64: bits of the depth, and below them the number, or all ones for a splat that is nowhere in the picture.
     """
     count = harmonics.shape[1]
-    for n in prange(len(centres)):
-        keys[n] = np.uint64(0xFFFFFFFFFFFFFFFF)
-        tiles[n] = 0
-        x, y, z = seen = _seen(centres[n], eye, axes)
-        if z <= NEAR or opacities[n] < LEAST:
-            continue
+    for block in prange((len(centres) + BLOCK - 1) // BLOCK):
         turn, flat, out = np.empty((3, 3), np.float32), np.empty((2, 3), np.float32), np.empty((2, 3), np.float32)
-        _turn(rotations[n], turn)
-        _across(seen, axes, focal, turn, scales[n], flat, out)
-        xx = out[0, 0] * out[0, 0] + out[0, 1] * out[0, 1] + out[0, 2] * out[0, 2] + WIDENED
-        xy = out[0, 0] * out[1, 0] + out[0, 1] * out[1, 1] + out[0, 2] * out[1, 2]
-        yy = out[1, 0] * out[1, 0] + out[1, 1] * out[1, 1] + out[1, 2] * out[1, 2] + WIDENED
-        scale = ONE / (xx * yy - xy * xy)
-        column, row = focal * x / z + HALF * width, focal * y / z + HALF * height
-        far = TWO * np.log(LEVELS * opacities[n])
-        wide, high = np.sqrt(far * xx), np.sqrt(far * yy)
-        left, right = max(ZERO, column - wide), min(np.float32(width), column + wide)
-        top, bottom = max(ZERO, row - high), min(np.float32(height), row + high)
-        if not (left < right and top < bottom):
-            continue
-        tiles[n, 0], tiles[n, 2] = np.int32(left) // TILE, (np.int32(right) + TILE) // TILE
-        tiles[n, 1], tiles[n, 3] = np.int32(top) // TILE, (np.int32(bottom) + TILE) // TILE
-        tiles[n, 2] = min(tiles[n, 2], (width + TILE - 1) // TILE)
-        tiles[n, 3] = min(tiles[n, 3], (height + TILE - 1) // TILE)
-        d = drawn[n]
-        d[0], d[1], d[2], d[3], d[4], d[5], d[9] = column, row, yy * scale, -xy * scale, xx * scale, opacities[n], high
-        away = ONE / np.sqrt(x * x + y * y + z * z)
-        basis = np.empty(16, np.float32)
-        basis_of(
-            (centres[n, 0] - eye[0]) * away, (centres[n, 1] - eye[1]) * away, (centres[n, 2] - eye[2]) * away, count,
-            basis,
-        )  # fmt: skip
-        for channel in range(3):
-            colour = HALF
-            for k in range(count):
-                colour += basis[k] * harmonics[n, k, channel]
-            d[6 + channel] = max(colour, ZERO)
-        bits = np.empty(1, np.float32)
-        bits[0] = z
-        keys[n] = (np.uint64(bits.view(np.uint32)[0]) << np.uint64(32)) | np.uint64(n)
+        basis, bits = np.empty(16, np.float32), np.empty(1, np.float32)
+        for n in range(block * BLOCK, min((block + 1) * BLOCK, len(centres))):
+            keys[n] = np.uint64(0xFFFFFFFFFFFFFFFF)
+            tiles[n] = 0
+            x, y, z = seen = _seen(centres[n], eye, axes)
+            if z <= NEAR or opacities[n] < LEAST:
+                continue
+            _turn(rotations[n], turn)
+            _across(seen, axes, focal, turn, scales[n], flat, out)
+            xx = out[0, 0] * out[0, 0] + out[0, 1] * out[0, 1] + out[0, 2] * out[0, 2] + WIDENED
+            xy = out[0, 0] * out[1, 0] + out[0, 1] * out[1, 1] + out[0, 2] * out[1, 2]
+            yy = out[1, 0] * out[1, 0] + out[1, 1] * out[1, 1] + out[1, 2] * out[1, 2] + WIDENED
+            scale = ONE / (xx * yy - xy * xy)
+            column, row = focal * x / z + HALF * width, focal * y / z + HALF * height
+            far = TWO * np.log(LEVELS * opacities[n])
+            wide, high = np.sqrt(far * xx), np.sqrt(far * yy)
+            left, right = max(ZERO, column - wide), min(np.float32(width), column + wide)
+            top, bottom = max(ZERO, row - high), min(np.float32(height), row + high)
+            if not (left < right and top < bottom):
+                continue
+            tiles[n, 0], tiles[n, 2] = np.int32(left) // TILE, (np.int32(right) + TILE) // TILE
+            tiles[n, 1], tiles[n, 3] = np.int32(top) // TILE, (np.int32(bottom) + TILE) // TILE
+            tiles[n, 2] = min(tiles[n, 2], (width + TILE - 1) // TILE)
+            tiles[n, 3] = min(tiles[n, 3], (height + TILE - 1) // TILE)
+            d = drawn[n]
+            d[0], d[1], d[2], d[3], d[4] = column, row, yy * scale, -xy * scale, xx * scale
+            d[5], d[9] = opacities[n], high
+            away = ONE / np.sqrt(x * x + y * y + z * z)
+            dx, dy, dz = centres[n, 0] - eye[0], centres[n, 1] - eye[1], centres[n, 2] - eye[2]
+            basis_of(dx * away, dy * away, dz * away, count, basis)
+            for channel in range(3):
+                colour = HALF
+                for k in range(count):
+                    colour += basis[k] * harmonics[n, k, channel]
+                d[6 + channel] = max(colour, ZERO)
+            bits[0] = z
+            keys[n] = (np.uint64(bits.view(np.uint32)[0]) << np.uint64(32)) | np.uint64(n)
 
 
 @njit(cache=True)
@@ -323,35 +325,42 @@ def unproject(  # type: ignore[no-untyped-def]
     ``seen_of`` (N, 3): its weight in the picture, the weight times errors, and the length of the gradient by its place
     in the picture. ``firsts`` (N + 1,): where a splat's sums start in those of pairs, ``sums`` (P, SUMS).
     """
-    for n in prange(len(centres)):
-        by_centre[n], by_scale[n], by_rotation[n], seen_of[n] = ZERO, ZERO, ZERO, ZERO
-        by_harmonic[n] = ZERO
-        by_opacity[n] = ZERO
-        if firsts[n] == firsts[n + 1]:
-            continue
-        own = np.zeros(SUMS, np.float32)
-        for pair in range(firsts[n], firsts[n + 1]):
-            for k in range(SUMS):
-                own[k] += sums[pair, k]
-        d = drawn[n]
-        by_opacity[n] = own[0] / d[5]
-        by_column, by_row = d[2] * own[1] + d[3] * own[2], d[3] * own[1] + d[4] * own[2]
-        seen_of[n, 0], seen_of[n, 1] = own[9], own[10]
-        seen_of[n, 2] = np.sqrt(by_column * by_column + by_row * by_row)
-        _unproject_shape(
-            centres[n], scales[n], rotations[n], axes, eye, focal, d, own, by_column, by_row, by_centre[n], by_scale[n],
-            by_rotation[n],
-        )  # fmt: skip
-        _uncolour(centres[n], harmonics[n], eye, d, own, by_centre[n], by_harmonic[n])
+    for block in prange((len(centres) + BLOCK - 1) // BLOCK):
+        turn, flat, out = np.empty((3, 3), np.float32), np.empty((2, 3), np.float32), np.empty((2, 3), np.float32)
+        by_turn, by_flat, by_out = np.empty_like(turn), np.empty_like(flat), np.empty_like(out)
+        basis, slopes, own = np.empty(16, np.float32), np.empty((16, 3), np.float32), np.empty(SUMS, np.float32)
+        for n in range(block * BLOCK, min((block + 1) * BLOCK, len(centres))):
+            by_centre[n], by_scale[n], by_rotation[n], seen_of[n] = ZERO, ZERO, ZERO, ZERO
+            by_harmonic[n] = ZERO
+            by_opacity[n] = ZERO
+            if firsts[n] == firsts[n + 1]:
+                continue
+            own[:] = ZERO
+            for pair in range(firsts[n], firsts[n + 1]):
+                for k in range(SUMS):
+                    own[k] += sums[pair, k]
+            d = drawn[n]
+            by_opacity[n] = own[0] / d[5]
+            by_column, by_row = d[2] * own[1] + d[3] * own[2], d[3] * own[1] + d[4] * own[2]
+            seen_of[n, 0], seen_of[n, 1] = own[9], own[10]
+            seen_of[n, 2] = np.sqrt(by_column * by_column + by_row * by_row)
+            _unproject_shape(
+                centres[n], scales[n], rotations[n], axes, eye, focal, d, own, by_column, by_row, by_centre[n],
+                by_scale[n], by_rotation[n], turn, flat, out, by_out, by_flat, by_turn,
+            )  # fmt: skip
+            _uncolour(centres[n], harmonics[n], eye, d, own, by_centre[n], by_harmonic[n], basis, slopes)
 
 
 @njit(fastmath=FAST_MATH)
 def _unproject_shape(  # type: ignore[no-untyped-def]
-    centre, scales, rotation, axes, eye, focal, d, own, by_column, by_row, by_centre, by_scale, by_rotation
-):
-    """Write the gradients by a splat's place and shape, from those by its place and shape in the picture."""
+    centre, scales, rotation, axes, eye, focal, d, own, by_column, by_row, by_centre, by_scale, by_rotation, turn, flat,
+    out, by_out, by_flat, by_turn,
+):  # fmt: skip
+    """Write the gradients by a splat's place and shape, from those by its place and shape in the picture.
+
+    The last six arguments are memory to work in.
+    """
     x, y, z = seen = _seen(centre, eye, axes)
-    turn, flat, out = np.empty((3, 3), np.float32), np.empty((2, 3), np.float32), np.empty((2, 3), np.float32)
     length = _turn(rotation, turn)
     _across(seen, axes, focal, turn, scales, flat, out)
     # By the covariance: the inverse's derivative, between the sums of -dx dx / 2, -dx dy and -dy dy / 2.
@@ -359,11 +368,10 @@ def _unproject_shape(  # type: ignore[no-untyped-def]
     h_xx = a * (a * p + b * q) + b * (a * q + b * r)
     h_xy = a * (b * p + c * q) + b * (b * q + c * r)
     h_yy = b * (b * p + c * q) + c * (b * q + c * r)
-    by_out, by_flat = np.empty((2, 3), np.float32), np.zeros((2, 3), np.float32)
+    by_flat[:] = ZERO
     for k in range(3):
         by_out[0, k] = TWO * (h_xx * out[0, k] + h_xy * out[1, k])
         by_out[1, k] = TWO * (h_xy * out[0, k] + h_yy * out[1, k])
-    by_turn = np.empty((3, 3), np.float32)
     for i in range(3):
         for k in range(3):
             change = flat[0, i] * by_out[0, k] + flat[1, i] * by_out[1, k]
@@ -408,13 +416,15 @@ def _unturn(rotation, length, by_turn, by_rotation):  # type: ignore[no-untyped-
 
 
 @njit(fastmath=FAST_MATH)
-def _uncolour(centre, harmonics, eye, d, own, by_centre, by_harmonic):  # type: ignore[no-untyped-def]
-    """Write the gradients by a splat's harmonics (K, 3), and add those of its colour by its centre."""
+def _uncolour(centre, harmonics, eye, d, own, by_centre, by_harmonic, basis, slopes):  # type: ignore[no-untyped-def]
+    """Write the gradients by a splat's harmonics (K, 3), and add those of its colour by its centre.
+
+    ``basis`` (16,) and ``slopes`` (16, 3) are memory to work in.
+    """
     count = len(harmonics)
     x, y, z = centre[0] - eye[0], centre[1] - eye[1], centre[2] - eye[2]
     away = ONE / np.sqrt(x * x + y * y + z * z)
     x, y, z = x * away, y * away, z * away
-    basis, slopes = np.empty(16, np.float32), np.empty((16, 3), np.float32)
     basis_of(x, y, z, count, basis)
     for channel in range(3):
         if d[6 + channel] > ZERO:

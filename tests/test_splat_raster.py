@@ -117,8 +117,8 @@ def test_weights_add_up_to_the_picture() -> None:
 def test_splats_behind_the_camera_and_outside_show_nothing() -> None:
     eye = an_eye(32, 32, (0.0, 0.0, 1.0))
     splats = some_splats(50, 0, 4)
-    behind = Gaussians(splats.centres + np.float32((0.0, 0.0, 9.0)), *splats.arrays[1:])
-    beside = Gaussians(splats.centres + np.float32((90.0, 0.0, 0.0)), *splats.arrays[1:])
+    behind = Gaussians(splats.centres + np.array((0.0, 0.0, 9.0), np.float32), *splats.arrays[1:])
+    beside = Gaussians(splats.centres + np.array((90.0, 0.0, 0.0), np.float32), *splats.arrays[1:])
     for one in (behind, beside, Gaussians(*(array[:0] for array in splats.arrays))):
         drawing = draw(one, eye)
         assert not drawing.image.any()

@@ -117,7 +117,7 @@ def test_where_a_scene_lies_and_how_large_it_is_changes_nothing() -> None:
     moved = replace(scene, occupancy=replace(scene.occupancy, box=box))
     options = SplatOptions(count=300, steps=10)
     here, there = fit_splats(scene, options), fit_splats(moved, options)
-    assert np.abs(there.centres - here.centres - np.float32((100.0, 0.0, 0.0))).max() < 1e-2
+    assert np.abs(there.centres - here.centres - np.array((100.0, 0.0, 0.0), np.float32)).max() < 1e-2
     far = replace(scene.occupancy.box, low=(1e7, 0.0, 0.0))
     with pytest.raises(BadInput, match="so far from the origin"):
         fit_splats(replace(scene, occupancy=replace(scene.occupancy, box=far)), options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from svv.errors import BadInput, Progress, silent
@@ -15,9 +16,9 @@ from svv.render.splats.spz import SIDES, read_spz, write_spz
 def write_splats(path: str | Path, splats: Splats, progress: Progress = silent) -> list[str]:
     """Write splats as NAME.ply, NAME.spz or NAME.glb; return sentences on what the file has otherwise than the splats.
 
-    Axes are the world's. A .ply holds all, a .spz a tenth of the bytes, with 8 bits a value, and no regions; a .glb is
-    glTF with KHR_gaussian_splatting, a mesh for each region. Raises BadInput for another suffix, arrays that do not
-    belong together, or a file that cannot be written.
+    Axes are the world's. A .ply holds all; a .spz is a tenth as large, with 8 bits for most values and no regions; a
+    .glb is glTF with KHR_gaussian_splatting. Raises BadInput for another suffix, arrays that do not belong together, or
+    a file that cannot be written.
 
     >>> splats = svv.Splats(
     ...     centres=np.zeros((1, 3), "f4"), scales=np.ones((1, 3), "f4"), rotations=np.eye(4, dtype="f4")[:1],
@@ -35,14 +36,13 @@ def write_splats(path: str | Path, splats: Splats, progress: Progress = silent) 
     check_splats(splats)
     place = place_of(splats, SIDES) if suffix == ".spz" else place_of(splats)
     here = placed(splats, place)
-    if suffix == ".glb":  # whose nodes put everything into its place
+    if suffix == ".glb":
         write_glb(path, here, place, progress)
-        return []
-    notes = [place.describe()] if place.describe() else []
-    if suffix == ".ply":
+        place = replace(place, origin=(0.0, 0.0, 0.0))  # in the file, too
+    elif suffix == ".ply":
         write_ply(path, here, place, progress)
-        return notes
-    return notes + write_spz(path, here, progress)
+    lost = write_spz(path, here, progress) if suffix == ".spz" else []
+    return [place.describe(), *lost] if place.describe() else lost
 
 
 def read_splats(path: str | Path) -> Splats:
@@ -52,11 +52,15 @@ def read_splats(path: str | Path) -> Splats:
     Raises BadInput for another suffix, or a file that is missing, truncated or does not hold splats.
     """
     path = Path(path)
+    reader = {".ply": lambda: in_world(*read_ply(path)), ".spz": lambda: read_spz(path)}.get(path.suffix.lower())
+    if reader is None:
+        raise BadInput(f"Cannot read {path}: splats are read from .ply and .spz files.")
     try:
-        if path.suffix.lower() == ".ply":
-            return in_world(*read_ply(path))
-        if path.suffix.lower() == ".spz":
-            return read_spz(path)
+        splats = reader()
     except OSError as error:
         raise BadInput(f"Cannot read {path}: {error.strerror or error}.") from error
-    raise BadInput(f"Cannot read {path}: splats are read from .ply and .spz files.")
+    try:
+        check_splats(splats)
+    except BadInput as error:
+        raise BadInput(f"{path} holds no splats that can be drawn: {error}") from error
+    return splats

@@ -1,6 +1,8 @@
 """Splats as .glb: binary glTF 2.0 with the extension KHR_gaussian_splatting (release candidate of 2026).
 
 Scales and opacities are linear, quaternions x, y, z, w, colours sRGB. Programs without the extension draw points.
+All splats are one mesh, and their regions an attribute: three.js (r187) sorts the splats of each mesh by themselves, so
+meshes of nested regions would be drawn over each other.
 https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Khronos/KHR_gaussian_splatting
 """
 
@@ -27,51 +29,56 @@ Y0 = 0.28209479177387814
 
 
 def write_glb(path: Path, splats: Splats, place: Place, progress: Progress = silent) -> None:
-    """Write splats, whose positions are those of ``place``, whole or not at all; raises BadInput as `atomic_path`."""
-    views: list[dict[str, object]] = []
-    accessors: list[dict[str, object]] = []
-    blocks: list[bytes] = []
-    meshes = []
-    for region, name in enumerate(splats.names):
-        chosen = splats.regions == region
-        if chosen.any():
-            attributes = {}
-            for key, values in _attributes(splats, chosen).items():
-                attributes[key] = len(accessors)
-                accessors.append(_accessor(key, values, len(views)))
-                start = sum(map(len, blocks))
-                blocks.append(values.tobytes())
-                views.append({"buffer": 0, "byteOffset": start, "byteLength": len(blocks[-1]), "target": 34962})
-            meshes.append(_mesh(name, attributes))
-    size = sum(map(len, blocks))
+    """Write splats, whose positions are those of ``place``, whole or not at all; raises BadInput as `atomic_path`.
+
+    A node puts them where they are in the world, in the place's unit: three.js and PlayCanvas draw nothing if it scales
+    them to 1e-9.
+    """
+    attributes = _attributes(splats)
+    blocks = [values.tobytes() for values in attributes.values()]
+    starts = np.cumsum([0, *map(len, blocks)]).tolist()
     told = json.dumps({
         "asset": {"version": "2.0", "generator": f"svv {__version__}"}, "extensionsUsed": [EXTENSION],
-        "scene": 0, "scenes": [{"nodes": list(range(len(meshes))), "extras": {"background": splats.background}}],
-        "nodes": [_node(mesh, number, place) for number, mesh in enumerate(meshes)], "meshes": meshes,
-        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": size}],
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [_node(place)],
+        "meshes": [{
+            "name": "splats", "extras": {"regions": splats.names, "background": splats.background},
+            "primitives": [{
+                "mode": 0, "attributes": {key: number for number, key in enumerate(attributes)},
+                "extensions": {EXTENSION: {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}},
+            }],
+        }],
+        "accessors": [_accessor(key, values, number) for number, (key, values) in enumerate(attributes.items())],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": len(block), "target": 34962}
+            for start, block in zip(starts, blocks, strict=False)
+        ],
+        "buffers": [{"byteLength": starts[-1]}],
     }).encode()  # fmt: skip
     told += b" " * (-len(told) % 4)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.write(struct.pack("<4sII", b"glTF", 2, 28 + len(told) + size) + struct.pack("<I4s", len(told), b"JSON"))
-        file.write(told + struct.pack("<I4s", size, b"BIN\0"))
+        file.write(
+            struct.pack("<4sII", b"glTF", 2, 28 + len(told) + starts[-1]) + struct.pack("<I4s", len(told), b"JSON")
+        )
+        file.write(told + struct.pack("<I4s", starts[-1], b"BIN\0"))
         for number, block in enumerate(blocks):
             progress(number / len(blocks), "writing")
             file.write(block)
     progress(1.0, "writing")
 
 
-def _attributes(splats: Splats, chosen: np.ndarray) -> dict[str, np.ndarray]:
-    """A region's vertex attributes, each a multiple of 4 bytes a splat. (n, 1, 3 or 4)"""
-    harmonics = splats.harmonics[chosen]
+def _attributes(splats: Splats) -> dict[str, np.ndarray]:
+    """The vertices' attributes, each a multiple of 4 bytes a splat. (N, 1, 3 or 4)"""
+    harmonics, alpha = splats.harmonics, splats.opacities[:, None]
     diffuse = linear(np.clip(0.5 + Y0 * harmonics[:, 0].astype(float), 0.0, 1.0))
-    shown = np.concatenate([diffuse, splats.opacities[chosen][:, None]], axis=1)
+    shown = np.concatenate([diffuse, alpha], axis=1)
     found = {
-        "POSITION": splats.centres[chosen],
+        "POSITION": splats.centres,
         "COLOR_0": np.rint(65535.0 * shown).astype("<u2"),
-        f"{EXTENSION}:ROTATION": np.roll(splats.rotations[chosen], -1, axis=1),
-        f"{EXTENSION}:SCALE": splats.scales[chosen],
-        f"{EXTENSION}:OPACITY": splats.opacities[chosen][:, None],
+        f"{EXTENSION}:ROTATION": np.roll(splats.rotations, -1, axis=1),
+        f"{EXTENSION}:SCALE": splats.scales,
+        f"{EXTENSION}:OPACITY": alpha,
     }
+    found["_REGION"] = splats.regions[:, None]
     for degree in range(int(np.sqrt(harmonics.shape[1]))):
         for k in range(2 * degree + 1):
             found[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{k}"] = harmonics[:, degree**2 + k]
@@ -90,11 +97,6 @@ def _accessor(key: str, values: np.ndarray, view: int) -> dict[str, object]:
     return accessor
 
 
-def _mesh(name: str, attributes: dict[str, int]) -> dict[str, object]:
-    extension = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}
-    return {"name": name, "primitives": [{"mode": 0, "attributes": attributes, "extensions": {EXTENSION: extension}}]}
-
-
-def _node(mesh: dict[str, object], number: int, place: Place) -> dict[str, object]:
-    node = {"name": mesh["name"], "mesh": number}
-    return node if place == Place() else node | {"translation": place.origin, "scale": [place.unit] * 3}
+def _node(place: Place) -> dict[str, object]:
+    node: dict[str, object] = {"name": "splats", "mesh": 0}
+    return node | ({"translation": [x / place.unit for x in place.origin]} if any(place.origin) else {})

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from svv.core.json_values import number_in, parsed, vector_in
 from svv.errors import BadInput, Progress, silent
 from svv.fields.splats.splats import Splats
 from svv.io.files.atomic import atomic_path
@@ -61,19 +62,22 @@ def read_ply(path: Path) -> tuple[Splats, Place]:
     head, found, body = content.partition(b"end_header\n")
     lines = head.decode("ascii", "replace").splitlines()
     if lines[:2] != ["ply", "format binary_little_endian 1.0"] or not found:
-        raise BadInput(f"{path} is not a binary .ply file with the least byte first.")
-    counts = [int(line.split()[2]) for line in lines if re.fullmatch(r"element vertex \d{1,9}", line)]
-    names = [line.split()[2] for line in lines if re.fullmatch(r"property float \w+", line)]
-    if len(counts) != 1 or sum(line.startswith(("element", "property")) for line in lines) != 1 + len(names):
-        raise BadInput(f"{path} must have vertices alone, all of whose properties are floats.")
+        raise BadInput(f"{path} is no binary .ply file with the least byte first: save it as one.")
+    stated = [line for line in lines if line.startswith(("element ", "property "))]
+    names = [line.split()[2] for line in stated[1:] if re.fullmatch(r"property float \w+", line)]
+    vertices = re.fullmatch(r"element vertex (\d{1,9})", stated[0]) if stated else None
+    if vertices is None or len(stated) != 1 + len(names):
+        raise BadInput(f"{path} must have vertices alone, all of whose properties are floats, as 3DGS writes them.")
     rest = sum(name.startswith("f_rest_") for name in names)
     wanted = names_of(1 + rest // 3)
     if rest not in (0, 9, 24, 45) or not set(wanted[:-1]) <= set(names):
         raise BadInput(f"{path} does not hold Gaussian splats: it has the properties {', '.join(names)}.")
-    if len(body) != 4 * counts[0] * len(names):
+    if len(body) != 4 * int(vertices[1]) * len(names):
         raise BadInput(f"{path} is truncated: copy it again.")
-    rows = np.frombuffer(body, "<f4").reshape(counts[0], len(names))
-    return _splats_of({name: rows[:, k] for k, name in enumerate(names)}, wanted, _told(lines))
+    rows = np.frombuffer(body, "<f4").reshape(-1, len(names))
+    told = _told(path, lines)
+    place = Place(vector_in(told.get("origin", [0, 0, 0]), "origin"), number_in(told.get("unit", 1.0), "unit"))
+    return _splats_of({name: rows[:, k] for k, name in enumerate(names)}, wanted, told), place
 
 
 def _rows(splats: Splats, chosen: slice) -> np.ndarray:
@@ -87,30 +91,34 @@ def _rows(splats: Splats, chosen: slice) -> np.ndarray:
     ], axis=1).astype("<f4")  # fmt: skip
 
 
-def _told(lines: list[str]) -> dict[str, object]:
+def _told(path: Path, lines: list[str]) -> dict[str, object]:
     """What comments of svv say, by key."""
     told: dict[str, object] = {}
     for line in lines:
         if match := re.fullmatch(r"comment svv (origin|unit|background|region \d{1,5}) (.*)", line):
-            told[match[1]] = json.loads(match[2])
+            try:
+                told[match[1]] = parsed(match[2])
+            except ValueError as error:
+                raise BadInput(f"{path} has a damaged comment, '{line}': copy it again.") from error
     return told
 
 
-def _splats_of(columns: dict[str, np.ndarray], wanted: list[str], told: dict[str, object]) -> tuple[Splats, Place]:
+def _splats_of(columns: dict[str, np.ndarray], wanted: list[str], told: dict[str, object]) -> Splats:
     def stacked(prefix: str) -> np.ndarray:
-        return np.stack([columns[name] for name in wanted if name.startswith(prefix)], axis=1)
+        return np.stack([columns[name] for name in wanted if name.startswith(prefix)], axis=1).astype(float)
 
     n = len(columns["x"])
     rest = stacked("f_rest_").reshape(n, 3, -1).transpose(0, 2, 1) if "f_rest_0" in wanted else np.zeros((n, 0, 3))
-    turns = stacked("rot_").astype(float)
-    regions = columns.get("region", np.zeros(n)).astype(np.int16)
-    names = tuple(str(told.get(f"region {k}", k)) for k in range(int(regions.max(initial=0)) + 1))
-    splats = Splats(
-        centres=np.stack([columns[axis] for axis in "xyz"], axis=1),
-        scales=np.exp(stacked("scale_")),
-        rotations=(turns / np.linalg.norm(turns, axis=1, keepdims=True)).astype(np.float32),
-        opacities=(1.0 / (1.0 + np.exp(-columns["opacity"].astype(float)))).astype(np.float32),
-        harmonics=np.concatenate([stacked("f_dc_")[:, None], rest], axis=1).astype(np.float32),
-        regions=regions, names=names, background=tuple(told.get("background", (1.0, 1.0, 1.0))),
+    numbers = np.nan_to_num(columns.get("region", np.zeros(n)), nan=-1.0)  # which is no region
+    regions = np.clip(numbers, -1, np.iinfo(np.int16).max).astype(np.int16)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # who reads checks all values
+        turns = stacked("rot_")
+        turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+        values = (np.exp(stacked("scale_")), turns, 1.0 / (1.0 + np.exp(-columns["opacity"].astype(float))))
+        scales, rotations, opacities = (array.astype(np.float32) for array in values)
+    return Splats(
+        centres=np.stack([columns[axis] for axis in "xyz"], axis=1), scales=scales, rotations=rotations,
+        opacities=opacities, harmonics=np.concatenate([stacked("f_dc_")[:, None], rest], axis=1).astype(np.float32),
+        regions=regions, names=tuple(str(told.get(f"region {k}", k)) for k in range(int(regions.max(initial=0)) + 1)),
+        background=vector_in(told.get("background", [1, 1, 1]), "background"),
     )  # fmt: skip
-    return splats, Place(tuple(told.get("origin", (0.0, 0.0, 0.0))), float(told.get("unit", 1.0)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gzip
 import struct
 import zlib
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,14 @@ import numpy as np
 from svv.errors import BadInput, Progress, silent
 from svv.fields.splats.splats import Splats
 from svv.io.files.atomic import atomic_path
+from svv.io.files.declared_sizes import check_fits
 
 MAGIC, VERSION = 0x5053474E, 3
 HEADER = struct.Struct("<IIIBBBB")
 """Magic, version, number of splats, degree, fractional bits, flags, 0."""
+
+EXTENDED = 2
+"""The flag of files with extensions, which may change what coefficients mean."""
 
 MOST_POINTS = 10_000_000
 """What the authors' reader accepts."""
@@ -66,23 +71,11 @@ def write_spz(path: Path, splats: Splats, progress: Progress = silent) -> list[s
 
 
 def read_spz(path: Path) -> Splats:
-    """Return a file's splats in its own units, all of region 0; raises BadInput if it is not a .spz of version 2 or 3.
-    """
-    try:
-        content = gzip.decompress(path.read_bytes())
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise BadInput(f"{path} is not a .spz file of version 2 or 3, or it is truncated: {error}.") from error
-    if len(content) < HEADER.size:
-        raise BadInput(f"{path} is not a .spz file: it is too short.")
-    magic, version, n, degree, bits, flags, _ = HEADER.unpack_from(content)
-    if magic != MAGIC or version not in (2, 3) or degree > 3 or flags & 2:
-        raise BadInput(f"{path} is not a .spz file of version 2 or 3 with at most 3 degrees and no extensions.")
-    widths = [9, 1, 3, 3, 4 if version == 3 else 3, 3 * ((degree + 1) ** 2 - 1)]
-    if len(content) != HEADER.size + n * sum(widths):
-        raise BadInput(f"{path} is truncated: copy it again.")
-    ends = HEADER.size + n * np.cumsum([0, *widths])
+    """Return a file's splats in its own units, all of region 0; raises BadInput for other than versions 2 and 3."""
+    content, n, degree, version, bits = _unzipped(path)
+    ends = n * np.cumsum([0, *_widths(degree, version)])
     places, alpha, colour, logs, turns, rest = (
-        np.frombuffer(content, np.uint8, b - a, a).reshape(n, -1) for a, b in zip(ends, ends[1:], strict=False)
+        np.frombuffer(content, np.uint8, b - a, a).reshape(n, -1) for a, b in pairwise(ends)
     )
     fixed = np.zeros((n, 3, 4), np.uint8)
     fixed[:, :, 1:] = places.reshape(n, 3, 3)
@@ -96,6 +89,30 @@ def read_spz(path: Path) -> Splats:
         opacities=(alpha[:, 0] / 255.0).astype(np.float32), harmonics=harmonics.astype(np.float32),
         regions=np.zeros(n, np.int16), names=("0",), background=(1.0, 1.0, 1.0),
     )  # fmt: skip
+
+
+def _unzipped(path: Path) -> tuple[bytes, int, int, int, int]:
+    """Return a file's bytes after the header, and number of splats, degree, version and fractional bits."""
+    remedy = f"{path} is no whole .spz file of version 2 or 3: copy it again, or convert it to .ply."
+    unpacker = zlib.decompressobj(31)
+    try:
+        header = unpacker.decompress(path.read_bytes(), HEADER.size)
+        magic, version, n, degree, bits, flags, _ = HEADER.unpack(header)
+        if magic != MAGIC or version not in (2, 3) or degree > 3 or flags & EXTENDED or not 0 < n <= MOST_POINTS:
+            raise BadInput(remedy)
+        size = n * sum(_widths(degree, version))
+        check_fits(size, str(path))
+        content = unpacker.decompress(unpacker.unconsumed_tail, size + 1)  # no more, whatever the file unpacks to
+    except (struct.error, zlib.error) as error:
+        raise BadInput(remedy) from error
+    if len(content) != size:
+        raise BadInput(remedy)
+    return content, n, degree, version, bits
+
+
+def _widths(degree: int, version: int) -> list[int]:
+    """Bytes of each splat's position, opacity, colour, scales, quaternion and other coefficients."""
+    return [9, 1, 3, 3, 4 if version == 3 else 3, 3 * ((degree + 1) ** 2 - 1)]
 
 
 def _bytes(values: np.ndarray) -> np.ndarray:

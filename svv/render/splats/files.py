@@ -50,6 +50,12 @@ def read_splats(path: str | Path) -> Splats:
 
     Positions are the world's, except those of a .spz that was written from another place; a .spz has one region.
     Raises BadInput for another suffix, or a file that is missing, truncated or does not hold splats.
+
+    >>> try:
+    ...     svv.read_splats("ball.glb")
+    ... except svv.BadInput as error:
+    ...     print(error)
+    Cannot read ball.glb: splats are read from .ply and .spz files.
     """
     path = Path(path)
     reader = {".ply": lambda: in_world(*read_ply(path)), ".spz": lambda: read_spz(path)}.get(path.suffix.lower())

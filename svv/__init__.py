@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from svv.options.making import TrainOptions as TrainOptions
     from svv.options.making import ViewOptions as ViewOptions
     from svv.options.shots import Shot as Shot
+    from svv.options.splats import SplatOptions as SplatOptions
     from svv.render.baking.baked import bake as bake
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
     from svv.train.run.learning import Learning as Learning
+    from svv.train.splats.fit import fit_splats as fit_splats
 
 PUBLIC = {
     name: module
@@ -89,6 +91,7 @@ PUBLIC = {
         "svv.options.figures": ("FigureOptions",),
         "svv.options.making": ("PaintOptions", "PaletteOptions", "TrainOptions", "ViewOptions"),
         "svv.options.shots": ("Shot",),
+        "svv.options.splats": ("SplatOptions",),
         "svv.render.baking.baked": ("bake",),
         "svv.render.figures.figure": ("Panel", "figure"),
         "svv.render.frames": ("orbit", "write_movie"),
@@ -100,6 +103,7 @@ PUBLIC = {
         "svv.train.paint.ink": ("Ink", "StyleInput"),
         "svv.train.pipeline": ("evaluate_scene", "stylize_scene"),
         "svv.train.run.learning": ("Learning",),
+        "svv.train.splats.fit": ("fit_splats",),
     }.items()
     for name in names
 }

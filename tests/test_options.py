@@ -180,7 +180,7 @@ def test_of_every_option_a_page_says_who_sets_it() -> None:
             named[heading[1]] = []
         elif row := re.match(r"\| `(\w+)` \| [^|]+ \| [^|]+ \|$", line):
             named[list(named)[-1]].append(row[1])
-    modules = (making, editing, baking, cinema, figures, splats)
+    modules = (making, editing, baking, splats, cinema, figures)
     every = [k for m in modules for k in vars(m).values() if inspect.isclass(k) and k.__module__ == m.__name__]
     kinds = [k for k in every if is_dataclass(k)] + [shots.Shot]  # whose schema says what its key frames hold
     above = {k: {f.name for b in k.__bases__ if is_dataclass(b) for f in fields(b)} for k in kinds}

@@ -52,7 +52,7 @@ THREE, FIVE, SIX, TEN, FIFTEEN = (np.float32(v) for v in (3.0, 5.0, 6.0, 10.0, 1
 
 
 @njit(fastmath=FAST_MATH, inline="always")
-def _basis(x, y, z, count, out):  # type: ignore[no-untyped-def]
+def basis_of(x, y, z, count, out):  # type: ignore[no-untyped-def]
     """Write the first ``count`` harmonics of a unit direction."""
     out[0] = B[0]
     if count > 1:
@@ -160,7 +160,7 @@ def project(  # type: ignore[no-untyped-def]
         d[0], d[1], d[2], d[3], d[4], d[5], d[9] = column, row, yy * scale, -xy * scale, xx * scale, opacities[n], high
         away = ONE / np.sqrt(x * x + y * y + z * z)
         basis = np.empty(16, np.float32)
-        _basis(
+        basis_of(
             (centres[n, 0] - eye[0]) * away, (centres[n, 1] - eye[1]) * away, (centres[n, 2] - eye[2]) * away, count,
             basis,
         )  # fmt: skip
@@ -415,7 +415,7 @@ def _uncolour(centre, harmonics, eye, d, own, by_centre, by_harmonic):  # type: 
     away = ONE / np.sqrt(x * x + y * y + z * z)
     x, y, z = x * away, y * away, z * away
     basis, slopes = np.empty(16, np.float32), np.empty((16, 3), np.float32)
-    _basis(x, y, z, count, basis)
+    basis_of(x, y, z, count, basis)
     for channel in range(3):
         if d[6 + channel] > ZERO:
             for k in range(count):

@@ -82,7 +82,7 @@ def test_a_ply_holds_all(
 
 @given(harmonics=st.sampled_from((1, 4, 9, 16)), seed=st.integers(0, 99))
 def test_a_spz_holds_steps(tmp_path_factory: pytest.TempPathFactory, harmonics: int, seed: int) -> None:
-    """What the format says it keeps: fixed points, a 16th of a logarithm, 8 and 10 bits."""
+    """What the format says it keeps: fixed points, a 16th of a logarithm, 5, 8 and 10 bits."""
     splats = some(40, harmonics, seed)
     path = tmp_path_factory.mktemp("spz") / "a.spz"
     assert write_splats(path, splats) == []
@@ -92,7 +92,7 @@ def test_a_spz_holds_steps(tmp_path_factory: pytest.TempPathFactory, harmonics: 
     assert angles(back, splats).max() < 0.01
     np.testing.assert_allclose(back.opacities, splats.opacities, atol=1.0 / 510 + 1e-6)
     np.testing.assert_allclose(back.harmonics[:, 0], splats.harmonics[:, 0], atol=0.5 / (0.15 * 255) + 1e-5)
-    np.testing.assert_allclose(back.harmonics[:, 1:], splats.harmonics[:, 1:], atol=1.0 / 256 + 1e-6)
+    np.testing.assert_allclose(back.harmonics[:, 1:], splats.harmonics[:, 1:], atol=1.0 / 32 + 1e-6)
 
 
 def test_a_row_of_a_ply_is_that_of_3dgs(tmp_path: Path) -> None:
@@ -268,13 +268,15 @@ def test_damaged_files_are_read_or_refused(
     try:
         back = read_splats(path)
     except BadInput as error:
-        assert "\n" not in str(error) and str(error).endswith(".")
-        return
-    assert np.isfinite(back.centres).all() and back.scales.min() > 0.0
+        said = str(error)
+    else:
+        said = "."
+        assert np.isfinite(back.centres).all() and back.scales.min() > 0.0
+    assert "\n" not in said and said.endswith(".")
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     header = struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 0, 12, 0, 0)
     (tmp_path / "a.spz").write_bytes(gzip.compress(header + bytes(200_000_000), 1))
-    with pytest.raises(BadInput, match="no whole .spz file"):
+    with pytest.raises(BadInput, match=r"no whole \.spz file"):
         read_splats(tmp_path / "a.spz")

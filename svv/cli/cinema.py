@@ -85,7 +85,9 @@ def export(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb|NAME.ply|NAME.spz|NAME.glb",
+            "--out",
+            "-o",
+            metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb|NAME.ply|NAME.spz|NAME.glb",
             help="What to write.",
         ),
     ],
@@ -116,6 +118,10 @@ def export(
         check_targets(out)
         if ranks.place().rank:
             return
+    if splatting != SplatOptions() and write is not _splats:
+        raise BadInput(
+            f"{out} takes no options of splats, such as --splats: they are of NAME.ply, NAME.spz and NAME.glb."
+        )
     with ranks.joined(options.device) if shared else nullcontext():
         loaded = load(scene, options.device)
         if hides_all(loaded) and options.network != "base" and ranks.is_first():
@@ -136,7 +142,7 @@ def _database(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
 def _page(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
     from svv.render.web.page import write_html
 
-    if asked != Asked(ExportOptions(device=asked.options.device)):
+    if (asked.options, asked.baking) != (ExportOptions(device=asked.options.device), BakeOptions()):
         raise BadInput("A page has no options: those of svv export are of Cinema databases, volumes and splats.")
     return f"{write_html(out, scene, out.stem, progress=progress) / 1e6:.1f} MB"
 

@@ -22,15 +22,15 @@ class SplatOptions:
     'auto'
     """
 
-    count: Annotated[int, Setting(least=100, most=MOST_SPLATS, metavar="N", panel="")] = 100_000
-    """Most splats: more are sharper and take more memory and time."""
+    count: Annotated[int, Setting("--splats", least=100, most=MOST_SPLATS, metavar="N", panel="")] = 100_000
+    """For splats: how many at most; more are sharper and take more memory and time."""
     degree: Annotated[DegreeName, Setting(panel="")] = "auto"
-    """Degree of the harmonics with which colours follow the viewer; auto tries what they gain."""
+    """For splats: degree of the harmonics with which colours follow the viewer; auto tries what they gain."""
     steps: Annotated[int, Setting(least=1, panel="")] = 700
-    """Number of pictures that the splats are fitted to, one after the other, again and again."""
+    """For splats: number of pictures that they are fitted to, one after the other, again and again."""
     time_limit: TimeLimit = None
-    """Fit for at most this many seconds."""
+    """For splats: fit for at most this many seconds."""
     seed: Annotated[int, Setting(least=0, panel="")] = 0
-    """The same seed gives the same splats, unless a time limit ends the fit."""
-    network: Annotated[NetworkName | None, Setting(panel="")] = None
+    """For splats: the same seed gives the same ones, unless a time limit ends the fit."""
+    network: Annotated[NetworkName | None, Setting(panel="", command=False)] = None
     """Network of the colours: base, pcn (palette and edits) or styled (painting); by default the scene's last."""

@@ -16,7 +16,15 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Splats:
-    """Gaussians that are drawn sorted by depth, each over those behind it."""
+    """Gaussians that are drawn sorted by depth, each over those behind it.
+
+    >>> splats = svv.Splats(
+    ...     centres=np.zeros((2, 3), "f4"), scales=np.ones((2, 3), "f4"), rotations=np.eye(4, dtype="f4")[[0, 0]],
+    ...     opacities=np.ones(2, "f4"), harmonics=np.zeros((2, 1, 3), "f4"), regions=np.zeros(2, "i2"),
+    ...     names=("bone",), background=(1.0, 1.0, 1.0))
+    >>> len(splats)
+    2
+    """
 
     centres: Floats
     """In world units. (N, 3)"""

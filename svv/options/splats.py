@@ -26,7 +26,7 @@ class SplatOptions:
     """For splats: how many at most; more are sharper and take more memory and time."""
     degree: Annotated[DegreeName, Setting(panel="")] = "auto"
     """For splats: degree of the harmonics with which colours follow the viewer; auto tries what they gain."""
-    steps: Annotated[int, Setting(least=1, panel="")] = 700
+    steps: Annotated[int, Setting(least=1, panel="")] = 500
     """For splats: number of pictures that they are fitted to, one after the other, again and again."""
     time_limit: TimeLimit = None
     """For splats: fit for at most this many seconds."""

@@ -22,7 +22,7 @@ SUFFIXES = (".ply", ".spz", ".glb")
 
 
 def some(n: int = 50, harmonics: int = 16, seed: int = 0) -> Splats:
-    """Splats of two regions about the origin, in a box of 2 units."""
+    """Splats of two of three regions about the origin, in a box of 2 units."""
     random = np.random.default_rng(seed)
     turns = random.normal(size=(n, 4))
     arrays = {
@@ -32,9 +32,9 @@ def some(n: int = 50, harmonics: int = 16, seed: int = 0) -> Splats:
         "opacities": random.uniform(0.0, 1.0, n),
         "harmonics": random.uniform(-0.9, 0.9, (n, harmonics, 3)),
     }
-    regions = (np.arange(n) % 2).astype(np.int16)
+    regions = (np.arange(n) % 2).astype(np.int16)  # nothing of the third
     floats = {name: array.astype(np.float32) for name, array in arrays.items()}
-    return Splats(**floats, regions=regions, names=("bone", 'skin "é"\n'), background=(0.5, 0.25, 1.0))
+    return Splats(**floats, regions=regions, names=("bone", 'skin "é"\n', "fat"), background=(0.5, 0.25, 1.0))
 
 
 def one(**changes: object) -> Splats:

@@ -111,6 +111,7 @@ def _splats_of(columns: dict[str, np.ndarray], wanted: list[str], told: dict[str
     rest = stacked("f_rest_").reshape(n, 3, -1).transpose(0, 2, 1) if "f_rest_0" in wanted else np.zeros((n, 0, 3))
     numbers = np.nan_to_num(columns.get("region", np.zeros(n)), nan=-1.0)  # which is no region
     regions = np.clip(numbers, -1, np.iinfo(np.int16).max).astype(np.int16)
+    count = max(int(regions.max(initial=0)) + 1, sum(key.startswith("region ") for key in told))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # who reads checks all values
         turns = stacked("rot_")
         turns /= np.linalg.norm(turns, axis=1, keepdims=True)
@@ -119,6 +120,6 @@ def _splats_of(columns: dict[str, np.ndarray], wanted: list[str], told: dict[str
     return Splats(
         centres=np.stack([columns[axis] for axis in "xyz"], axis=1), scales=scales, rotations=rotations,
         opacities=opacities, harmonics=np.concatenate([stacked("f_dc_")[:, None], rest], axis=1).astype(np.float32),
-        regions=regions, names=tuple(str(told.get(f"region {k}", k)) for k in range(int(regions.max(initial=0)) + 1)),
+        regions=regions, names=tuple(str(told.get(f"region {k}", k)) for k in range(count)),
         background=vector_in(told.get("background", [1, 1, 1]), "background"),
     )  # fmt: skip

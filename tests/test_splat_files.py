@@ -7,6 +7,7 @@ import json
 import struct
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -159,7 +160,7 @@ def test_a_glb_is_gltf_with_its_extension(tmp_path: Path, harmonics: int) -> Non
     def values(key: str) -> np.ndarray:
         accessor = scene["accessors"][primitive["attributes"][key]]
         view = scene["bufferViews"][accessor["bufferView"]]
-        kind = {5126: np.dtype("<f4"), 5123: np.dtype("<u2")}[accessor["componentType"]]
+        kind: np.dtype[Any] = np.dtype("<f4" if accessor["componentType"] == 5126 else "<u2")
         wide = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
         assert accessor["count"] * wide * kind.itemsize == view["byteLength"] and view["byteOffset"] % 4 == 0
         found = np.frombuffer(content, kind, accessor["count"] * wide, 28 + told + view["byteOffset"]).reshape(-1, wide)

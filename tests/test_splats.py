@@ -105,7 +105,7 @@ def test_scenes_of_every_kind_become_splats(kind: str) -> None:
         scene = scene.cut(Cut(planes=((1.0, 0.0, 0.0, 0.1),)))
     else:
         network = "base"
-    splats = fit_splats(scene, SplatOptions(count=2000, steps=60, network=network))  # type: ignore[arg-type]
+    splats = fit_splats(scene, SplatOptions(count=3000, steps=80, network=network))  # type: ignore[arg-type]
     assert likeness(splats, scene, network) > 30.0
     assert len(splats.names) == (1 if network else len(scene.regions))
     assert splats.regions.max() < len(splats.names)
@@ -153,6 +153,13 @@ def test_progress_grows_and_stops_the_work() -> None:
     with pytest.raises(KeyboardInterrupt):
         fit_splats(solid_ball(), SplatOptions(count=300), stop)
     assert told == sorted(told) and told[-1] < 0.31
+
+
+def test_a_short_fit_drops_nothing_that_it_did_not_look_at() -> None:
+    """Two steps look from two sides: what these do not see stays."""
+    splats = fit_splats(solid_ball(), SplatOptions(count=300, steps=2))
+    octants = (splats.centres > 0.0) @ np.array([1, 2, 4])
+    assert (np.bincount(octants, minlength=8) > 0.06 * len(splats)).all()
 
 
 def test_a_time_limit_ends_the_fit() -> None:

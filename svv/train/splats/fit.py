@@ -94,8 +94,9 @@ def fit_splats(scene: Scene, options: SplatOptions = SplatOptions(), progress: P
         pictures.append(picture_of(scene, camera, network))
     left = None if options.time_limit is None else max(0.1, options.time_limit - (time.monotonic() - begin))
     loop = Loop(options.steps, left, part(progress, 0.3, 1.0), "fitting splats")
-    loop.run(_Schedule(fit, eyes, pictures, options))
-    fit.divide(0, options.count)
+    schedule = _Schedule(fit, eyes, pictures, options)
+    loop.run(schedule)
+    fit.divide(0, options.count, schedule.rounds > 0)
     names = tuple(region.name or f"region {number}" for number, region in enumerate(scene.regions))
     return _in_world(fit, seen, ("scene",) if network == "base" or not names else names)
 
@@ -146,18 +147,27 @@ class _Schedule:
         self.fit, self.eyes, self.pictures, self.most = fit, eyes, pictures, options.count
         self.random = np.random.default_rng(options.seed)
         self.queue: list[int] = []
-        self.next = DENSE_FROM
+        self.next, self.before = DENSE_FROM, 0.0
+        self.rounds = 0
+        """How often all pictures were fitted since splats were divided."""
 
     def __call__(self, number: int, fraction: float) -> Tensor:
         """Do a step, and return its loss."""
-        if fraction >= self.next and self.next <= DENSE_TO:
-            times = max(1, round((DENSE_TO - self.next) / DENSE_EVERY) + 1)
-            self.fit.divide(-(-(self.most - len(self.fit.regions)) // times), self.most)
-            self.next += DENSE_EVERY
         if not self.queue:
+            self.rounds += number > 0
+            if self.rounds and self.next <= fraction <= DENSE_TO:
+                self._divide(fraction)
             self.queue = self.random.permutation(len(self.eyes)).tolist()
+            self.before = fraction
         view = self.queue.pop()
         return torch.tensor(self.fit.step(self.eyes[view], self.pictures[view], fraction))
+
+    def _divide(self, fraction: float) -> None:
+        """Divide splats, so many that all are there when it is done the last time."""
+        every = max(DENSE_EVERY, fraction - self.before)
+        times = int((DENSE_TO - fraction) / every) + 1
+        self.fit.divide(-(-(self.most - len(self.fit.regions)) // times), self.most, True)
+        self.next, self.rounds = fraction + DENSE_EVERY, 0
 
 
 class Fit:
@@ -172,7 +182,7 @@ class Fit:
         }  # fmt: skip
         self.regions, self.side = regions, side
         self.moments = {name: [np.zeros_like(value), np.zeros_like(value)] for name, value in self.values.items()}
-        self.seen = np.zeros((len(splats), 3), np.float32)
+        self.seen = np.zeros((len(splats), 2), np.float32)
         self.done = 0
 
     @property
@@ -212,10 +222,14 @@ class Fit:
                 value, getattr(gradients, name), drawing.firsts, *self.moments[name], rates, OLD, OLDER, unbiased, TINY
             )
 
-    def divide(self, count: int, most: int) -> None:
-        """Drop splats that show nothing, and divide those where the error is, ``count`` or up to ``most`` in all."""
+    def divide(self, count: int, most: int, sure: bool) -> None:
+        """Drop splats that show nothing, and divide those where the error is, ``count`` or up to ``most`` in all.
+
+        ``sure``: whether all pictures were fitted since this was done before, so that what none showed is dropped.
+        """
         splats = self.splats
-        kept = np.flatnonzero((self.seen[:, 0] > UNSEEN) & (splats.opacities > FAINT))
+        shown = (self.seen[:, 0] > UNSEEN) | (not sure)
+        kept = np.flatnonzero(shown & (splats.opacities > FAINT))
         score = self.seen[kept, 1]
         room = max(0, min(count, most - len(kept)))
         among = np.argsort(-score, kind="stable")[:room]
@@ -241,7 +255,7 @@ class Fit:
                 np.concatenate([moment[kept], np.zeros_like(moment[divided])]) for moment in self.moments[name]
             ]
         self.regions = np.concatenate([self.regions[kept], self.regions[divided]])
-        self.seen = np.zeros((len(self.regions), 3), np.float32)
+        self.seen = np.zeros((len(self.regions), 2), np.float32)
 
 
 def loss_of(image: Floats, picture: Floats) -> tuple[float, Floats, Floats]:

@@ -88,8 +88,8 @@ class Drawing:
     def gradients(self, slope: Floats, error: Floats) -> tuple[Gaussians, Floats]:
         """Return the gradients of a loss by the splats, from its gradient by the picture (4, height, width).
 
-        Also returns (N, 3): each splat's weight in the picture, the weight times the ``error`` (height, width) of its
-        pixels, and the length of the loss's gradient by its place in the picture, in pixels.
+        Also returns (N, 2): each splat's weight in the picture, and the weight times the ``error`` (height, width) of
+        its pixels.
         """
         slopes, errors = np.zeros_like(self.padded), np.zeros(self.padded.shape[1:], np.float32)
         slopes[:, : self.eye.height, : self.eye.width] = slope
@@ -101,7 +101,7 @@ class Drawing:
         )  # fmt: skip
         s, eye = self.splats, self.eye
         found = Gaussians(*(np.empty_like(array) for array in s.arrays))
-        seen = np.empty((len(s), 3), np.float32)
+        seen = np.empty((len(s), 2), np.float32)
         kernels.unproject(
             s.centres, s.scales, s.rotations, s.harmonics, eye.axes, eye.position, np.float32(eye.focal), self.drawn,
             self.firsts, sums, *found.arrays, seen,

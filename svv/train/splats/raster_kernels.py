@@ -322,8 +322,8 @@ def unproject(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Write the gradients by splats' centres (N, 3), scales (N, 3), rotations (N, 4), opacities (N,) and harmonics.
 
-    ``seen_of`` (N, 3): its weight in the picture, the weight times errors, and the length of the gradient by its place
-    in the picture. ``firsts`` (N + 1,): where a splat's sums start in those of pairs, ``sums`` (P, SUMS).
+    ``seen_of`` (N, 2): its weight in the picture, and the weight times errors. ``firsts`` (N + 1,): where a splat's
+    sums start in those of pairs, ``sums`` (P, SUMS).
     """
     for block in prange((len(centres) + BLOCK - 1) // BLOCK):
         turn, flat, out = np.empty((3, 3), np.float32), np.empty((2, 3), np.float32), np.empty((2, 3), np.float32)
@@ -343,7 +343,6 @@ def unproject(  # type: ignore[no-untyped-def]
             by_opacity[n] = own[0] / d[5]
             by_column, by_row = d[2] * own[1] + d[3] * own[2], d[3] * own[1] + d[4] * own[2]
             seen_of[n, 0], seen_of[n, 1] = own[9], own[10]
-            seen_of[n, 2] = np.sqrt(by_column * by_column + by_row * by_row)
             _unproject_shape(
                 centres[n], scales[n], rotations[n], axes, eye, focal, d, own, by_column, by_row, by_centre[n],
                 by_scale[n], by_rotation[n], turn, flat, out, by_out, by_flat, by_turn,

@@ -249,7 +249,7 @@ def _degree_of(seen: Seen, starts: NDArray[np.int64]) -> int:
         kernels.add_errors(starts, seen.directions, others, seen.colours, harmonics.astype(np.float32), own)
         errors.append(float(own.sum()))
     best = min(errors)
-    return next(degree for degree, error in enumerate(errors) if 10.0 * np.log10(error / max(best, 1e-30)) <= ALMOST)
+    return next(degree for degree, error in enumerate(errors) if error <= best * 10.0 ** (0.1 * ALMOST))
 
 
 def _harmonics(seen: Seen, starts: NDArray[np.int64], weights: Floats, count: int) -> NDArray[np.float64]:

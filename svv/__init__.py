@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from svv.fields.scene.region import Region as Region
     from svv.fields.scene.scene import Rendering as Rendering
     from svv.fields.scene.scene import Scene as Scene
+    from svv.fields.splats.splats import Splats as Splats
     from svv.io.pictures.output import write_png as write_png
     from svv.io.pictures.style_picture import read_style as read_style
     from svv.io.shot_file import read_shot as read_shot
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from svv.options.making import TrainOptions as TrainOptions
     from svv.options.making import ViewOptions as ViewOptions
     from svv.options.shots import Shot as Shot
+    from svv.options.splats import SplatOptions as SplatOptions
     from svv.render.baking.baked import bake as bake
     from svv.render.figures.figure import Panel as Panel
     from svv.render.figures.figure import figure as figure
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.render.show import widget as widget
+    from svv.render.splats.files import read_splats as read_splats
+    from svv.render.splats.files import write_splats as write_splats
     from svv.render.web.page import write_html as write_html
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.paint.ink import Ink as Ink
@@ -59,6 +63,7 @@ if TYPE_CHECKING:
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
     from svv.train.run.learning import Learning as Learning
+    from svv.train.splats.fit import fit_splats as fit_splats
 
 PUBLIC = {
     name: module
@@ -72,6 +77,7 @@ PUBLIC = {
         "svv.errors": ("BadInput", "Cancelled"),
         "svv.fields.scene.region": ("Region",),
         "svv.fields.scene.scene": ("Rendering", "Scene"),
+        "svv.fields.splats.splats": ("Splats",),
         "svv.io.pictures.output": ("write_png",),
         "svv.io.pictures.style_picture": ("read_style",),
         "svv.io.shot_file": ("read_shot", "write_shot"),
@@ -85,16 +91,19 @@ PUBLIC = {
         "svv.options.figures": ("FigureOptions",),
         "svv.options.making": ("PaintOptions", "PaletteOptions", "TrainOptions", "ViewOptions"),
         "svv.options.shots": ("Shot",),
+        "svv.options.splats": ("SplatOptions",),
         "svv.render.baking.baked": ("bake",),
         "svv.render.figures.figure": ("Panel", "figure"),
         "svv.render.frames": ("orbit", "write_movie"),
         "svv.render.show": ("image_data", "show", "widget"),
         "svv.render.shots.film": ("render_shot",),
+        "svv.render.splats.files": ("read_splats", "write_splats"),
         "svv.render.web.page": ("write_html",),
         "svv.train.correct": ("correct_palette",),
         "svv.train.paint.ink": ("Ink", "StyleInput"),
         "svv.train.pipeline": ("evaluate_scene", "stylize_scene"),
         "svv.train.run.learning": ("Learning",),
+        "svv.train.splats.fit": ("fit_splats",),
     }.items()
     for name in names
 }

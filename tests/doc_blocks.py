@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n\n?)?^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 QUICK = {"import", "export", "info", "edit", "render", "style-mask", "features", "cache"}
-"""Commands that are run as they stand, but for the size and the number of their pictures."""
+"""Commands that are run as they stand, but for the size and the number of their pictures, and of splats."""
 
 LEARNING = {"run", "train", "palette", "stylize", "apply"}
 """Commands that are not run; a scene that nobody trained takes the place of what they would write."""
@@ -171,10 +171,12 @@ def _svv(arguments: Sequence[str]) -> None:
 
 
 def _smaller(name: str, arguments: Sequence[str]) -> list[str]:
-    """The same command with small pictures, and few of them."""
+    """The same command with small pictures, and few of them, or few splats."""
     words = [
         re.sub(r"^\d+$", "2", word) if before in ("--orbit", "--path") else word for before, word in _pairs(arguments)
     ]
+    if name == "export" and Path(words[words.index("--out") + 1]).suffix in (".ply", ".spz", ".glb"):
+        return [*words, "--splats", "300", "--steps", "3"]
     if name != "render":
         return words
     if "--size" in words:

@@ -19,6 +19,7 @@ import pytest
 
 import svv
 from svv.train.run.config import PRESETS, ReconstructSettings, StylizeSettings
+from svv.train.splats import fit, starting
 from tests.doc_blocks import blocks, commands, fill, run
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -27,7 +28,7 @@ PYTHON_TUTORIAL = DOCS / "tutorials" / "python.md"
 GUIDES = sorted([*(DOCS / "tutorials").glob("*.md"), *(DOCS / "how-to").glob("*.md"), DOCS.parent / "README.md"])
 """Pages whose blocks are run."""
 
-LONG = {"blender", "cinema", "figures", "images", "masks", "notebook", "python", "pyvista", "share", "volume"}
+LONG = {"blender", "cinema", "figures", "images", "masks", "notebook", "python", "pyvista", "share", "splats", "volume"}
 """Those of them that take longest."""
 
 NOT_RUN = {
@@ -166,6 +167,10 @@ def folder(tmp_path: Path, filled: Path, broad_strokes: None, monkeypatch: pytes
     monkeypatch.setitem(PRESETS, "draft", SHORT)
     monkeypatch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
     monkeypatch.setattr("pyvista.global_theme.window_size", [256, 192])
+    for module in (fit, starting):  # of splats
+        monkeypatch.setattr(module, "VIEWS", 4)
+        monkeypatch.setattr(module, "PIXELS", 40)
+    monkeypatch.setattr(svv, "fit_splats", partial(svv.fit_splats, options=svv.SplatOptions(count=300, steps=3)))
     monkeypatch.setattr(svv, "paint", partial(svv.paint, preset="draft", n=16, size=56, tell=lambda _: None))
     return tmp_path
 

@@ -30,6 +30,7 @@ from svv.core.lanes import (
     select,
     splat,
     store,
+    total,
     truncated,
 )
 
@@ -49,6 +50,21 @@ def arithmetic(a, b, i, j, out, whole):  # type: ignore[no-untyped-def]
     store(whole, 3 * LANES, select((m < n) & (x >= y) | (m == n), m, n))
     store(whole, 4 * LANES, ones_in_each(m))
     return bits_of(x > y), bits_of(m <= 5)
+
+
+@njit
+def total_of(a):  # type: ignore[no-untyped-def]
+    return total(load(a, 0))
+
+
+@settings(max_examples=20, deadline=None)
+@given(NUMBERS)
+def test_a_total_adds_halves_to_halves(numbers: list[float]) -> None:
+    left = np.array(numbers, np.float32)
+    found = total_of(left)
+    while len(left) > 1:
+        left = left[: len(left) // 2] + left[len(left) // 2 :]
+    assert found == left[0]
 
 
 @settings(max_examples=60, deadline=None)

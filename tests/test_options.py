@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from svv.cli.option_group import SYNTAX, flag_of, spread
 from svv.errors import BadInput
 from svv.fields.radiance.networks import ENCODINGS, FieldSettings
-from svv.options import baking, cinema, editing, figures, making, pages, shots
+from svv.options import baking, cinema, editing, figures, making, pages, shots, splats
 from svv.options.arguments import add_arguments, options_of
 from svv.options.described import Setting, chosen, described
 from svv.pv.panel.option_panel import options_in, properties_of
@@ -180,7 +180,7 @@ def test_of_every_option_a_page_says_who_sets_it() -> None:
             named[heading[1]] = []
         elif row := re.match(r"\| (`\w+`(?:, `\w+`)*) \| [^|]+ \| [^|]+ \|$", line):
             named[list(named)[-1]].extend(re.findall(r"\w+", row[1]))
-    modules = (making, editing, baking, cinema, figures, pages)
+    modules = (making, editing, baking, cinema, figures, pages, splats)
     every = [k for m in modules for k in vars(m).values() if inspect.isclass(k) and k.__module__ == m.__name__]
     kinds = [k for k in every if is_dataclass(k)] + [shots.Shot]  # whose schema says what its key frames hold
     above = {k: {f.name for b in k.__bases__ if is_dataclass(b) for f in fields(b)} for k in kinds}

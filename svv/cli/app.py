@@ -75,8 +75,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evaluate": ("scene", "Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS."),
     "export": (
         "cinema",
-        "Write a scene for other programs: a page for browsers, a Cinema database, or a volume for "
-        "ParaView or Blender.",
+        "Write a scene for other programs: a page for browsers, images, a volume, or Gaussian splats.",
     ),
     "view": (
         "cinema",

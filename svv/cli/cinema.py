@@ -7,7 +7,7 @@ import sys
 import time
 import webbrowser
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +20,7 @@ from svv.errors import BadInput, Progress, part
 from svv.options.baking import BakeOptions
 from svv.options.cinema import DatabaseOptions, ExportOptions
 from svv.options.pages import PageOptions
+from svv.options.splats import SplatOptions
 from svv.progress import collect_again, shown
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ EXPORT = (
     "svv export scene.svv --out scene.vti",
     "svv export scene.svv --out scene.vti --resolution 128 --light baked --regions 0,2",
     "svv export scene.svv --out scene.vdb --light baked",
+    "svv export scene.svv --out scene.ply",
+    "svv export scene.svv --out scene.spz --splats 200000 --degree 2 --time-limit 300",
 )
 VIEW = ("svv view scene.svv", "svv view --follow scene.svv")
 
@@ -69,23 +72,41 @@ def import_(
     print(f"{out}: {len(imported.train)} + {unseen} views")
 
 
+@dataclass(frozen=True)
+class Asked:
+    """The options of `svv export`."""
+
+    options: ExportOptions
+    baking: BakeOptions = BakeOptions()
+    page: PageOptions = PageOptions()
+    splatting: SplatOptions = SplatOptions()
+
+
 @spread
 def export(
     scene: SceneFile,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb", help="What to write.")
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb|NAME.ply|NAME.spz|NAME.glb",
+            help="What to write.",
+        ),
     ],
     options: ExportOptions = ExportOptions(),
     baking: BakeOptions = BakeOptions(),
     page: PageOptions = PageOptions(),
+    splatting: SplatOptions = SplatOptions(),
 ) -> None:
-    """Write a scene for other programs: a page for browsers, a Cinema database, or a volume for ParaView or Blender.
+    """Write a scene for other programs: a page for browsers, images, a volume, or Gaussian splats.
 
     FILE.html shows the scene from all sides and edits it, without svv, a server or a network. NAME.cdb holds images by
     phi and theta, with depth and a layer for each region; `svv train` learns from it; after Ctrl-C, the same command
     resumes, and processes that torchrun starts share the images. NAME.vti holds colours and extinction for ParaView's
     3D view, beside a .json with the opacity function. NAME.vdb holds them as OpenVDB grids, density and Cd, for Blender
-    and Houdini.
+    and Houdini. NAME.ply, NAME.spz and NAME.glb hold 3D Gaussian splats, fitted to the scene's own pictures, for
+    viewers of splats and game engines.
     """
     from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks
@@ -93,8 +114,8 @@ def export(
     write = WRITERS.get(out.suffix.lower())
     if write is None:
         raise BadInput(
-            f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb, or a volume "
-            "NAME.vti or NAME.vdb."
+            f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb, a volume NAME.vti "
+            "or NAME.vdb, or splats NAME.ply, NAME.spz or NAME.glb."
         )
     if write is not _page and page != PageOptions():
         raise BadInput(
@@ -105,66 +126,79 @@ def export(
         check_targets(out)
         if ranks.place().rank:
             return
+    if splatting != SplatOptions() and write is not _splats:
+        raise BadInput(
+            f"{out} takes no options of splats, such as --splats: they are of NAME.ply, NAME.spz and NAME.glb."
+        )
     with ranks.joined(options.device) if shared else nullcontext():
         loaded = load(scene, options.device)
         if hides_all(loaded) and options.network != "base" and ranks.is_first():
             print(f"svv: {out} will be empty, because {HIDDEN}: {SHOW}.", file=sys.stderr)
         with shown("Exporting", quiet=not ranks.is_first()) as progress:
-            said = write(out, loaded, options, baking, page, progress)
+            said = write(out, loaded, Asked(options, baking, page, splatting), progress)
         if ranks.is_first():
             print(f"{out}: {said}")
 
 
-def _database(
-    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
-) -> str:
+def _database(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
     from svv.render.cinema import write_database
     from svv.train.run import ranks
 
-    return f"{write_database(out, scene, options, progress, ranks.sharing())} views"
+    return f"{write_database(out, scene, asked.options, progress, ranks.sharing())} views"
 
 
-def _page(
-    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
-) -> str:
+def _page(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
     from svv.render.web.page import write_html
 
-    if options != ExportOptions(device=options.device) or baking != BakeOptions():
+    if (asked.options, asked.baking) != (ExportOptions(device=asked.options.device), BakeOptions()):
         raise BadInput(
             "A page has only the options --values, --unit and --value-unit: the others of svv export are of Cinema "
-            "databases and volumes."
+            "databases, volumes and splats."
         )
     said: list[str] = []
-    size = write_html(out, scene, out.stem, progress=progress, options=page, tell=said.append)
+    size = write_html(out, scene, out.stem, progress=progress, options=asked.page, tell=said.append)
     return "; ".join([f"{size / 1e6:.1f} MB", *said])
 
 
-def _volume(
-    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
-) -> str:
+def _volume(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
     from svv.render.baking.baked import bake
     from svv.render.baking.baked_volume import write_baked
 
-    volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.8))
+    volume = bake(scene, replace(asked.baking, network=asked.options.network), part(progress, 0.0, 0.8))
     preset = write_baked(out, volume, part(progress, 0.8, 1.0))
     return f"{volume.describe()}; its opacity function is {preset}"
 
 
-def _openvdb(
-    out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, page: PageOptions, progress: Progress
-) -> str:
+def _openvdb(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
     from svv.io.openvdb_python import python_with_openvdb
     from svv.render.baking.baked import bake
     from svv.render.baking.openvdb import write_vdb
 
     python_with_openvdb()  # before minutes of work
-    volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.7))
+    volume = bake(scene, replace(asked.baking, network=asked.options.network), part(progress, 0.0, 0.7))
     notes = write_vdb(out, volume, part(progress, 0.7, 1.0))
     said = f"{' x '.join(map(str, volume.grid.shape))} points, {out.stat().st_size / 1e6:.1f} MB"
     return " ".join([f"{said}.", *notes]) if notes else said
 
 
-WRITERS = {".html": _page, ".cdb": _database, ".vti": _volume, ".vdb": _openvdb}
+def _splats(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
+    from svv.render.splats.files import write_splats
+    from svv.train.splats.fit import fit_splats
+
+    shared = ExportOptions(network=asked.options.network, device=asked.options.device)
+    if asked != Asked(shared, splatting=asked.splatting):
+        raise BadInput("Splats have the options --splats, --degree, --steps, --time-limit, --seed and --network only.")
+    options = replace(asked.splatting, network=asked.options.network)
+    splats = fit_splats(scene, options, part(progress, 0.0, 0.97))
+    notes = write_splats(out, splats, part(progress, 0.97, 1.0))
+    degree = {1: 0, 4: 1, 9: 2, 16: 3}[splats.harmonics.shape[1]]
+    return " ".join([f"{len(splats)} splats of degree {degree}, {out.stat().st_size / 1e6:.1f} MB.", *notes])
+
+
+WRITERS = {
+    ".html": _page, ".cdb": _database, ".vti": _volume, ".vdb": _openvdb,
+    ".ply": _splats, ".spz": _splats, ".glb": _splats,
+}  # fmt: skip
 """Suffix of what to write -> what writes it, and returns what it wrote in a few words."""
 
 

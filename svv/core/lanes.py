@@ -318,6 +318,21 @@ def gather_halves(typing, array, at):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def total(typing, a):  # type: ignore[no-untyped-def]
+    """Return the sum of the lanes of floats: of pairs, of pairs of these, and so on."""
+
+    def generate(context, builder, sig, values):  # type: ignore[no-untyped-def]
+        left, count = values[0], LANES
+        while count > 1:
+            count //= 2
+            halves = [builder.shuffle_vector(left, left, _lanes([k + far for k in range(count)])) for far in (0, count)]
+            left = builder.fadd(*halves)
+        return builder.extract_element(left, _FIRST)
+
+    return types.float32(floats), generate
+
+
+@intrinsic
 def lane_numbers(typing):  # type: ignore[no-untyped-def]
     """Return 0, 1, 2, ... as ints."""
     return ints(), lambda _, __, ___, ____: _lanes(list(range(LANES)))

@@ -1,0 +1,95 @@
+"""`svv export` to splats, and what files keep of the pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import svv
+from svv.cli.app import app
+from svv.errors import BadInput
+from svv.train.splats import fit, starting
+from tests.cube import cube_scene
+
+FEW = ("--splats", "600", "--steps", "4", "--degree", "1")
+
+
+@pytest.fixture(autouse=True)
+def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (fit, starting):
+        monkeypatch.setattr(module, "VIEWS", 4)
+        monkeypatch.setattr(module, "PIXELS", 40)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "cube.svv"
+    cube_scene().save(path)
+    return path
+
+
+def test_command(scene: Path, tmp_path: Path) -> None:
+    """The file has the splats of the scene, as :func:`svv.fit_splats` returns them."""
+    out = tmp_path / "cube.ply"
+    done = CliRunner().invoke(app, ["export", str(scene), "--out", str(out), *FEW])
+    assert done.exit_code == 0 and "splats of degree 1" in done.output
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+    splats = svv.fit_splats(svv.Scene.load(scene), svv.SplatOptions(count=600, steps=4, degree="1"))
+    back = svv.read_splats(out)
+    side = float(np.ptp(splats.centres, axis=0).max())
+    np.testing.assert_allclose(back.centres, splats.centres, atol=1e-6 * side)
+    np.testing.assert_array_equal(back.harmonics, splats.harmonics)
+    np.testing.assert_array_equal(back.regions, splats.regions)
+    assert back.names == splats.names
+
+
+@pytest.mark.parametrize("suffix", [".spz", ".glb"])
+def test_other_files_are_written_from_the_same(
+    scene: Path, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(0)
+    splats = svv.Splats(
+        centres=random.normal(size=(5, 3)).astype("f4"), scales=np.ones((5, 3), "f4"),
+        rotations=np.eye(4, dtype="f4")[[0] * 5], opacities=np.ones(5, "f4"), harmonics=np.zeros((5, 1, 3), "f4"),
+        regions=np.zeros(5, "i2"), names=("bone",), background=(1.0, 1.0, 1.0),
+    )  # fmt: skip
+    monkeypatch.setattr(fit, "fit_splats", lambda *_: splats)
+    out = tmp_path / f"cube{suffix}"
+    done = CliRunner().invoke(app, ["export", str(scene), "--out", str(out)])
+    assert done.exit_code == 0 and "5 splats of degree 0" in done.output
+    svv.write_splats(tmp_path / f"other{suffix}", splats)
+    assert out.read_bytes() == (tmp_path / f"other{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "says"),
+    [
+        ("a.ply", ("--light", "baked"), "Splats have the options --splats"),
+        ("a.spz", ("--phi", "3"), "Splats have the options --splats"),
+        ("a.html", ("--splats", "1000"), "no options of splats"),
+        ("a.cdb", ("--splats", "1000"), "no options of splats"),
+        ("a.vti", ("--degree", "2"), "no options of splats"),
+        ("a.usdz", (), r"splats NAME\.ply, NAME\.spz or NAME\.glb"),
+    ],
+)
+def test_options_of_other_files_are_refused(
+    scene: Path, tmp_path: Path, name: str, options: tuple[str, ...], says: str
+) -> None:
+    done = CliRunner().invoke(app, ["export", str(scene), "--out", str(tmp_path / name), *options])
+    assert isinstance(done.exception, BadInput)
+    with pytest.raises(BadInput, match=says):
+        raise done.exception
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_left_of_a_stopped_fit(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("svv.render.splats.files.write_ply", interrupted)
+    done = CliRunner().invoke(app, ["export", str(scene), "--out", str(tmp_path / "a.ply"), *FEW])
+    assert done.exit_code != 0
+    assert list(tmp_path.iterdir()) == []

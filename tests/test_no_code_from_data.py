@@ -121,7 +121,7 @@ def test_a_scenes_page_keeps_names_out_of_markup() -> None:
     def page(name: str) -> str:
         paintings = [{"name": name, "styles": [name]}]
         header = {"regions": [{"values": name}], "paintings": paintings, "layers": [{}], "file": name}
-        return _page(header, "", "", {"front": "data:,", "movie": "data:,"}, name, name).decode()
+        return _page(header, "", {"front": "data:,", "movie": "data:,"}, name, name).decode()
 
     assert page(BAD).count("<script") == page("a").count("<script")
     assert page(BAD).count("<svg") == page("a").count("<svg") and page(BAD).count("alert(1)") > 3

@@ -18,6 +18,7 @@ from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.rendering import Marching
 from svv.fields.scene.open_cells import open_cells_of
 from svv.fields.scene.scene import Rendering, Scene
+from svv.kernels.types import UNSURE
 from tests.cube import cube_scene, lit_cube_scene
 
 SHAPES = ("x>20%", "plane:0,0.1,0:1,2,-1", "outside sphere:0.1,0,0.2:0.4", "cylinder:0,0.1,0:1,0.5,0:0.25")
@@ -90,6 +91,23 @@ def test_open_cells_are_remembered_until_what_is_shown_changes() -> None:
     one = open_cells_of(scene.hidden(1))
     assert open_cells_of(scene.hidden(1).edited(0, colour=(0.0, 1.0, 0.0))) is one
     assert open_cells_of(scene.hidden(2)) is not one
+
+
+def test_cells_found_for_other_cuts_before_are_those_of_a_new_scene() -> None:
+    """What is kept of a scene's regions does not depend on where a cut was."""
+    scene = opaque(cube_scene(), 1.0)
+    edits: tuple[Callable[[Scene], Scene], ...] = (
+        lambda s: s.cut("1=x>50%"), lambda s: s.cut("1=x>20%"), lambda s: s.cut("0,2=y>40%", "1=x>50%"),
+        lambda s: s.hidden(1), lambda s: s.hidden(1).cut("2=z>10%"), lambda s: s.cut("1=x>50%"),
+    )  # fmt: skip
+    for edit in edits:
+        known, new = open_cells_of(edit(scene)), open_cells_of(edit(opaque(cube_scene(), 1.0)))
+        assert known is not None and new is not None
+        np.testing.assert_array_equal(known.there.occupied, new.there.occupied)
+        assert torch.equal(known.kept, new.kept) and torch.equal(known.distance, new.distance)
+        sure = known.distance[0] == 0
+        assert torch.equal(sure, known.kept)
+        assert torch.equal((known.distance[0] == UNSURE) | sure, torch.from_numpy(known.there.occupied > 0))
 
 
 def cube() -> Camera:

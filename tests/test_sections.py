@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from svv.cli.app import app
 from svv.core.geometry.cameras import Camera
 from svv.core.images.edges import VIEW
-from svv.errors import BadInput
+from svv.errors import BadInput, silent
+from svv.fields.scene.images import _draw
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
 from svv.fields.scene.sections import HATCH_WIDTH, flat_colours, hatching, with_lines
@@ -65,6 +66,19 @@ def test_a_section_changes_colours_at_faces_alone() -> None:
     np.testing.assert_array_equal(
         uncut.render(cube_camera(), "pcn").rgba, cube_scene().render(cube_camera(), "pcn").rgba
     )
+
+
+def test_faces_of_cuts_of_regions_are_those_of_cuts_of_all() -> None:
+    """Also of translucent regions, whose lines would be jagged if samples did not begin at the face."""
+    scene, camera = cube_scene().with_section("flat", line=6.0), replace(cube_camera(), width=80, height=80)
+    for region in range(3):
+        scene = scene.edited(region, opacity=0.3)
+    shares = []
+    for text in ("plane:0,0,0.1:0.3,0.2,1", "0,1,2=plane:0,0,0.1:0.3,0.2,1"):
+        shares.append(torch.zeros(80 * 80))
+        _draw(scene.cut(text), camera, "pcn", silent, shares[-1])
+    assert float(shares[0].max()) > 0.3
+    torch.testing.assert_close(shares[1], shares[0], atol=0.01, rtol=0.0)
 
 
 def test_only_the_regions_named_have_sections() -> None:
